@@ -1,0 +1,33 @@
+# Each target sets up what it needs, see environment/run.
+RUN := environment/run
+PYTEST := python3 -m pytest -p no:cacheprovider
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
+
+demo: ## ball on plate with both schemes
+	@mkdir -p results
+	cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
+	@echo "The results lie in $(CURDIR)/results"
+
+test: ## all tests, on 1, 2 and 3 ranks
+	$(RUN) $(PYTEST)
+	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
+	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
+
+lint: ## ruff, mypy, clang-format, shellcheck
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) python3 -m mypy --strict dolfinx_nts
+	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts/cpp -name '*.h' -o -name '*.cpp')
+	$(RUN) shellcheck environment/run environment/ranks .ci/run
+
+shell: ## a prompt in the environment
+	@$(RUN) env PS1='(dolfinx_nts) \w\$$ ' bash --norc
+
+clean: ## remove what was built and say where the environment lies
+	rm -rf build results .mypy_cache .pytest_cache .ruff_cache dolfinx_nts/_kernels.*.so
+	find . -name __pycache__ -prune -exec rm -rf {} +
+	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
+
+.PHONY: help demo test lint shell clean

@@ -1,0 +1,98 @@
+"""Bodies: a region of the mesh with a material, and the forms of its bulk.
+
+Bodies of one material share their forms. Quadrature is the rule of
+degree 2 (2 x 2 x 2 Gauss points in a hexahedron), which integrates the
+consistent mass of straight cells exactly.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import MeshTags
+
+from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.surfaces import check_space, check_tag
+
+__all__ = ["Body", "bulk_form"]
+
+_QUADRATURE_DEGREE = 2
+
+
+class Body:
+    """Cells with one tag, made of one material.
+
+    Collective.
+
+    Args:
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))``.
+        cells: Cell tags of the mesh.
+        tag: Value of the tag.
+        material: Strain energy and density.
+
+    Attributes:
+        V: The space.
+        material: The material.
+        cells: Owned cells of the body, shape ``(c,)``, local indices.
+        nodes: Local nodes (owned and ghost) of these cells, shape
+            ``(n,)``, block indices of V.
+
+    Raises:
+        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or
+            ``material`` no material.
+        ValueError: The space or the tag does not fit.
+    """
+
+    def __init__(
+        self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
+    ) -> None:
+        """Collect the cells of the tag."""
+        check_space(V)
+        tdim = V.mesh.topology.dim
+        check_tag(V, cells, tag, tdim, "cells")
+        if not isinstance(material, Hyperelastic):
+            raise TypeError(f"expected a material, given {type(material).__name__}")
+        self.V, self.material = V, material
+        local = cells.find(tag)
+        self.cells: npt.NDArray[np.int32] = local[local < V.mesh.topology.index_map(tdim).size_local]
+        # Ghost cells too: a node of this body may be owned here although
+        # no owned cell of the body touches it.
+        self.nodes: npt.NDArray[np.int32] = np.unique(V.dofmap.list[local])
+
+
+def bulk_form(
+    bodies: Sequence[Body], integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any]
+) -> ufl.Form:
+    """Sum of an integrand over all bodies, one integral per material.
+
+    Args:
+        bodies: Bodies of one space.
+        integrand: ``integrand(material, parameters, rho)`` as UFL per
+            reference volume; parameters and density are constants.
+
+    Returns:
+        The form.
+    """
+    mesh = bodies[0].V.mesh
+    materials = list(dict.fromkeys(body.material for body in bodies))
+    regions = [
+        np.concatenate([body.cells for body in bodies if body.material is material])
+        for material in materials
+    ]
+    dx = ufl.Measure(
+        "dx",
+        domain=mesh,
+        subdomain_data=[(i, np.sort(cells)) for i, cells in enumerate(regions)],
+        metadata={"quadrature_degree": _QUADRATURE_DEGREE},
+    )
+    form = ufl.Form([])
+    for i, material in enumerate(materials):
+        parameters = {
+            name: fem.Constant(mesh, value) for name, value in material.parameters.items()
+        }
+        rho = fem.Constant(mesh, material.rho)
+        form += integrand(material, parameters, rho) * dx(i)
+    return form

@@ -1,0 +1,85 @@
+#include "array.h"
+#include "nts/batch.h"
+
+#include <nanobind/stl/tuple.h>
+
+namespace nts::bindings
+{
+namespace
+{
+template <bool conserving>
+auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
+                   const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
+  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
+  check("orientation", orientation, {m});
+  auto gap_n = create<double>({m});
+  auto gap = create<double>({m});
+  auto force = create<double>({m, n});
+  auto gradient = create<double>({m, n});
+  auto tangent = create<double>({m, n, n});
+  auto turn = create<double>({m});
+  auto status = create<std::int8_t>({m});
+  const ContactArrays out{view(gap_n),   view(gap),  view(force),
+                          view(gradient), view(tangent), view(turn),
+                          view(status)};
+  dispatch(k,
+           [&]<class S>()
+           {
+             const nb::gil_scoped_release release;
+             nts::contact<S>(view(x_pair_n), view(x_pair), view(orientation),
+                             conserving, out);
+           });
+  return std::tuple(gap_n, gap, force, gradient, tangent, turn, status);
+}
+
+auto pair_nodes_batch(const Doubles& x_node, const In<std::int32_t>& current,
+                      double reach, const Doubles& x_segment,
+                      const Doubles& orientation,
+                      const In<std::int64_t>& key)
+{
+  check("x_node", x_node, {any, 3});
+  check("x_segment", x_segment, {any, any, 3});
+  const std::size_t n = x_node.shape(0), segments = x_segment.shape(0);
+  check("current", current, {n});
+  check("orientation", orientation, {segments});
+  check("key", key, {segments});
+  for (const std::int32_t c : view(current))
+    if (c < -1 || c >= static_cast<std::int32_t>(segments))
+      throw nb::value_error("current: expected -1 or a segment index");
+  auto segment = create<std::int32_t>({n});
+  auto xi = create<double>({n, 2});
+  auto gap = create<double>({n});
+  auto normal = create<double>({n, 3});
+  dispatch(x_segment.shape(1),
+           [&]<class S>()
+           {
+             const nb::gil_scoped_release release;
+             pair_nodes<S>(
+                 view(x_node), view(current), reach,
+                 {view(x_segment), view(orientation), view(key), {}},
+                 view(segment), view(xi), view(gap), view(normal));
+           });
+  return std::tuple(segment, xi, gap, normal);
+}
+} // namespace
+
+void contact(nb::module_& m)
+{
+  constexpr const char* doc
+      = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> gap_n (m,), gap (m,), force and "
+        "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), status "
+        "(m,): 0 valid, 1 not (NaN)";
+  m.def("contact_midpoint", &contact_batch<false>, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"), doc);
+  m.def("contact_conserving", &contact_batch<true>, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"), doc);
+  m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"),
+        nb::arg("current"), nb::arg("reach"), nb::arg("x_segment"),
+        nb::arg("orientation"), nb::arg("key"),
+        "(n, 3), (n,), -, (s, k, 3), (s,), (s,) -> segment (n,) or -1, xi "
+        "(n, 2), gap (n,), normal (n, 3)");
+}
+} // namespace nts::bindings

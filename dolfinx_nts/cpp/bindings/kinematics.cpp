@@ -1,0 +1,201 @@
+#include "array.h"
+#include "nts/batch.h"
+
+#include <nanobind/stl/tuple.h>
+
+namespace nts::bindings
+{
+namespace
+{
+/// @brief Projection of pair i; NaN where it fails.
+template <class S>
+Projection<S> project_pair(const Doubles& x_pair, const Doubles& orientation,
+                           std::size_t i) noexcept
+{
+  Projection<S> p
+      = project(load<S>(view(x_pair), i), orientation.data()[i]);
+  if (!p.converged)
+  {
+    p.xi = {NAN, NAN};
+    p.gap = NAN;
+    p.normal = {NAN, NAN, NAN};
+  }
+  return p;
+}
+
+/// @brief Segment vertex count whose invariants have this number.
+std::size_t vertices_of(const char* name, const Doubles& invariants)
+{
+  check(name, invariants, {any, any});
+  if (invariants.shape(1) == Invariants<Tri3>::count)
+    return 3;
+  check(name, invariants, {any, Invariants<Quad4>::count});
+  return 4;
+}
+
+template <class S>
+typename Invariants<S>::Values load_invariants(const Doubles& pi,
+                                               std::size_t i) noexcept
+{
+  typename Invariants<S>::Values values;
+  std::copy_n(pi.data() + values.size() * i, values.size(), values.begin());
+  return values;
+}
+
+auto project_batch(const Doubles& x_pair, const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0);
+  check("orientation", orientation, {m});
+  auto xi = create<double>({m, 2});
+  auto gap = create<double>({m});
+  auto normal = create<double>({m, 3});
+  auto status = create<std::int8_t>({m});
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < m; ++i)
+             {
+               const Projection<S> p
+                   = project_pair<S>(x_pair, orientation, i);
+               store(p.xi, view(xi), i);
+               gap.data()[i] = p.gap;
+               store(p.normal, view(normal), i);
+               status.data()[i] = p.converged ? 0 : 1;
+             }
+           });
+  return std::tuple(xi, gap, normal, status);
+}
+
+auto gap_gradient_batch(const Doubles& x_pair, const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0);
+  check("orientation", orientation, {m});
+  auto gradient = create<double>({m, 3 * (1 + k)});
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < m; ++i)
+               store(gap_gradient(project_pair<S>(x_pair, orientation, i)),
+                     view(gradient), i);
+           });
+  return gradient;
+}
+
+auto gap_hessian_batch(const Doubles& x_pair, const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
+  check("orientation", orientation, {m});
+  auto hessian = create<double>({m, n, n});
+  std::fill_n(hessian.data(), hessian.size(), NAN);
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < m; ++i)
+             {
+               const Projection<S> p
+                   = project_pair<S>(x_pair, orientation, i);
+               Sensitivity<S> s;
+               if (p.converged && sensitivity(p, s))
+                 store(gap_hessian<S>(s), view(hessian), i);
+             }
+           });
+  return hessian;
+}
+
+auto invariants_batch(const Doubles& x_pair, const Doubles& normal,
+                      const Doubles& xi, const Doubles& slack)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0);
+  check("normal", normal, {m, 3});
+  check("xi", xi, {m, 2});
+  check("slack", slack, {m});
+  return dispatch(
+      k,
+      [&]<class S>()
+      {
+        auto pi = create<double>({m, Invariants<S>::count});
+        for (std::size_t i = 0; i < m; ++i)
+        {
+          const double* n = normal.data() + 3 * i;
+          const double* c = xi.data() + 2 * i;
+          store(invariants(augment(load<S>(view(x_pair), i),
+                                   {n[0], n[1], n[2]}, {c[0], c[1]},
+                                   slack.data()[i])),
+                view(pi), i);
+        }
+        return pi;
+      });
+}
+
+auto constraints_batch(const Doubles& invariants)
+{
+  const std::size_t k = vertices_of("invariants", invariants);
+  auto g = create<double>({invariants.shape(0), 6});
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < invariants.shape(0); ++i)
+               store(constraints<S>(load_invariants<S>(invariants, i)),
+                     view(g), i);
+           });
+  return g;
+}
+
+auto constraints_gradient_batch(const Doubles& invariants)
+{
+  const std::size_t k = vertices_of("invariants", invariants);
+  auto D = create<double>({invariants.shape(0), 6, invariants.shape(1)});
+  dispatch(
+      k,
+      [&]<class S>()
+      {
+        for (std::size_t i = 0; i < invariants.shape(0); ++i)
+          store(constraints_gradient<S>(load_invariants<S>(invariants, i)),
+                view(D), i);
+      });
+  return D;
+}
+
+auto average_gradient_batch(const Doubles& invariants_n,
+                            const Doubles& invariants)
+{
+  const std::size_t k = vertices_of("invariants", invariants);
+  check("invariants_n", invariants_n,
+        {invariants.shape(0), invariants.shape(1)});
+  auto W = create<double>({invariants.shape(0), 6, invariants.shape(1)});
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < invariants.shape(0); ++i)
+               store(average_gradient<S>(load_invariants<S>(invariants_n, i),
+                                         load_invariants<S>(invariants, i)),
+                     view(W), i);
+           });
+  return W;
+}
+} // namespace
+
+void kinematics(nb::module_& m)
+{
+  m.def("project", &project_batch, nb::arg("x_pair"), nb::arg("orientation"),
+        "(m, 1+k, 3), (m,) -> xi (m, 2), gap (m,), normal (m, 3), status (m,): "
+        "0 converged, 1 not (NaN)");
+  m.def("gap_gradient", &gap_gradient_batch, nb::arg("x_pair"),
+        nb::arg("orientation"), "(m, 1+k, 3), (m,) -> (m, 3(1+k))");
+  m.def("gap_hessian", &gap_hessian_batch, nb::arg("x_pair"),
+        nb::arg("orientation"), "(m, 1+k, 3), (m,) -> (m, 3(1+k), 3(1+k))");
+  m.def("invariants", &invariants_batch, nb::arg("x_pair"), nb::arg("normal"),
+        nb::arg("xi"), nb::arg("slack"),
+        "(m, 1+k, 3), (m, 3), (m, 2), (m,) -> (m, 17), triangles (m, 12)");
+  m.def("constraints", &constraints_batch, nb::arg("invariants"),
+        "(m, 17 or 12) -> (m, 6)");
+  m.def("constraints_gradient", &constraints_gradient_batch,
+        nb::arg("invariants"), "(m, n) -> (m, 6, n), n = 17 or 12");
+  m.def("average_gradient", &average_gradient_batch, nb::arg("invariants_n"),
+        nb::arg("invariants"), "(m, n), (m, n) -> (m, 6, n), n = 17 or 12");
+}
+} // namespace nts::bindings

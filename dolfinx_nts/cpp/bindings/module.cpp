@@ -1,0 +1,14 @@
+#include <nanobind/nanobind.h>
+
+namespace nts::bindings
+{
+void kinematics(nanobind::module_& m);
+void contact(nanobind::module_& m);
+} // namespace nts::bindings
+
+NB_MODULE(_kernels, m)
+{
+  m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
+  nts::bindings::kinematics(m);
+  nts::bindings::contact(m);
+}

@@ -1,0 +1,112 @@
+#pragma once
+
+#include "discrete_gradient.h"
+#include "pairing.h"
+
+#include <optional>
+
+/// @brief Loops over pairs and nodes. Inputs and outputs are flat, row-major,
+/// allocated by the caller; every pair is independent of all others.
+namespace nts
+{
+/// @brief Pair number i of x, shape (m, 1 + k, 3).
+template <class S>
+Pair<S> load(std::span<const double> x, std::size_t i) noexcept
+{
+  const double* first = x.data() + pair_size<S> * i;
+  Pair<S> pair;
+  for (std::size_t c = 0; c < 3; ++c)
+  {
+    pair.node[c] = first[c];
+    for (std::size_t K = 0; K < S::vertices; ++K)
+      pair.segment[K][c] = first[3 * (K + 1) + c];
+  }
+  return pair;
+}
+
+template <std::size_t N>
+void store(const std::array<double, N>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  std::copy(values.begin(), values.end(), out.begin() + N * i);
+}
+
+template <std::size_t R, std::size_t C>
+void store(const Matrix<R, C>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  for (std::size_t r = 0; r < R; ++r)
+    store(values[r], out, R * i + r);
+}
+
+/// @brief Where the contact batch writes, sizes as in `Contact` times m.
+struct ContactArrays
+{
+  std::span<double> gap_n, gap, force, gradient, tangent, turn;
+  std::span<std::int8_t> status; ///< 0 valid, 1 not
+};
+
+/// @brief Contact of m pairs in one step; invalid pairs are filled with NaN.
+/// @param[in] conserving Energy-momentum scheme, otherwise midpoint rule.
+template <class S>
+void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
+             std::span<const double> orientation, bool conserving,
+             const ContactArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    Contact<S> c;
+    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    if (conserving)
+      contact_conserving(pair_n, pair, orientation[i], c);
+    else
+      contact_midpoint(pair_n, pair, orientation[i], c);
+    if (!c.valid)
+    {
+      c.gap_n = c.gap = c.turn = NAN;
+      c.force.fill(NAN);
+      c.gradient.fill(NAN);
+      for (PairVector<S>& row : c.tangent)
+        row.fill(NAN);
+    }
+    out.gap_n[i] = c.gap_n;
+    out.gap[i] = c.gap;
+    out.turn[i] = c.turn;
+    out.status[i] = c.valid ? 0 : 1;
+    store(c.force, out.force, i);
+    store(c.gradient, out.gradient, i);
+    store(c.tangent, out.tangent, i);
+  }
+}
+
+/// @brief Pair every node with a segment.
+/// @param[in] x_node Positions, (n, 3).
+/// @param[in] current Segment of the previous pairing or -1, (n,).
+/// @param[in] reach Largest distance of interest.
+/// @param[in] surface The segments; their sizes are computed here.
+/// @param[out] segment, xi, gap, normal See `Found`.
+template <class S>
+void pair_nodes(std::span<const double> x_node,
+                std::span<const std::int32_t> current, double reach,
+                SegmentSurface<S> surface, std::span<std::int32_t> segment,
+                std::span<double> xi, std::span<double> gap,
+                std::span<double> normal)
+{
+  surface.size.resize(surface.orientation.size());
+  for (std::size_t i = 0; i < surface.size.size(); ++i)
+    surface.size[i] = diameter<S>(surface.segment(i));
+  std::optional<Tree> tree;
+  const auto get_tree = [&]() -> const Tree&
+  { return tree ? *tree : tree.emplace(build_tree(surface)); };
+  for (std::size_t i = 0; i < current.size(); ++i)
+  {
+    const Vec3 node = {x_node[3 * i], x_node[3 * i + 1], x_node[3 * i + 2]};
+    const Found found
+        = find_segment(node, current[i], reach, surface, get_tree);
+    segment[i] = found.segment;
+    gap[i] = found.gap;
+    store(found.xi, xi, i);
+    store(found.normal, normal, i);
+  }
+}
+} // namespace nts

@@ -1,0 +1,268 @@
+#pragma once
+
+#include "invariants.h"
+
+/// @brief Contact force of one step, its tangent and the gap at both ends,
+/// for the midpoint rule and for the energy-momentum scheme.
+///
+/// Both functions have the same arguments and the same result: the force is
+/// lambda_N times `force`, the constraint acts on `gap`.
+namespace nts
+{
+/// @brief What a pair contributes to one step.
+template <class S>
+struct Contact
+{
+  double gap_n;            ///< gap of q_n to this segment [m]
+  double gap;              ///< gap of q_{n+1} to this segment [m]
+  PairVector<S> force;     ///< contact force per multiplier
+  PairVector<S> gradient;  ///< gradient of `gap` at q_{n+1}
+  PairMatrix<S> tangent;   ///< d force / d q_{n+1}
+  double turn;             ///< n_n . n_{n+1}
+  bool valid;              ///< false: nothing else is to be used
+};
+
+template <class S>
+Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
+{
+  Pair<S> m;
+  m.node = 0.5 * (a.node + b.node);
+  for (std::size_t i = 0; i < S::vertices; ++i)
+    m.segment[i] = 0.5 * (a.segment[i] + b.segment[i]);
+  return m;
+}
+
+/// @brief Midpoint rule: force grad g(q_m), q_m = (q_n + q_{n+1})/2, tangent
+/// half the Hessian there; eqs. (47)-(52).
+template <class S>
+void contact_midpoint(const Pair<S>& pair_n, const Pair<S>& pair,
+                      double orientation, Contact<S>& contact) noexcept
+{
+  const Projection<S> p_n = project(pair_n, orientation);
+  const Projection<S> p = project(pair, orientation);
+  const Projection<S> p_m = project(midpoint(pair_n, pair), orientation);
+  Sensitivity<S> s;
+  contact.valid = p_n.converged && p.converged && p_m.converged
+                  && sensitivity(p_m, s);
+  if (!contact.valid)
+    return;
+  contact.gap_n = p_n.gap;
+  contact.gap = p.gap;
+  contact.turn = dot(p_n.normal, p.normal);
+  contact.force = gap_gradient(p_m);
+  contact.gradient = gap_gradient(p);
+  contact.tangent = gap_hessian<S>(s);
+  for (PairVector<S>& row : contact.tangent)
+    for (double& entry : row)
+      entry *= 0.5;
+}
+
+/// @brief Average of the constraint gradients on the straight path from pi_n
+/// to pi: a discrete gradient, W (pi - pi_n) = g(pi) - g(pi_n) exactly.
+///
+/// Two Gauss points are exact for quadrilaterals (constraints of degree
+/// four), one for triangles (degree two). Unlike the formula of eq. (59) the
+/// average does not mix units and needs no division by |pi - pi_n|^2.
+/// @param[in] pi_n, pi Invariants at both ends.
+/// @param[in] visit Called with (weight, position, invariants) of each point.
+template <class S, class Visit>
+void for_each_gauss_point(const typename Invariants<S>::Values& pi_n,
+                          const typename Invariants<S>::Values& pi,
+                          Visit&& visit) noexcept
+{
+  constexpr std::size_t n = S::vertices == 3 ? 1 : 2;
+  const double offset = n == 1 ? 0 : 0.5 / std::sqrt(3.);
+  for (std::size_t g = 0; g < n; ++g)
+  {
+    const double position = 0.5 + (g == 0 ? -offset : offset);
+    typename Invariants<S>::Values pi_g;
+    for (std::size_t i = 0; i < pi.size(); ++i)
+      pi_g[i] = pi_n[i] + position * (pi[i] - pi_n[i]);
+    visit(1. / n, position, pi_g);
+  }
+}
+
+/// @brief The averaged constraint gradient W.
+template <class S>
+ConstraintGradient<S>
+average_gradient(const typename Invariants<S>::Values& pi_n,
+                 const typename Invariants<S>::Values& pi) noexcept
+{
+  ConstraintGradient<S> W = {};
+  for_each_gauss_point<S>(
+      pi_n, pi,
+      [&W](double weight, double, const auto& pi_g)
+      {
+        const ConstraintGradient<S> D = constraints_gradient<S>(pi_g);
+        for (std::size_t l = 0; l < 6; ++l)
+          for (std::size_t i = 0; i < pi_g.size(); ++i)
+            W[l][i] += weight * D[l][i];
+      });
+  return W;
+}
+
+/// @brief D pi(z)^T theta in the vectors: row a is sum_b (theta_ab +
+/// theta_ba) E_b.
+template <class S>
+std::array<Vec3, S::vertices + 1>
+vector_forces(const Augmented<S>& z,
+              const typename Invariants<S>::Values& theta) noexcept
+{
+  std::array<Vec3, S::vertices + 1> forces = {};
+  for (const auto& [index, a, b] : Invariants<S>::products)
+  {
+    forces[a] += theta[index] * z.E[b];
+    forces[b] += theta[index] * z.E[a];
+  }
+  return forces;
+}
+
+/// @brief Forces on the vectors E_0..E_{k-1} as forces on x_s, x_1..x_k.
+template <class S>
+PairVector<S>
+nodal_forces(const std::array<Vec3, S::vertices + 1>& forces) noexcept
+{
+  PairVector<S> F;
+  for (std::size_t i = 0; i < 3; ++i)
+  {
+    F[i] = forces[0][i];
+    F[3 + i] = -forces[0][i];
+    for (std::size_t a = 1; a < S::vertices; ++a)
+    {
+      F[3 * (a + 1) + i] = forces[a][i];
+      F[3 + i] -= forces[a][i];
+    }
+  }
+  return F;
+}
+
+/// @brief Energy-momentum scheme: the condensed form of eqs. (53)-(58).
+///
+/// The multipliers of the auxiliary constraints for lambda_N = 1 follow from
+/// the rows of d, xi, eta:  Dpi_y(z_m)^T W^T (1, Lambda) = 0, so the force is
+/// F = Dpi_q(z_m)^T W^T (1, Lambda). Its work in the step is the change of
+/// the gap, F . (q_{n+1} - q_n) = gap - gap_n, for any size of the step.
+template <class S>
+void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
+                        double orientation, Contact<S>& contact) noexcept
+{
+  using I = Invariants<S>;
+  constexpr std::size_t k = S::vertices, dofs = pair_size<S>;
+  const Projection<S> p_n = project(pair_n, orientation);
+  const Projection<S> p = project(pair, orientation);
+  Sensitivity<S> s;
+  contact.valid = p_n.converged && p.converged && sensitivity(p, s);
+  if (!contact.valid)
+    return;
+  contact.gap_n = p_n.gap;
+  contact.gap = p.gap;
+  contact.turn = dot(p_n.normal, p.normal);
+  contact.gradient = gap_gradient(p);
+
+  const Augmented<S> z_n = augment(pair_n, p_n.normal, p_n.xi, p_n.gap);
+  const Augmented<S> z = augment(pair, p.normal, p.xi, p.gap);
+  const Augmented<S> z_m = mean(z_n, z);
+  const typename I::Values pi_n = invariants(z_n), pi = invariants(z);
+  const ConstraintGradient<S> W = average_gradient<S>(pi_n, pi);
+
+  // B Lambda = -b: rows d_1..d_3, xi, eta; columns the constraints 2..6.
+  std::array<std::array<Vec3, k + 1>, 6> forces;
+  for (std::size_t l = 0; l < 6; ++l)
+    forces[l] = vector_forces(z_m, W[l]);
+  const auto row = [&](std::size_t l, std::size_t r) noexcept
+  { return r < 3 ? forces[l][k][r] : W[l][I::f(r - 3)]; };
+  Matrix<5, 5> B;
+  for (std::size_t r = 0; r < 5; ++r)
+    for (std::size_t l = 1; l < 6; ++l)
+      B[r][l - 1] = row(l, r);
+  Matrix<5, 1> Lambda;
+  for (std::size_t r = 0; r < 5; ++r)
+    Lambda[r][0] = -row(0, r);
+  {
+    Matrix<5, 5> factors = B;
+    contact.valid = solve(factors, Lambda);
+    if (!contact.valid)
+      return;
+  }
+  std::array<double, 6> lambda = {1};
+  for (std::size_t l = 1; l < 6; ++l)
+    lambda[l] = Lambda[l - 1][0];
+  typename I::Values Theta = {};
+  for (std::size_t l = 0; l < 6; ++l)
+    for (std::size_t i = 0; i < I::count; ++i)
+      Theta[i] += lambda[l] * W[l][i];
+  contact.force = nodal_forces<S>(vector_forces(z_m, Theta));
+
+  // Tangent. Motion of d, xi, eta with q at t_{n+1}:
+  Matrix<5, dofs> y;
+  for (std::size_t j = 0; j < dofs; ++j)
+  {
+    const Vec2 t = {s.metric_inverse[0][0] * s.dn[0][j]
+                        + s.metric_inverse[0][1] * s.dn[1][j],
+                    s.metric_inverse[1][0] * s.dn[0][j]
+                        + s.metric_inverse[1][1] * s.dn[1][j]};
+    for (std::size_t i = 0; i < 3; ++i)
+      y[i][j] = -t[0] * p.tangents[0][i] - t[1] * p.tangents[1][i];
+    y[3][j] = s.xi[0][j];
+    y[4][j] = s.xi[1][j];
+  }
+  std::array<typename I::Values, 2> Q = {};
+  for_each_gauss_point<S>(
+      pi_n, pi,
+      [&](double weight, double position, const auto& pi_g)
+      {
+        const auto H = constraints_hessian<S>(pi_g, lambda);
+        for (std::size_t a = 0; a < 2; ++a)
+          for (std::size_t i = 0; i < I::count; ++i)
+            Q[a][i] += weight * position * H[a][i];
+      });
+
+  // One column: T dz = 1/2 sum Theta_k H_k dz + Dpi(z_m)^T Q Dpi(z_{n+1}) dz.
+  std::array<std::array<Vec3, k + 1>, dofs> columns;
+  Matrix<5, dofs> dLambda;
+  for (std::size_t j = 0; j < dofs; ++j)
+  {
+    Augmented<S> dz = {}; // direction: coordinate j of q, with d, xi, eta
+    const std::size_t node = j / 3, i = j % 3;
+    for (std::size_t a = 0; a < k; ++a)
+      dz.E[a][i] = (node == 1 ? -1. : 0.)
+                   + (node == (a == 0 ? 0 : a + 1) ? 1. : 0.);
+    dz.E[k] = {y[0][j], y[1][j], y[2][j]};
+    dz.f = {y[3][j], y[4][j], 0};
+
+    typename I::Values dpi;
+    for (const auto& [index, a, b] : I::products)
+      dpi[index] = dot(dz.E[a], z.E[b]) + dot(z.E[a], dz.E[b]);
+    for (std::size_t a = 0; a < 3; ++a)
+      dpi[I::f(a)] = dz.f[a];
+    typename I::Values dTheta;
+    for (std::size_t l = 0; l < I::count; ++l)
+      dTheta[l] = Q[0][l] * dpi[I::f(0)] + Q[1][l] * dpi[I::f(1)];
+    for (std::size_t a = 0; a < 2; ++a)
+    {
+      dTheta[I::f(a)] = 0;
+      for (std::size_t l = 0; l < I::count; ++l)
+        dTheta[I::f(a)] += Q[a][l] * dpi[l];
+    }
+
+    columns[j] = vector_forces(z_m, dTheta);
+    const std::array<Vec3, k + 1> geometric = vector_forces(dz, Theta);
+    for (std::size_t a = 0; a <= k; ++a)
+      columns[j][a] += 0.5 * geometric[a];
+    for (std::size_t r = 0; r < 5; ++r)
+      dLambda[r][j] = -(r < 3 ? columns[j][k][r] : dTheta[I::f(r - 3)]);
+  }
+  contact.valid = solve(B, dLambda);
+  if (!contact.valid)
+    return;
+  for (std::size_t j = 0; j < dofs; ++j)
+  {
+    for (std::size_t l = 1; l < 6; ++l)
+      for (std::size_t a = 0; a < k; ++a)
+        columns[j][a] += dLambda[l - 1][j] * forces[l][a];
+    const PairVector<S> column = nodal_forces<S>(columns[j]);
+    for (std::size_t i = 0; i < dofs; ++i)
+      contact.tangent[i][j] = column[i];
+  }
+}
+} // namespace nts

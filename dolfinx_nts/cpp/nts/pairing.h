@@ -1,0 +1,123 @@
+#pragma once
+
+#include "projection.h"
+#include "tree.h"
+
+/// @brief Local search: the segment that a node may touch.
+namespace nts
+{
+/// @brief Numbers of the pairing rule; lengths are relative to the segment.
+struct PairingRule
+{
+  /// A node keeps its segment while xi is at most this far outside: without
+  /// it, nodes on an edge flip between facets from iteration to iteration.
+  static constexpr double hysteresis = 0.01;
+  /// Farther outside the nearest segment a node faces no segment at all: it
+  /// is beyond the rim of the surface.
+  static constexpr double overhang = 0.15;
+  /// Deeper below a segment than this a node belongs to another side of the
+  /// body.
+  static constexpr double depth = 0.5;
+};
+
+/// @brief A node's segment; segment -1 where there is none in reach.
+struct Found
+{
+  std::int32_t segment = -1;
+  Vec2 xi = {NAN, NAN};
+  double gap = NAN;
+  Vec3 normal = {NAN, NAN, NAN};
+};
+
+/// @brief The surface that nodes are paired with.
+template <class S>
+struct SegmentSurface
+{
+  std::span<const double> x;               ///< vertices, (n, k, 3) [m]
+  std::span<const double> orientation;     ///< (n,) +1 or -1
+  std::span<const std::int64_t> key;       ///< (n,) breaks ties
+  std::vector<double> size;                ///< (n,) diameters [m]
+
+  std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
+  {
+    std::array<Vec3, S::vertices> vertices;
+    for (std::size_t K = 0; K < S::vertices; ++K)
+      for (std::size_t c = 0; c < 3; ++c)
+        vertices[K][c] = x[3 * (S::vertices * i + K) + c];
+    return vertices;
+  }
+};
+
+/// @brief Tree over the boxes of the segments.
+template <class S>
+Tree build_tree(const SegmentSurface<S>& surface)
+{
+  std::vector<Box> boxes(surface.orientation.size());
+  for (std::size_t i = 0; i < boxes.size(); ++i)
+    for (const Vec3& vertex : surface.segment(i))
+      boxes[i].include(vertex);
+  return Tree(std::move(boxes));
+}
+
+/// @brief Find a node's segment.
+///
+/// The current segment is kept while the node stays over it. Otherwise the
+/// nearest segment is taken, by the distance to the projection point clamped
+/// to the segment; the lowest key wins a tie. A node that lies off the
+/// nearest segment (`overhang`, `depth`) has none.
+/// @param[in] node Position [m].
+/// @param[in] current Segment of the previous pairing, or -1.
+/// @param[in] reach Largest distance of interest [m].
+/// @param[in] surface The segments.
+/// @param[in] tree Returns the tree over the segments (asked only if needed).
+template <class S, class GetTree>
+Found find_segment(const Vec3& node, std::int32_t current, double reach,
+                   const SegmentSurface<S>& surface, GetTree&& tree)
+{
+  constexpr double tie = 1e-9; // relative to the segment
+  const auto project_on = [&](std::int32_t i) noexcept
+  { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
+  const auto over = [&](const Projection<S>& p, std::int32_t i,
+                        double allowed) noexcept
+  {
+    return p.converged && S::outside(p.xi) <= allowed
+           && p.gap >= -PairingRule::depth * surface.size[i];
+  };
+
+  if (current >= 0)
+  {
+    const Projection<S> p = project_on(current);
+    if (over(p, current, PairingRule::hysteresis) && p.gap <= reach)
+      return {current, p.xi, p.gap, p.normal};
+  }
+
+  std::int32_t best = -1;
+  Projection<S> best_projection;
+  double nearest = reach;
+  tree().nearest(
+      node, reach,
+      [&](std::int32_t i) noexcept
+      {
+        const double margin = tie * surface.size[i];
+        const Projection<S> p = project_on(i);
+        if (!p.converged)
+          return nearest + margin;
+        const double distance = norm(
+            node - combine(S::phi(S::clamp(p.xi)), surface.segment(i)));
+        const bool nearer = distance <= nearest - (best < 0 ? 0 : margin);
+        const bool wins_tie = best >= 0 && distance <= nearest + margin
+                              && surface.key[i] < surface.key[best];
+        if (nearer || wins_tie)
+        {
+          best = i;
+          best_projection = p;
+          nearest = distance;
+        }
+        return nearest + margin; // ties must be seen
+      });
+  if (best < 0 || !over(best_projection, best, PairingRule::overhang))
+    return {};
+  return {best, best_projection.xi, best_projection.gap,
+          best_projection.normal};
+}
+} // namespace nts

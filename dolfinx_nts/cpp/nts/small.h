@@ -1,0 +1,107 @@
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+/// @brief Fixed-size vectors and matrices: what the kernels need of linear
+/// algebra, without allocation.
+namespace nts
+{
+using Vec2 = std::array<double, 2>;
+using Vec3 = std::array<double, 3>;
+
+/// Row-major R x C matrix.
+template <std::size_t R, std::size_t C>
+using Matrix = std::array<std::array<double, C>, R>;
+
+constexpr Vec3 operator-(const Vec3& a, const Vec3& b) noexcept
+{
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+
+constexpr Vec3 operator+(const Vec3& a, const Vec3& b) noexcept
+{
+  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
+}
+
+constexpr Vec3 operator*(double s, const Vec3& a) noexcept
+{
+  return {s * a[0], s * a[1], s * a[2]};
+}
+
+constexpr Vec3& operator+=(Vec3& a, const Vec3& b) noexcept
+{
+  for (std::size_t i = 0; i < 3; ++i)
+    a[i] += b[i];
+  return a;
+}
+
+constexpr double dot(const Vec3& a, const Vec3& b) noexcept
+{
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+constexpr Vec3 cross(const Vec3& a, const Vec3& b) noexcept
+{
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+          a[0] * b[1] - a[1] * b[0]};
+}
+
+inline double norm(const Vec3& a) noexcept { return std::sqrt(dot(a, a)); }
+
+/// @brief Determinant of a 2 x 2 matrix.
+constexpr double det(const Matrix<2, 2>& A) noexcept
+{
+  return A[0][0] * A[1][1] - A[0][1] * A[1][0];
+}
+
+/// @brief Inverse of a 2 x 2 matrix (the caller has checked `det`).
+constexpr Matrix<2, 2> inverse(const Matrix<2, 2>& A) noexcept
+{
+  const double s = 1 / det(A);
+  return {{{s * A[1][1], -s * A[0][1]}, {-s * A[1][0], s * A[0][0]}}};
+}
+
+/// @brief Solve A X = B in place by LU with partial pivoting.
+/// @param[in,out] A Overwritten by its factors.
+/// @param[in,out] B Right-hand sides, overwritten by X.
+/// @return False if a pivot vanishes relative to the largest entry of A.
+template <std::size_t N, std::size_t M>
+bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
+{
+  double largest = 0;
+  for (const auto& row : A)
+    for (const double entry : row)
+      largest = std::max(largest, std::abs(entry));
+
+  for (std::size_t k = 0; k < N; ++k)
+  {
+    std::size_t pivot = k;
+    for (std::size_t i = k + 1; i < N; ++i)
+      if (std::abs(A[i][k]) > std::abs(A[pivot][k]))
+        pivot = i;
+    if (!(std::abs(A[pivot][k]) > 1e-15 * largest))
+      return false;
+    std::swap(A[k], A[pivot]);
+    std::swap(B[k], B[pivot]);
+    for (std::size_t i = k + 1; i < N; ++i)
+    {
+      const double factor = A[i][k] / A[k][k];
+      for (std::size_t j = k + 1; j < N; ++j)
+        A[i][j] -= factor * A[k][j];
+      for (std::size_t j = 0; j < M; ++j)
+        B[i][j] -= factor * B[k][j];
+    }
+  }
+  for (std::size_t k = N; k-- > 0;)
+    for (std::size_t j = 0; j < M; ++j)
+    {
+      for (std::size_t i = k + 1; i < N; ++i)
+        B[k][j] -= A[k][i] * B[i][j];
+      B[k][j] /= A[k][k];
+    }
+  return true;
+}
+} // namespace nts

@@ -1,0 +1,87 @@
+"""Enforcement of contact: which nodes may touch, what their gap must be.
+
+Pure functions of arrays over nodes. The gap is positive when open, the
+multiplier lambda_N is not positive in contact (Wriggers' convention; Laursen
+uses the opposite signs).
+"""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["LagrangeMultiplier"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+# An active node stays eligible while its gap is below this part of the
+# segment's size.
+_NEAR = 1e-2
+
+
+class LagrangeMultiplier:
+    r"""Exact contact: one multiplier for each active node.
+
+    The complementarity of a step on the segment used in it is
+
+    .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
+
+    Args:
+        impact: What a node does that meets a segment. ``"elastic"``: it
+            keeps the gap with which it came, g_ref = g_n, so that
+            contact does no work in any step (persistency, after Laursen
+            and Chawla 1997) and the energy-momentum scheme conserves
+            the total energy exactly; only nodes that touch, or would
+            pass through within the step, are eligible. ``"plastic"``:
+            g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58); the node
+            loses its impact energy.
+
+    Raises:
+        ValueError: Another ``impact``.
+    """
+
+    def __init__(self, impact: Literal["elastic", "plastic"] = "elastic") -> None:
+        """Check the kind of impact."""
+        if impact not in ("elastic", "plastic"):
+            raise ValueError(f"expected impact 'elastic' or 'plastic', given {impact!r}")
+        self.impact = impact
+
+    def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
+        """Nodes that may be active in the step; decided once per step.
+
+        Args:
+            gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
+            gap_trial: Gap of the ballistic state x_n + h v_n [m].
+            size: Diameter of the node's segment [m].
+            active: Whether the node was active in the last step.
+
+        Returns:
+            Flags, shape ``(n,)``.
+        """
+        if self.impact == "plastic":
+            return np.ones(len(gap_n), dtype=bool)
+        # Nearer to the surface before than after the step: stop before.
+        passes = (gap_n > 0) & (gap_trial < -gap_n)
+        flags: Flags = (gap_n <= 0) | passes | (active & (gap_n < _NEAR * size))
+        return flags
+
+    def reference(self, gap_n: Floats) -> Floats:
+        """Gap that an active node must have at the end of the step [m].
+
+        Args:
+            gap_n: Gap at t_n to the segment used in the step [m].
+        """
+        return gap_n if self.impact == "elastic" else np.zeros_like(gap_n)
+
+    def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:
+        """Primal-dual active set.
+
+        Args:
+            lambda_N: Multiplier [N].
+            excess: Gap minus reference gap [m].
+            stiffness: Positive weight [N/m]; changes the path of
+                Newton's method, not its solution.
+        """
+        flags: Flags = lambda_N + stiffness * excess < 0
+        return flags

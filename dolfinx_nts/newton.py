@@ -1,0 +1,151 @@
+"""Newton's method with active-set update for one step."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.assembly import Bulk, SaddleSolver, contact_residual
+from dolfinx_nts.contact import ContactState, ContactStep
+
+__all__ = ["ConvergenceError", "NewtonReport", "solve"]
+
+Floats = npt.NDArray[np.float64]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+_MAX_ITERATIONS = 50
+_RESIDUAL_TOLERANCE = 1e-10  # relative to the forces at work
+_INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
+_GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
+
+
+@dataclass(frozen=True)
+class NewtonReport:
+    """How the iteration went.
+
+    Attributes:
+        iterations: Linear solves.
+        active_set_changes: Pairs that changed, summed over iterations.
+        residual_norms: Euclidean norm of the residual before each
+            linear solve, and the last one [N].
+        num_active: Active pairs at the end.
+        reason: Why the iteration stopped, empty if it converged.
+    """
+
+    iterations: int
+    active_set_changes: int
+    residual_norms: tuple[float, ...]
+    num_active: int
+    reason: str
+
+
+class ConvergenceError(RuntimeError):
+    """A step could not be solved; the last accepted state is intact.
+
+    Attributes:
+        reports: One report for each attempt.
+    """
+
+    def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:
+        """Keep the reports."""
+        super().__init__(message)
+        self.reports = tuple(reports)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """State of the contacts at the end of the iteration, residual [N]."""
+
+    states: tuple[ContactState, ...]
+    R: Floats
+    R_bulk: Floats
+    report: NewtonReport
+
+
+def solve(
+    bulk: Bulk,
+    solver: SaddleSolver,
+    steps: Sequence[ContactStep],
+    X: Floats,
+    *,
+    force_scale: float,
+    size: float,
+) -> Solution:
+    """Iterate from the present u. Collective.
+
+    Args:
+        bulk: Forms; ``bulk.u`` is the unknown and holds the guess.
+        solver: Solver of the linear systems.
+        steps: Contact attempts.
+        X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        force_scale: Norm of the forces known before the step [N].
+        size: Length to which increments are compared [m].
+
+    Returns:
+        The solution; ``report.reason`` is not empty if there is none.
+    """
+    comm = bulk.u.function_space.mesh.comm
+    n = X.size
+    norms: list[float] = []
+    changes = 0
+    du_norm = np.inf
+    for iteration in range(_MAX_ITERATIONS + 1):
+        x = X + bulk.u.x.array[:n].reshape(-1, 3)
+        states = tuple(step.evaluate(x, iteration) for step in steps)
+        R_bulk = bulk.residual()
+        R_contact = contact_residual(steps, states)
+        R = R_bulk + R_contact
+        R[bulk.fixed] = 0
+        excess = max(np.abs(s.excess[s.active]).max(initial=0.0) for s in states) if states else 0.0
+        sums = comm.allreduce(
+            np.array(
+                [
+                    R @ R,
+                    np.sum(R_contact**2),
+                    sum(s.changed for s in states),
+                    sum(s.failed for s in states),
+                    sum(np.count_nonzero(s.active) for s in states),
+                ],
+                dtype=np.float64,
+            )
+        )
+        excess = comm.allreduce(excess, op=MPI.MAX)
+        norm, contact_norm = np.sqrt(sums[:2])
+        changed, failed, num_active = (int(v) for v in sums[2:])
+        norms.append(float(norm))
+        changes += changed
+
+        def finish(reason: str) -> Solution:
+            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
+            return Solution(states, R, R_bulk, report)
+
+        _logger.debug("iteration %d: |R| %.3e, %d active", iteration, norm, num_active)
+        if not np.isfinite(norm):
+            return finish("the residual is not finite")
+        if failed:
+            return finish(f"{failed} pairs without valid projection or turned by over 90 degrees")
+        small = norm <= _RESIDUAL_TOLERANCE * (force_scale + contact_norm)
+        if (
+            (small or du_norm <= _INCREMENT_TOLERANCE * size)
+            and excess <= _GAP_TOLERANCE * size
+            and not changed
+        ):
+            return finish("")
+        if iteration == _MAX_ITERATIONS:
+            return finish(f"no convergence in {_MAX_ITERATIONS} iterations")
+
+        du, dlambda = solver.solve(bulk.tangent(), R, steps, states)
+        for step, state, d in zip(steps, states, dlambda, strict=True):
+            step.lambda_N[state.node[state.active]] += d
+        du_norm = comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
+        if not np.isfinite(du_norm):
+            return finish("the linear system is singular")
+        du *= min(1.0, 0.5 * size / du_norm) if du_norm > 0 else 1.0
+        bulk.u.x.array[:n] += du
+        bulk.u.x.scatter_forward()
+    raise AssertionError("unreachable")

@@ -1,0 +1,185 @@
+"""Global search: the segments that the nodes of this rank can reach.
+
+Every rank owns some nodes of one surface and some segments of the other.
+Before a step, ranks send each other the segments that come near the
+bounding box of their nodes; the vertices of what arrived become ghosts of
+an index map, which then carries positions to the contacts and forces back.
+"""
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import common, la
+
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["Neighbourhood", "Search"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
+
+
+class Neighbourhood:
+    """Segments within reach of this rank's nodes.
+
+    Args:
+        index_map: Owned nodes of the space, then the ghosts that the
+            segments need.
+        segments: Vertices, shape ``(s, k)``, local indices of the map.
+        orientation: Shape ``(s,)``.
+        key: Partition-independent number, ascending, shape ``(s,)``.
+        size: Current diameters, shape ``(s,)`` [m].
+    """
+
+    def __init__(
+        self,
+        index_map: common.IndexMap,
+        segments: Ints,
+        orientation: Floats,
+        key: GlobalInts,
+        size: Floats,
+    ) -> None:
+        """Allocate the vector that carries values between ranks."""
+        self.index_map, self.segments = index_map, segments
+        self.orientation, self.key, self.size = orientation, key, size
+        self._serial = index_map.size_global == index_map.size_local
+        self._vector = la.vector(index_map, 3)
+
+    def find(self, key: GlobalInts) -> Ints:
+        """Local segment of each key, -1 where it is not here."""
+        if len(self.key) == 0:
+            return np.full(len(key), -1, dtype=np.int32)
+        place = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        return np.where(self.key[place] == key, place, -1).astype(np.int32)
+
+    def with_ghosts(self, owned: Floats) -> Floats:
+        """Add the ghosts' values. Collective.
+
+        Args:
+            owned: Values at owned nodes, shape ``(n, 3)``.
+
+        Returns:
+            Values at all nodes of the map, shape ``(n + ghosts, 3)``.
+        """
+        if self._serial:
+            return owned
+        self._vector.array[: owned.size] = owned.ravel()
+        self._vector.scatter_forward()
+        return self._vector.array.reshape(-1, 3).copy()
+
+    def to_owners(self, values: Floats) -> Floats:
+        """Add what other ranks hold for owned nodes. Collective.
+
+        Args:
+            values: Values at all nodes of the map, shape
+                ``(n + ghosts, 3)``.
+
+        Returns:
+            Sums at the owned nodes, shape ``(n, 3)``.
+        """
+        if self._serial:
+            return values
+        self._vector.array[:] = values.ravel()
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return self._vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+
+
+class Search:
+    """Keeps the neighbourhood of a pair of surfaces up to date.
+
+    Args:
+        nodes: Surface whose nodes look for segments.
+        segments: Surface that offers segments.
+
+    Attributes:
+        exchanges: How often segments were sent around.
+    """
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Start without a neighbourhood."""
+        self._nodes, self._segments = nodes, segments
+        self._vertices = np.unique(segments.segments)
+        self._covered: tuple[Floats, Floats, float] | None = None
+        self._neighbourhood: Neighbourhood | None = None
+        self.exchanges = 0
+
+    def update(self, x: Floats, reach: float) -> tuple[Neighbourhood, bool]:
+        """Neighbourhood that holds every segment within reach of a node.
+
+        Collective. The last one is kept while nothing has moved more
+        than the margin with which it was made.
+
+        Args:
+            x: Current positions of the local nodes of the space, owned
+                and ghost, shape ``(n, 3)`` [m].
+            reach: Distance from a node to be covered [m].
+
+        Returns:
+            The neighbourhood, and whether it is a new one.
+        """
+        x_nodes, x_vertices = x[self._nodes.nodes], x[self._vertices]
+        if self._neighbourhood is not None and self._covered is not None:
+            moved = _largest_norm(x_nodes - self._covered[0])
+            moved += _largest_norm(x_vertices - self._covered[1])
+            short = moved + reach > self._covered[2]
+            if not self._nodes.V.mesh.comm.allreduce(short, op=MPI.LOR):
+                return self._neighbourhood, False
+        # Half as much again saves exchanges and costs a few segments.
+        reach *= 1.5
+        self._covered = (x_nodes.copy(), x_vertices.copy(), reach)
+        self._neighbourhood = self._exchange(x, reach)
+        self.exchanges += 1
+        return self._neighbourhood, True
+
+    def _exchange(self, x: Floats, reach: float) -> Neighbourhood:
+        space = self._segments.V.dofmap.index_map
+        comm = self._segments.V.mesh.comm
+        vertices, orientation = self._segments.segments, self._segments.orientation
+        key = self._segments.key
+        ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
+        owners = _owners(space, comm)[vertices]
+
+        boxes = np.array(comm.allgather(_box(x[self._nodes.nodes], reach)))
+        lower, upper = x[vertices].min(axis=1), x[vertices].max(axis=1)
+        near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
+        edges = x[vertices][:, :, None] - x[vertices][:, None]
+        size = np.linalg.norm(edges, axis=-1).max(axis=(1, 2), initial=0.0)
+        mine = (ids, owners, orientation, key, size)
+        parts = comm.alltoall([tuple(values[n] for values in mine) for n in near])
+        ids, owners, orientation, key, size = (
+            np.concatenate([part[i] for part in parts]) for i in range(len(mine))
+        )
+        order = np.argsort(key)
+        ids, owners = ids[order], owners[order]
+
+        first, last = space.local_range
+        remote = (ids < first) | (ids >= last)
+        ghosts, place = np.unique(ids[remote], return_inverse=True)
+        ghost_owners = np.empty(len(ghosts), dtype=np.int32)
+        ghost_owners[place] = owners[remote]
+        local = ids - first
+        local[remote] = last - first + place
+        index_map = common.IndexMap(comm, space.size_local, ghosts, ghost_owners)
+        return Neighbourhood(
+            index_map, local.astype(np.int32), orientation[order], key[order], size[order]
+        )
+
+
+def _largest_norm(dx: Floats) -> float:
+    return float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
+
+
+def _box(x: Floats, reach: float) -> Floats:
+    """Inflated bounding box (2, 3) of points; empty if there is no point."""
+    return np.array(
+        [x.min(axis=0, initial=np.inf) - reach, x.max(axis=0, initial=-np.inf) + reach]
+    )
+
+
+def _owners(index_map: common.IndexMap, comm: MPI.Comm) -> Ints:
+    """Owning rank of each local index."""
+    own = np.full(index_map.size_local, comm.rank, dtype=np.int32)
+    return np.concatenate([own, index_map.owners])
+

@@ -1,0 +1,185 @@
+"""Surfaces: tagged facets as contact nodes and segments.
+
+A *node* (literature: slave, secondary, source) may touch a *segment*
+(master, primary, target). A surface offers both; a contact pair decides
+which it uses. Positions are x = X + u; the mesh is never moved.
+"""
+
+from functools import cached_property
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import MeshTags
+
+__all__ = ["Surface", "check_space", "check_tag"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
+
+_SEGMENT_VERTICES = {"tetrahedron": 3, "hexahedron": 4}
+
+
+def check_space(V: fem.FunctionSpace) -> None:
+    """Raise ValueError unless V is one this package works in."""
+    mesh = V.mesh
+    cell = mesh.topology.cell_name()
+    element = V.ufl_element()
+    if cell not in _SEGMENT_VERTICES:
+        raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
+    if mesh.geometry.dim != 3 or mesh.geometry.cmap.degree != 1:
+        raise ValueError(
+            "expected a mesh of degree 1 in three dimensions, given degree "
+            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}"
+        )
+    if (
+        element.family_name not in ("P", "Q")
+        or element.degree != 1
+        or V.dofmap.index_map_bs != 3
+        or element.discontinuous
+    ):
+        raise ValueError(
+            "expected the space functionspace(mesh, ('Lagrange', 1, (3,))), given "
+            f"{element} with block size {V.dofmap.index_map_bs}"
+        )
+
+
+def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: str) -> None:
+    """Raise on all ranks unless ``tags`` has entities of value ``tag``.
+
+    Collective.
+
+    Raises:
+        TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
+        ValueError: The dimension is wrong, or no rank has the tag.
+    """
+    if not isinstance(tags, MeshTags):
+        raise TypeError(f"expected MeshTags as {name}, given {type(tags).__name__}")
+    if isinstance(tag, bool) or not isinstance(tag, int | np.integer):
+        raise TypeError(f"expected an integer tag, given {tag!r}")
+    if tags.dim != dim:
+        raise ValueError(f"expected {name} of dimension {dim}, given dimension {tags.dim}")
+    comm = V.mesh.comm
+    values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
+    if tag not in values:
+        raise ValueError(f"expected a tag out of {values} in {name}, given {tag}")
+
+
+class Surface:
+    """Facets with one tag, as contact nodes and as segments.
+
+    Collective.
+
+    Args:
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))``.
+        facets: Facet tags of the mesh.
+        tag: Value of the tag.
+
+    Attributes:
+        V: The space.
+        nodes: Owned nodes of the surface, sorted, shape ``(n,)``, local
+            block indices of V.
+        segments: Facets owned by this rank, shape ``(s, k)``, ``k`` 3 or
+            4, local block indices (owned or ghost) in Basix order.
+        orientation: +1 where a_1 x a_2 of a segment points out of its
+            body, otherwise -1, shape ``(s,)``.
+        key: Number of each owned segment in an order that does not
+            depend on the partition, shape ``(s,)``.
+        size: Longest diameter of a segment on any rank [m, reference].
+
+    Raises:
+        TypeError: ``facets`` is no MeshTags, or ``tag`` no integer.
+        ValueError: The space or the tag does not fit, or a facet is not
+            on the boundary.
+    """
+
+    def __init__(self, V: fem.FunctionSpace, facets: MeshTags, tag: int) -> None:
+        """Collect nodes and oriented segments."""
+        check_space(V)
+        mesh = V.mesh
+        tdim = mesh.topology.dim
+        check_tag(V, facets, tag, tdim - 1, "facets")
+        self.V, self._facets, self._tag = V, facets, tag
+
+        mesh.topology.create_connectivity(tdim - 1, tdim)
+        mesh.topology.create_connectivity(tdim, tdim - 1)
+        to_cell = mesh.topology.connectivity(tdim - 1, tdim)
+        to_facet = mesh.topology.connectivity(tdim, tdim - 1)
+        local = facets.find(tag)
+        cells = [to_cell.links(f) for f in local]
+        inner = int(sum(len(c) != 1 for c in cells))
+        if inner := mesh.comm.allreduce(inner):
+            raise ValueError(
+                f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
+            )
+
+        # All local facets mark nodes, only owned ones are segments.
+        k = _SEGMENT_VERTICES[mesh.topology.cell_name()]
+        layout = V.dofmap.dof_layout
+        X = V.tabulate_dof_coordinates()
+        segments = np.empty((len(local), k), dtype=np.int32)
+        orientation = np.empty(len(local))
+        for i, (facet, (cell,)) in enumerate(zip(local, cells, strict=True)):
+            dofs = V.dofmap.cell_dofs(cell)
+            number = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
+            segments[i] = dofs[layout.entity_closure_dofs(tdim - 1, number)]
+            x = X[segments[i]]
+            outward = x.mean(axis=0) - X[dofs].mean(axis=0)
+            normal = np.cross(x[1] - x[0], x[2] - x[0])
+            orientation[i] = 1.0 if normal @ outward > 0 else -1.0
+
+        block_map = V.dofmap.index_map
+        marker = la.vector(block_map)
+        marker.array[segments.ravel()] = 1
+        marker.scatter_reverse(la.InsertMode.add)
+        self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
+
+        owned = local < mesh.topology.index_map(tdim - 1).size_local
+        self.segments: Ints = segments[owned]
+        self.orientation: Floats = orientation[owned]
+        self.key = self._number()
+        x = X[self.segments]
+        edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
+        self.size = float(mesh.comm.allreduce(edges.max(initial=0.0), op=MPI.MAX))
+
+    @cached_property
+    def node_ids(self) -> GlobalInts:
+        """Numbers of the nodes in the mesh as read, shape ``(n,)``."""
+        return _input_ids(self.V)[self.nodes]
+
+    @cached_property
+    def area(self) -> Floats:
+        """Tributary reference area of each node, shape ``(n,)`` [m^2].
+
+        Collective at the first use.
+        """
+        ds = ufl.Measure("ds", domain=self.V.mesh, subdomain_data=self._facets)
+        eta = ufl.TestFunction(self.V)
+        vector = fem.assemble_vector(fem.form(eta[0] * ds(int(self._tag))))
+        vector.scatter_reverse(la.InsertMode.add)
+        area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
+        return area
+
+    def _number(self) -> GlobalInts:
+        """Rank of each owned segment among all, by its input node numbers."""
+        comm = self.V.mesh.comm
+        mine = np.sort(_input_ids(self.V)[self.segments], axis=1)
+        parts = comm.allgather(mine)
+        order = np.lexsort(np.concatenate(parts).T[::-1])
+        key = np.empty(len(order), dtype=np.int64)
+        key[order] = np.arange(len(order))
+        first = sum(len(part) for part in parts[: comm.rank])
+        return key[first : first + len(mine)]
+
+
+def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
+    """Number in the mesh as read of every local node of V."""
+    geometry = V.mesh.geometry
+    ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)
+    ids[V.dofmap.list] = geometry.input_global_indices[geometry.dofmap]
+    return ids
+
