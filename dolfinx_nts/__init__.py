@@ -1,7 +1,27 @@
-from dolfinx_nts.meshing import read_mesh
-from dolfinx_nts.materials import *
+"""Energy-momentum consistent node-to-segment contact for DOLFINx."""
+
 from dolfinx_nts.bodies import Body
-from dolfinx_nts.surfaces import Surface
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
-from dolfinx_nts.integrators import *
+from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
+from dolfinx_nts.materials import Hyperelastic, SaintVenantKirchhoff
+from dolfinx_nts.meshing import MeshData, read_mesh
+from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.surfaces import Surface
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Body",
+    "ContactPair",
+    "ConvergenceError",
+    "EnergyMomentum",
+    "Hyperelastic",
+    "LagrangeMultiplier",
+    "MeshData",
+    "Midpoint",
+    "SaintVenantKirchhoff",
+    "StepReport",
+    "Surface",
+    "read_mesh",
+]

@@ -53,6 +53,7 @@ class Bulk:
     Attributes:
         u: The unknown.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
+        cell_size: Smallest cell diameter of the mesh [m].
         num_residuals: Assembled residuals.
         num_tangents: Assembled tangents.
     """
@@ -72,6 +73,10 @@ class Bulk:
         self._matrix: Any = None
         owned = [bc.dof_indices()[0][: bc.dof_indices()[1]] for bc in self.bcs]
         self.fixed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *owned]))
+        mesh = V.mesh
+        cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        smallest = mesh.h(3, cells).min(initial=np.inf)
+        self.cell_size = float(mesh.comm.allreduce(smallest, op=MPI.MIN))
         self.num_residuals = self.num_tangents = 0
 
     def residual(self) -> Floats:
@@ -86,6 +91,15 @@ class Bulk:
         R = self._vector.array[: self._num_owned].copy()
         R[self.fixed] = 0
         return R
+
+    def nodal_stiffness(self) -> Floats:
+        """Mean diagonal entry of the last tangent at each owned node [N/m].
+
+        Collective.
+        """
+        matrix = self.tangent() if self._matrix is None else self._matrix
+        mean: Floats = matrix.getDiagonal().array.reshape(-1, 3).mean(axis=1)
+        return mean
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective."""

@@ -8,6 +8,7 @@ consistent mass of straight cells exactly.
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -17,7 +18,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["Body", "bulk_form"]
+__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies"]
 
 _QUADRATURE_DEGREE = 2
 
@@ -96,3 +97,70 @@ def bulk_form(
         rho = fem.Constant(mesh, material.rho)
         form += integrand(material, parameters, rho) * dx(i)
     return form
+
+
+def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
+    """Space of the bodies; raises unless every cell is in exactly one.
+
+    Collective.
+
+    Raises:
+        TypeError: Something in the list is no body.
+        ValueError: No bodies, several spaces, or cells in none or two.
+    """
+    if not bodies:
+        raise ValueError("expected at least one body, given none")
+    for body in bodies:
+        if not isinstance(body, Body):
+            raise TypeError(f"expected a Body, given {type(body).__name__}")
+    V = bodies[0].V
+    if any(body.V != V for body in bodies):
+        raise ValueError("expected bodies in one function space, given several")
+    mesh = V.mesh
+    count = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    for body in bodies:
+        count[body.cells] += 1
+    free, shared = mesh.comm.allreduce(np.array([np.sum(count == 0), np.sum(count > 1)]))
+    if free or shared:
+        raise ValueError(
+            "expected every cell in exactly one body, "
+            f"given {free} cells in none and {shared} in several"
+        )
+    return V
+
+
+class VolumeRatio:
+    """Finds inverted cells, where det F <= 0 at a quadrature point.
+
+    Args:
+        u: Displacement.
+    """
+
+    def __init__(self, u: fem.Function) -> None:
+        """Compile det F at the points of the bulk forms."""
+        mesh = u.function_space.mesh
+        cell = basix.CellType[mesh.topology.cell_name()]
+        points, _ = basix.make_quadrature(cell, _QUADRATURE_DEGREE)
+        self._u = u
+        self._expression = fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(u)), points)
+        num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+        self._cells = np.arange(num_cells, dtype=np.int32)
+
+    def inverted(self) -> str:
+        """Describe the worst inverted cell; empty if there is none.
+
+        Collective.
+        """
+        V = self._u.function_space
+        mesh, worst, text = V.mesh, np.inf, ""
+        if len(self._cells):
+            ratio = self._expression.eval(mesh, self._cells).min(axis=1)
+            cell = int(np.argmin(ratio))
+            worst = float(ratio[cell])
+            if not worst > 0:
+                x = V.tabulate_dof_coordinates() + self._u.x.array.reshape(-1, 3)
+                middle = x[V.dofmap.cell_dofs(cell)].mean(axis=0)
+                number = mesh.topology.original_cell_index[cell]
+                text = f"cell {number} near {np.round(middle, 6)} is inverted, det F = {worst:.3g}"
+        _, text = min(mesh.comm.allgather((worst, text)))
+        return text

@@ -19,7 +19,7 @@ from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.search import Neighbourhood, Search
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["ContactHistory", "ContactPair", "ContactState", "ContactStep"]
+__all__ = ["ContactHistory", "ContactPair", "ContactState", "ContactStep", "ContactWork"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -42,13 +42,41 @@ class ContactHistory:
         key: Segment of each node, -1 without, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
-        gap: Gap to the segment, NaN without, shape ``(n,)`` [m].
+        force: Contact force on the node in it, shape ``(n, 3)`` [N].
     """
 
     key: GlobalInts
     active: Flags
     lambda_N: Floats
-    gap: Floats
+    force: Floats
+
+
+@dataclass(frozen=True)
+class ContactWork:
+    """Energy that contact gave to the bodies in a step, by cause [J].
+
+    Attributes:
+        persistent: Nodes that were active on the same segment before.
+        activation: Nodes that were not active before.
+        facet_change: Nodes that were active on another segment.
+    """
+
+    persistent: float
+    activation: float
+    facet_change: float
+
+    @classmethod
+    def zero(cls) -> "ContactWork":
+        """No work."""
+        return cls(0.0, 0.0, 0.0)
+
+    def __add__(self, other: "ContactWork") -> "ContactWork":
+        """Sum by cause."""
+        return ContactWork(
+            self.persistent + other.persistent,
+            self.activation + other.activation,
+            self.facet_change + other.facet_change,
+        )
 
 
 @dataclass(frozen=True)
@@ -143,7 +171,7 @@ class ContactPair:
             key=np.full(n, -1, dtype=np.int64),
             active=np.zeros(n, dtype=bool),
             lambda_N=np.zeros(n),
-            gap=np.full(n, np.nan),
+            force=np.zeros((n, 3)),
         )
 
     @property
@@ -201,7 +229,7 @@ class ContactStep:
         self._reach = 3 * step + 0.5 * pair.segments.size
         self.neighbourhood, _ = pair.search.update(x_n, self._reach)
         here = self.neighbourhood
-        self._x_n = here.with_ghosts(x_n[: here.index_map.size_local])
+        self._x_n = self._x = here.with_ghosts(x_n[: here.index_map.size_local])
         trial = here.with_ghosts(x_trial[: here.index_map.size_local])
 
         nodes = pair.nodes.nodes
@@ -230,7 +258,7 @@ class ContactStep:
             The pairs that may transmit force.
         """
         here, enforcement = self.neighbourhood, self.pair.enforcement
-        x = here.with_ghosts(x)
+        x = self._x = here.with_ghosts(x)
         node = self._eligible
         previous = self._segment[node]
         if iteration < _LAST_PAIRING:
@@ -279,13 +307,28 @@ class ContactStep:
             failed=int(np.count_nonzero(active & ((status != 0) | (turn < 0)))),
         )
 
-    def accepted(self) -> ContactHistory:
-        """What is to become the pair's history."""
+    def accepted(self, state: ContactState) -> ContactHistory:
+        """What is to become the pair's history, from the last evaluation."""
         here = self.neighbourhood
         key = np.full(len(self._segment), -1, dtype=np.int64)
         found = self._segment >= 0
         key[found] = here.key[self._segment[found]]
-        return ContactHistory(key, self.active.copy(), self.lambda_N.copy(), self._gap.copy())
+        force = np.zeros((len(key), 3))
+        force[state.node] = -state.lambda_N[:, None] * state.force[:, :3]
+        return ContactHistory(key, self.active.copy(), self.lambda_N.copy(), force)
+
+    def work(self, state: ContactState) -> ContactWork:
+        """Energy given by the contact forces of the step, by cause."""
+        history, active = self.pair.history, state.active
+        node, segment = state.node[active], state.segment[active]
+        x_n, _ = self._pairs(self._x_n, node, segment)
+        x, _ = self._pairs(self._x, node, segment)
+        dx = (x - x_n).reshape(state.force[active].shape)
+        work = -state.lambda_N[active] * np.einsum("ij,ij->i", state.force[active], dx)
+        old = history.active[node]
+        same = history.key[node] == self.neighbourhood.key[segment]
+        parts = np.array([work[old & same].sum(), work[~old].sum(), work[old & ~same].sum()])
+        return ContactWork(*(float(part) for part in self._comm.allreduce(parts)))
 
     def _pairs(self, x: Floats, node: Ints, segment: Ints) -> tuple[Floats, Floats]:
         """Coordinates (m, 1+k, 3) and orientations of pairs."""

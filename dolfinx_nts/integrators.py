@@ -1,15 +1,21 @@
-"""Time integrators: what is evaluated when, and what is accepted.
+r"""Time integrators: what is evaluated when, and what is accepted.
 
-The unknown of a step is u_{n+1}; v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n. Both
-schemes differ in the stress and in the contact kernel only.
+The unknown of a step is u_{n+1}; the velocity follows from it,
+:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum
+of a step, divided by its length, is
+
+.. math:: M \frac{2}{\Delta t} \left( \frac{u_{n+1} - u_n}{\Delta t} - v_n
+   \right) + f_{int} + \sum \lambda_N F = 0.
+
+The schemes differ in the stress of f_int and in the kernel of the contact
+force F, in nothing else.
 """
 
 import logging
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
-
-from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -18,97 +24,305 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels, newton
 from dolfinx_nts.assembly import Bulk, SaddleSolver
-from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.contact import ContactPair, ContactStep, Kernel
+from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
+from dolfinx_nts.contact import ContactPair, ContactStep, ContactWork, Kernel
 from dolfinx_nts.materials import Hyperelastic
 
 __all__ = ["EnergyMomentum", "Midpoint", "StepReport"]
 
 Floats = npt.NDArray[np.float64]
 
+_logger = logging.getLogger("dolfinx_nts")
+
 
 @dataclass(frozen=True)
-class StepReport(newton.NewtonReport):
+class StepReport:
+    """What happened in an accepted step.
+
+    Attributes:
+        step: Number of the step, from 1.
+        t: Time at its end [s].
+        dt: Its length [s].
+        newton_iterations: Linear systems solved, all attempts.
+        active_set_changes: Pairs that changed during the iteration.
+        residual_norms: Norms before each linear solve, and the last [N].
+        num_active: Active pairs on all ranks.
+        contact_work: Energy that contact gave to the bodies, by cause.
+        solver_work: Energy given by the residual that Newton left [J].
+    """
+
+    step: int
     t: float
     dt: float
-
-
-def _right_cauchy_green(F: Any) -> Any:
-    return F.T * F
+    newton_iterations: int
+    active_set_changes: int
+    residual_norms: tuple[float, ...]
+    num_active: int
+    contact_work: ContactWork
+    solver_work: float
 
 
 class _Stepper:
+    """Owns the accepted state (t, u, v, contact) and advances it.
+
+    Collective, as all its methods.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+        pairs: Contact pairs of these bodies.
+        dt: Length of a step [s].
+        bcs: Dirichlet conditions on the displacement.
+
+    Attributes:
+        bodies: The bodies.
+        pairs: The contact pairs with their accepted contact.
+        t: Time [s].
+        dt: Length of the next step [s].
+        step: Number of accepted steps.
+        u: Displacement at t.
+        v: Velocity at t.
+
+    Raises:
+        TypeError: An argument has the wrong type.
+        ValueError: Bodies overlap, do not fill the mesh or belong to
+            different spaces; ``dt`` is not positive.
+    """
+
     _kernel: ClassVar[Kernel]
 
-    def __init__(self, bodies, pairs, *, dt, bcs=()):
-        V = bodies[0].V
-        self.V, self.bodies, self.pairs, self.bcs = V, tuple(bodies), tuple(pairs), tuple(bcs)
-        self.t = 0.0
-        self._dt = fem.Constant(V.mesh, float(dt))
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        pairs: Sequence[ContactPair] = (),
+        *,
+        dt: float,
+        bcs: Sequence[fem.DirichletBC] = (),
+    ) -> None:
+        """Compile the forms; the bodies are at rest and undeformed."""
+        V = check_bodies(bodies)
+        for pair in pairs:
+            if not isinstance(pair, ContactPair):
+                raise TypeError(f"expected a ContactPair, given {type(pair).__name__}")
+            if pair.nodes.V != V:
+                raise ValueError("expected bodies and pairs in one function space, given two")
+        self.bodies, self.pairs = tuple(bodies), tuple(pairs)
+        self.t, self.step = 0.0, 0
+        self._bcs = tuple(bcs)
+        self._dt = fem.Constant(V.mesh, 0.0)
+        self.dt = dt
         self.u, self.v, self._u_n = (fem.Function(V) for _ in range(3))
-        self._X = V.tabulate_dof_coordinates()
-        eta = ufl.TestFunction(V)
-        I = ufl.Identity(3)
-        u, u_n, v, dt_ = self.u, self._u_n, self.v, self._dt
-
-        def residual(material, parameters, rho):
-            F_n, F = I + ufl.grad(u_n), I + ufl.grad(u)
-            S = self._stress(material, parameters, F_n, F)
-            P = (F_n + F) / 2 * S
-            inertia = rho * (2 / dt_**2 * (u - u_n) - 2 / dt_ * v)
-            return ufl.inner(inertia, eta) + ufl.inner(P, ufl.grad(eta))
-
-        self._bulk = Bulk(bulk_form(bodies, residual), u, bcs)
+        self.u.name, self.v.name = "displacement", "velocity"
+        self._X: Floats = V.tabulate_dof_coordinates()
+        self._num_owned = V.dofmap.index_map.size_local
+        self._bulk = Bulk(self._residual(), self.u, self._bcs)
         self._solver = SaddleSolver(V.mesh.comm, self._bulk.fixed)
+        self._volume_ratio = VolumeRatio(self.u)
         self._force_scale = 0.0
 
-    def set_velocity(self, body, v):
-        self.v.x.array.reshape(-1, 3)[body.nodes] = v
+    def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+        """Second Piola-Kirchhoff stress of the step, UFL (3, 3)."""
+        raise NotImplementedError
 
-    def advance(self):
-        V = self.V
-        u, u_n = self.u.x.array, self._u_n.x.array
+    def _residual(self) -> ufl.Form:
+        u, u_n, v, dt = self.u, self._u_n, self.v, self._dt
+        eta = ufl.TestFunction(u.function_space)
+        F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            momentum_rate = rho * 2 / dt * ((u - u_n) / dt - v)
+            P = (F_n + F) / 2 * self._stress(material, parameters, F_n, F)
+            return ufl.inner(momentum_rate, eta) + ufl.inner(P, ufl.grad(eta))
+
+        return bulk_form(self.bodies, integrand)
+
+    @property
+    def dt(self) -> float:
+        """Length of the next step [s]."""
+        return float(self._dt.value)
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise ValueError(f"expected a step dt > 0, given {dt}")
+        self._dt.value = dt
+
+    @property
+    def x(self) -> Floats:
+        """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
+        return self._X + self.u.x.array.reshape(-1, 3)
+
+    def set_displacement(self, body: Body, value: Any) -> None:
+        """Set the displacement of a body, before or between steps.
+
+        Args:
+            body: One of the bodies.
+            value: Three numbers [m], or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``.
+        """
+        self._set(self.u, body, value)
+
+    def set_velocity(self, body: Body, value: Any) -> None:
+        """Set the velocity of a body, before or between steps.
+
+        Args:
+            body: One of the bodies.
+            value: Three numbers [m/s], or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``.
+        """
+        self._set(self.v, body, value)
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        if body not in self.bodies:
+            raise ValueError("expected a body of this stepper, given another")
+        X = self._X[body.nodes].T
+        values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
+        if values.shape not in ((3,), X.shape):
+            raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
+        function.x.array.reshape(-1, 3)[body.nodes] = values.T
+
+    def advance(self) -> StepReport:
+        """Advance by one step of length ``dt``.
+
+        Returns:
+            Report of the step.
+
+        Raises:
+            ConvergenceError: The step could not be solved. The state is
+                as before the call.
+            ValueError: The state is not finite.
+        """
+        self._check_state()
+        u, u_n, v = self.u.x.array, self._u_n.x.array, self.v.x.array
         u_n[:] = u
-        n = V.dofmap.index_map.size_local
-        dt = float(self._dt.value)
-        x_n = self._X + u_n.reshape(-1, 3)
-        x_trial = x_n + dt * self.v.x.array.reshape(-1, 3)
-        diag = self._bulk.tangent().getDiagonal().array.reshape(-1, 3).mean(1)
-        reports = []
-        for guess in (u_n + dt * self.v.x.array, u_n.copy()):
+        dt, x_n = self.dt, self.x
+        ballistic = u_n + dt * v
+        x_trial = self._X + ballistic.reshape(-1, 3)
+        stiffness = self._bulk.nodal_stiffness()
+
+        attempts: list[newton.NewtonReport] = []
+        # The ballistic start can invert elements at large steps.
+        for guess in (ballistic, u_n):
             u[:] = guess
-            fem.set_bc(u, self.bcs) if self.bcs else None
+            for bc in self._bcs:
+                bc.set(u)
             steps = [
-                ContactStep(p, type(self)._kernel, x_n, x_trial, 0.1 * diag) for p in self.pairs
+                ContactStep(pair, type(self)._kernel, x_n, x_trial, stiffness)
+                for pair in self.pairs
             ]
             solution = newton.solve(
-                self._bulk, self._solver, steps, self._X[:n], force_scale=self._force_scale, size=0.566
+                self._bulk,
+                self._solver,
+                steps,
+                self._X[: self._num_owned],
+                force_scale=self._force_scale,
             )
-            reports.append(solution.report)
-            if not solution.report.reason:
-                break
+            attempts.append(solution.report)
+            if solution.report.converged:
+                inverted = self._volume_ratio.inverted()
+                if not inverted:
+                    break
+                attempts[-1] = replace(solution.report, reason=inverted)
         else:
             u[:] = u_n
-            raise newton.ConvergenceError(f"t={self.t}: {reports}", reports)
-        self._force_scale = np.sqrt(V.mesh.comm.allreduce(solution.R_bulk @ solution.R_bulk))
-        self.v.x.array[:] = 2 / dt * (u - u_n) - self.v.x.array
-        for p, s in zip(self.pairs, steps):
-            p.history = s.accepted()
+            reasons = "; ".join(
+                f"from the {start} state: {attempt}"
+                for start, attempt in zip(("ballistic", "last"), attempts, strict=True)
+            )
+            raise newton.ConvergenceError(
+                f"step {self.step + 1} from t = {self.t:g} to {self.t + dt:g} failed {reasons}; "
+                "the state is that of the last accepted step: a smaller dt may help",
+                attempts,
+            )
+
+        comm = self.u.function_space.mesh.comm
+        self._force_scale = float(np.sqrt(comm.allreduce(solution.R_bulk @ solution.R_bulk)))
+        n = 3 * self._num_owned
+        work = ContactWork.zero()
+        for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
+            work = work + step.work(state)
+            pair.history = step.accepted(state)
+        v[:] = 2 / dt * (u - u_n) - v
         self.t += dt
-        self.last = solution
-        return solution.report
+        self.step += 1
+        report = StepReport(
+            step=self.step,
+            t=self.t,
+            dt=dt,
+            newton_iterations=sum(attempt.iterations for attempt in attempts),
+            active_set_changes=solution.report.active_set_changes,
+            residual_norms=solution.report.residual_norms,
+            num_active=solution.report.num_active,
+            contact_work=work,
+            solver_work=float(comm.allreduce(solution.R @ (u - u_n)[:n])),
+        )
+        _logger.info(
+            "step %d, t = %g: %d iterations, %d active",
+            report.step,
+            report.t,
+            report.newton_iterations,
+            report.num_active,
+        )
+        return report
+
+    def run(self, until: float) -> Iterator[StepReport]:
+        """Advance step by step; the last step ends exactly at ``until``.
+
+        Args:
+            until: Time at the end [s].
+
+        Yields:
+            The report of each step, after it has been accepted.
+        """
+        if not math.isfinite(until):
+            raise ValueError(f"expected a finite time until, given {until}")
+        start, first, dt = self.t, self.step, self.dt
+        num_steps = math.ceil((until - start) / dt - 1e-6)
+        try:
+            for i in range(num_steps):
+                end = until if i == num_steps - 1 else start + (i + 1) * dt
+                self.dt = end - self.t if i == num_steps - 1 else dt
+                report = self.advance()
+                self.t = end
+                yield replace(report, t=end)
+        finally:
+            self.dt = dt
+
+    def _check_state(self) -> None:
+        bad = [
+            sum(~np.isfinite(function.x.array[: 3 * self._num_owned]))
+            for function in (self.u, self.v)
+        ]
+        bad = self.u.function_space.mesh.comm.allreduce(np.array(bad))
+        for name, count in zip(("displacement", "velocity"), bad, strict=True):
+            if count:
+                raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
 
 
 class Midpoint(_Stepper):
+    """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
+
+    Conserves momenta; energy is not conserved (eqs. 47-52).
+    """
+
     _kernel = _kernels.contact_midpoint
 
-    def _stress(self, material, parameters, F_n, F):
+    def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         return material.stress(_right_cauchy_green((F_n + F) / 2), **parameters)
 
 
 class EnergyMomentum(_Stepper):
+    """Energy-momentum scheme: conserving stress and discrete gradient.
+
+    Conserves linear and angular momentum and, with elastic impact, the
+    total energy, to the tolerance of Newton's method (eqs. 53-58).
+    """
+
     _kernel = _kernels.contact_conserving
 
-    def _stress(self, material, parameters, F_n, F):
+    def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         C_n, C = _right_cauchy_green(F_n), _right_cauchy_green(F)
         return material.conserving_stress(C_n, C, **parameters)
+
+
+def _right_cauchy_green(F: Any) -> Any:
+    return F.T * F

@@ -43,6 +43,16 @@ class NewtonReport:
     num_active: int
     reason: str
 
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration found a solution."""
+        return not self.reason
+
+    def __str__(self) -> str:
+        """Reason and the last residual norms."""
+        norms = ", ".join(f"{norm:.2e}" for norm in self.residual_norms[-6:])
+        return f"{self.reason} (iteration {self.iterations}, |R| ... {norms} N)"
+
 
 class ConvergenceError(RuntimeError):
     """A step could not be solved; the last accepted state is intact.
@@ -74,7 +84,6 @@ def solve(
     X: Floats,
     *,
     force_scale: float,
-    size: float,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -84,13 +93,12 @@ def solve(
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
         force_scale: Norm of the forces known before the step [N].
-        size: Length to which increments are compared [m].
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
     comm = bulk.u.function_space.mesh.comm
-    n = X.size
+    n, size = X.size, bulk.cell_size
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
