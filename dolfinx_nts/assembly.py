@@ -24,7 +24,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from dolfinx_nts.contact import ContactState, ContactStep
 
-__all__ = ["JIT_OPTIONS", "Bulk", "SaddleSolver"]
+__all__ = ["JIT_OPTIONS", "Bulk", "SaddleSystem", "contact_residual"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -55,6 +55,7 @@ class Bulk:
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
         cell_size: Smallest cell diameter of the mesh [m].
         num_residuals: Assembled residuals.
+        num_actions: Assembled actions of the tangent.
         num_tangents: Assembled tangents.
     """
 
@@ -63,13 +64,16 @@ class Bulk:
     ) -> None:
         """Compile the forms and allocate."""
         V = u.function_space
+        self.comm: MPI.Comm = V.mesh.comm
         self.u, self.bcs = u, list(bcs)
-        self._residual = fem.form(residual, jit_options=JIT_OPTIONS)
-        self._tangent = fem.form(
-            ufl.derivative(residual, u, ufl.TrialFunction(V)), jit_options=JIT_OPTIONS
+        self._direction = fem.Function(V)
+        tangent = ufl.derivative(residual, u, ufl.TrialFunction(V))
+        action = ufl.derivative(residual, u, self._direction)
+        self._residual, self._tangent, self._action = (
+            fem.form(form, jit_options=JIT_OPTIONS) for form in (residual, tangent, action)
         )
         self._vector = la.vector(V.dofmap.index_map, 3)
-        self._num_owned = 3 * V.dofmap.index_map.size_local
+        self.num_owned = 3 * V.dofmap.index_map.size_local
         self._matrix: Any = None
         owned = [bc.dof_indices()[0][: bc.dof_indices()[1]] for bc in self.bcs]
         self.fixed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *owned]))
@@ -77,7 +81,7 @@ class Bulk:
         cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
         smallest = mesh.h(3, cells).min(initial=np.inf)
         self.cell_size = float(mesh.comm.allreduce(smallest, op=MPI.MIN))
-        self.num_residuals = self.num_tangents = 0
+        self.num_residuals = self.num_actions = self.num_tangents = 0
 
     def residual(self) -> Floats:
         """Residual at u on the owned dofs, 0 where u is given [N].
@@ -88,9 +92,32 @@ class Bulk:
         fem.assemble_vector(self._vector.array, self._residual)
         self._vector.scatter_reverse(la.InsertMode.add)
         self.num_residuals += 1
-        R = self._vector.array[: self._num_owned].copy()
+        R = self._vector.array[: self.num_owned].copy()
         R[self.fixed] = 0
         return R
+
+    def action(self, x: Floats) -> Floats:
+        """Tangent at u times a nodal vector, identity where u is given.
+
+        Collective.
+
+        Args:
+            x: Values at the owned nodes, shape ``(n, 3)`` [m].
+
+        Returns:
+            Values at the owned nodes, shape ``(n, 3)`` [N].
+        """
+        direction = self._direction.x
+        direction.array[: self.num_owned] = x.ravel()
+        direction.array[self.fixed] = 0
+        direction.scatter_forward()
+        self._vector.array[:] = 0
+        fem.assemble_vector(self._vector.array, self._action)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        self.num_actions += 1
+        y = self._vector.array[: self.num_owned].copy()
+        y[self.fixed] = x.ravel()[self.fixed]
+        return y.reshape(-1, 3)
 
     def nodal_stiffness(self) -> Floats:
         """Mean diagonal entry of the last tangent at each owned node [N/m].
@@ -104,7 +131,7 @@ class Bulk:
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective."""
         if self._matrix is None:
-            self._matrix = fem_petsc.create_matrix(self._tangent)
+            self._matrix = fem_petsc.create_matrix(self._tangent, "baij")
         self._matrix.zeroEntries()
         fem_petsc.assemble_matrix(self._matrix, self._tangent, bcs=self.bcs)
         self._matrix.assemble()
@@ -112,36 +139,35 @@ class Bulk:
         return self._matrix
 
 
-def contact_residual(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> Floats:
-    """Contact forces on the owned dofs, sum of lambda_N F [N]. Collective."""
-    total = 0.0
+def contact_residual(
+    steps: Sequence[ContactStep], states: Sequence[ContactState], num_owned: int
+) -> Floats:
+    """Sum of lambda_N F on the owned dofs, shape (num_owned,) [N]. Collective."""
+    total = np.zeros(num_owned)
     for step, state in zip(steps, states, strict=True):
-        index_map = step.neighbourhood.index_map
-        forces = state.nodal_forces(state.lambda_N, index_map.size_local + index_map.num_ghosts)
-        total = total + step.neighbourhood.to_owners(forces).ravel()
+        if step.num_active:
+            here = step.neighbourhood
+            total += here.to_owners(state.nodal_forces(here.num_local)).ravel()
     return total
 
 
-class SaddleSolver:
-    """Direct solver of the whole system.
+class SaddleSystem:
+    """The whole system, factorised by MUMPS.
 
     Args:
-        comm: Communicator.
-        fixed: Owned scalar dofs with a Dirichlet condition.
+        bulk: Forms of the bodies.
     """
 
-    def __init__(self, comm: MPI.Comm, fixed: npt.NDArray[np.int32]) -> None:
-        """Keep what does not change."""
-        self._comm = comm
-        self._fixed = fixed
+    def __init__(self, bulk: Bulk) -> None:
+        """Keep the forms."""
+        self._bulk = bulk
 
     def solve(
-        self, K: Any, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
     ) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
 
         Args:
-            K: Bulk tangent.
             R: Residual on the owned dofs [N].
             steps: Contact attempts.
             states: Their pairs.
@@ -150,61 +176,57 @@ class SaddleSolver:
             du on the owned dofs [m], and dlambda_N of the active pairs
             of each state [N].
         """
+        comm = self._bulk.comm
+        K = self._bulk.tangent()
         first, last = K.getOwnershipRange()
         counts = [int(np.count_nonzero(state.active)) for state in states]
-        num_local = np.array(self._comm.allgather((last - first, sum(counts))))
+        num_local = np.array(comm.allgather((last - first, sum(counts))))
         u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
 
         def saddle(dofs: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+            """Number in the saddle system of displacement dofs."""
             rank = np.searchsorted(u_start, dofs, side="right") - 1
-            return (dofs + shift[rank]).astype(np.int32)
-
-        fixed = np.zeros(u_start[-1], dtype=bool)
-        fixed[np.concatenate(self._comm.allgather(first + self._fixed))] = True
+            return np.asarray(dofs + shift[rank], dtype=np.int32)
 
         n = last - first + sum(counts)
-        A = PETSc.Mat().create(self._comm)
+        A = PETSc.Mat().create(comm)
         A.setSizes(((n, None), (n, None)))
         A.setType("aij")
         A.setUp()
-        indptr, columns, values = K.getValuesCSR()
-        rows = np.arange(first, last) + shift[self._comm.rank]
-        A.setValuesIJV(
-            indptr, saddle(columns), values, addv=True, rowmap=rows.astype(np.int32)
-        )
-        multiplier = last + shift[self._comm.rank]
+        copy = K.convert("aij", PETSc.Mat())
+        indptr, columns, values = copy.getValuesCSR()
+        copy.destroy()
+        rows = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
+        A.setValuesIJV(indptr, saddle(columns), values, addv=True, rowmap=rows)
+        multiplier = last + int(shift[comm.rank])
         right = np.empty(n)
         right[: last - first] = -R
         for step, state in zip(steps, states, strict=True):
-            size = state.force.shape[1]
-            nodes = step.neighbourhood.index_map.local_to_global(state.dofs[state.active].ravel())
-            dofs = (3 * nodes[:, None] + np.arange(3)).reshape(-1, size)
-            free = ~fixed[dofs]
-            dofs = saddle(dofs)
-            for j, i in enumerate(np.flatnonzero(state.active)):
-                f = free[j]
-                block = state.lambda_N[i] * state.tangent[i] * np.outer(f, f)
-                A.setValues(dofs[j], dofs[j], block, addv=True)
-                A.setValues(dofs[j], multiplier, state.force[i] * f, addv=True)
-                A.setValues(multiplier, dofs[j], state.gradient[i] * f, addv=True)
+            active = np.flatnonzero(state.active)
+            nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
+            dofs = saddle((3 * nodes[:, None] + np.arange(3)).reshape(len(active), -1))
+            right[multiplier - first - shift[comm.rank] :][: len(active)] = -state.excess[active]
+            for i, pair_dofs in zip(active, dofs, strict=True):
+                tangent = state.lambda_N[i] * state.tangent[i]
+                A.setValues(pair_dofs, pair_dofs, tangent, addv=True)
+                A.setValues(pair_dofs, multiplier, state.free_force[i], addv=True)
+                A.setValues(multiplier, pair_dofs, state.gradient[i], addv=True)
                 A.setValue(multiplier, multiplier, 0.0, addv=True)
-                right[multiplier - first - shift[self._comm.rank]] = -state.excess[i]
                 multiplier += 1
         A.assemble()
 
-        b = A.createVecLeft()
+        x, b = A.createVecs()
         b.array[:] = right
-        ksp = PETSc.KSP().create(self._comm)
+        ksp = PETSc.KSP().create(comm)
         ksp.setOperators(A)
         ksp.setType("preonly")
         ksp.getPC().setType("lu")
         ksp.getPC().setFactorSolverType("mumps")
-        x = A.createVecRight()
         ksp.solve(b, x)
         solution = x.array.copy()
         for item in (ksp, A, b, x):
             item.destroy()
         bounds = last - first + np.concatenate([[0], np.cumsum(counts)])
-        dlambda = [solution[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        dlambda = [solution[i:j] for i, j in zip(bounds[:-1], bounds[1:], strict=True)]
         return solution[: last - first], dlambda

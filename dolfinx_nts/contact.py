@@ -91,8 +91,13 @@ class ContactState:
         gap: Gap at x [m].
         excess: Gap minus its reference [m].
         force: Contact force per multiplier, shape ``(m, 3(1+k))``.
-        gradient: Gradient of the gap at x, shape ``(m, 3(1+k))``.
-        tangent: Derivative of ``force``, shape ``(m, 3(1+k), 3(1+k))``.
+        free_force: The same, 0 where the displacement is given.
+        gradient: Gradient of the gap at x, shape ``(m, 3(1+k))``, 0 where
+            the displacement is given.
+        tangent: Derivative of ``force``, shape ``(m, 3(1+k), 3(1+k))``,
+            rows and columns 0 where the displacement is given.
+        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
+        free_normal: Whether most of the normal is free, shape ``(m,)``.
         active: Whether the pair transmits force, shape ``(m,)``.
         lambda_N: Multiplier, 0 where inactive, shape ``(m,)`` [N].
         changed: Pairs that became active, inactive or changed segment.
@@ -106,17 +111,20 @@ class ContactState:
     gap: Floats
     excess: Floats
     force: Floats
+    free_force: Floats
     gradient: Floats
     tangent: Floats
+    normal: Floats
+    free_normal: Flags
     active: Flags
     lambda_N: Floats
     changed: int
     failed: int
 
-    def nodal_forces(self, lambda_N: Floats, num_nodes: int) -> Floats:
-        """Residual sum of lambda_N force on the index map's nodes [N]."""
+    def nodal_forces(self, num_nodes: int) -> Floats:
+        """Sum of lambda_N free_force on the index map's nodes [N]."""
         forces = np.zeros((num_nodes, 3))
-        values = lambda_N[:, None] * self.force
+        values = self.lambda_N[:, None] * self.free_force
         np.add.at(forces, self.dofs.ravel(), values.reshape(-1, 3))
         return forces
 
@@ -211,19 +219,34 @@ class ContactStep:
         x_trial: The same for the ballistic state x_n + h v_n.
         stiffness: Weight of the gap in the active-set test at each
             owned node of the space, shape ``(n,)`` [N/m].
+        free: 1 where the displacement of an owned node is unknown, 0
+            where it is given, shape ``(n, 3)``; None if all are unknown.
+
+    Attributes:
+        pair: The contact pair.
+        neighbourhood: Segments in reach.
+        active: Active nodes of this rank, shape ``(n,)``.
+        lambda_N: Their multipliers, shape ``(n,)`` [N].
+        num_active: Active pairs on all ranks.
     """
 
     def __init__(
-        self, pair: ContactPair, kernel: Kernel, x_n: Floats, x_trial: Floats, stiffness: Floats
+        self,
+        pair: ContactPair,
+        kernel: Kernel,
+        x_n: Floats,
+        x_trial: Floats,
+        stiffness: Floats,
+        free: Floats | None = None,
     ) -> None:
         """Find the segments in reach and the nodes that may touch."""
         self.pair, self._kernel = pair, kernel
         self._stiffness = stiffness[pair.nodes.nodes]
-        self._comm: MPI.Comm = pair.nodes.V.mesh.comm
+        self.comm: MPI.Comm = pair.nodes.V.mesh.comm
         history = pair.history
 
         step = np.linalg.norm(x_trial - x_n, axis=1).max(initial=0.0)
-        step = self._comm.allreduce(step, op=MPI.MAX)
+        step = self.comm.allreduce(step, op=MPI.MAX)
         # Both surfaces may move, Newton iterates overshoot, and a node up
         # to half a segment deep still belongs to its segment.
         self._reach = 3 * step + 0.5 * pair.segments.size
@@ -244,14 +267,19 @@ class ContactStep:
         eligible = pair.enforcement.eligible(gap_n, at_trial[2], size, history.active)
         self._eligible = np.flatnonzero(eligible & (segment >= 0)).astype(np.int32)
         self._segment, self._gap = at_n[0], at_n[2]
+        self._free = None if free is None else here.with_ghosts(free)
+        self.num_active = 0
         self.active = history.active & eligible
         self.lambda_N = np.where(self.active, history.lambda_N, 0.0)
 
-    def evaluate(self, x: Floats, iteration: int) -> ContactState:
-        """Pair, evaluate the kernel, update the active set.
+    def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactState:
+        """Pair, evaluate the kernel, update multipliers and active set.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, 3)`` [m].
+            R_bulk: Residual without contact at the owned nodes, shape
+                ``(n, 3)`` [N]: the multipliers balance its normal part
+                at the nodes. None: they stay as they are.
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
@@ -286,8 +314,26 @@ class ContactStep:
         )
         self._gap[node] = gap
         excess = gap - enforcement.reference(gap_n)
+        dofs = np.column_stack([self.pair.nodes.nodes[node], here.segments[segment]])
+        free_force = force
+        if self._free is not None:
+            free = self._free[dofs].reshape(force.shape)
+            free_force, gradient = force * free, gradient * free
+            tangent = tangent * free[:, :, None] * free[:, None, :]
+        normal = gradient[:, :3]
+        length = np.linalg.norm(normal, axis=1)
+        normal = normal / np.where(length > 0, length, 1.0)[:, None]
+
+        if R_bulk is not None:
+            balance = np.einsum("ij,ij->i", normal, R_bulk[dofs[:, 0]])
+            response = np.einsum("ij,ij->i", normal, free_force[:, :3])
+            balanced = -balance / np.where(response > 0, response, 1.0)
+            self.lambda_N[node] = np.where(self.active[node], balanced, 0.0)
         flipped = self._update_active(node, excess, here.size[segment], iteration)
         active = self.active[node]
+        if R_bulk is not None:
+            self.lambda_N[node] = np.where(active, balanced, 0.0)
+        self.num_active = self.comm.allreduce(int(np.count_nonzero(active)))
         changed = moved + flipped + len(lost)
         if iteration == 0:
             # Without a previous iteration the set of active pairs is new.
@@ -295,12 +341,15 @@ class ContactStep:
         return ContactState(
             node=node,
             segment=segment,
-            dofs=np.column_stack([self.pair.nodes.nodes[node], here.segments[segment]]),
+            dofs=dofs,
             gap=gap,
             excess=excess,
             force=force,
+            free_force=free_force,
             gradient=gradient,
             tangent=tangent,
+            normal=normal,
+            free_normal=length > 0.5,
             active=active,
             lambda_N=self.lambda_N[node],
             changed=changed,
@@ -328,7 +377,7 @@ class ContactStep:
         old = history.active[node]
         same = history.key[node] == self.neighbourhood.key[segment]
         parts = np.array([work[old & same].sum(), work[~old].sum(), work[old & ~same].sum()])
-        return ContactWork(*(float(part) for part in self._comm.allreduce(parts)))
+        return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
 
     def _pairs(self, x: Floats, node: Ints, segment: Ints) -> tuple[Floats, Floats]:
         """Coordinates (m, 1+k, 3) and orientations of pairs."""
@@ -350,7 +399,7 @@ class ContactStep:
             ids = self.pair.nodes.node_ids[node]
             last = np.iinfo(np.int64).max
             lowest = ids[changes].min(initial=last)
-            changes &= ids == self._comm.allreduce(lowest, op=MPI.MIN)
+            changes &= ids == self.comm.allreduce(lowest, op=MPI.MIN)
         self.active[node] = before ^ changes
         self.lambda_N[node] = np.where(self.active[node], self.lambda_N[node], 0.0)
         return int(np.count_nonzero(changes))

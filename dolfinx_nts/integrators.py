@@ -23,9 +23,10 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts import _kernels, newton
-from dolfinx_nts.assembly import Bulk, SaddleSolver
+from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
 from dolfinx_nts.contact import ContactPair, ContactStep, ContactWork, Kernel
+from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.materials import Hyperelastic
 
 __all__ = ["EnergyMomentum", "Midpoint", "StepReport"]
@@ -115,7 +116,7 @@ class _Stepper:
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
         self._bulk = Bulk(self._residual(), self.u, self._bcs)
-        self._solver = SaddleSolver(V.mesh.comm, self._bulk.fixed)
+        self._solver = LinearSolver(self._bulk)
         self._volume_ratio = VolumeRatio(self.u)
         self._force_scale = 0.0
 

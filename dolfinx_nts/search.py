@@ -54,8 +54,19 @@ class Neighbourhood:
         place = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
         return np.where(self.key[place] == key, place, -1).astype(np.int32)
 
+    @property
+    def num_local(self) -> int:
+        """Owned nodes and ghosts."""
+        return int(self.index_map.size_local + self.index_map.num_ghosts)
+
+    def with_room(self, owned: Floats) -> Floats:
+        """Copy of the owned values with zeros for the ghosts. Local."""
+        if self._serial:
+            return owned.copy()
+        return np.concatenate([owned, np.zeros((self.index_map.num_ghosts, 3))])
+
     def with_ghosts(self, owned: Floats) -> Floats:
-        """Add the ghosts' values. Collective.
+        """Copy of the owned values with those of the ghosts. Collective.
 
         Args:
             owned: Values at owned nodes, shape ``(n, 3)``.
@@ -64,7 +75,7 @@ class Neighbourhood:
             Values at all nodes of the map, shape ``(n + ghosts, 3)``.
         """
         if self._serial:
-            return owned
+            return owned.copy()
         self._vector.array[: owned.size] = owned.ravel()
         self._vector.scatter_forward()
         return self._vector.array.reshape(-1, 3).copy()

@@ -1,16 +1,27 @@
-"""Fixtures shared by all tests."""
+"""Fixtures of all tests, and what keeps several ranks together."""
 
 import gc
-from collections.abc import Iterator
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
+
+# Seconds that a rank on which a test failed waits for the others.
+_PATIENCE = 30.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declare the marks of this suite."""
-    config.addinivalue_line("markers", "serial: runs on one rank only")
+    """Give the fixtures' own messages a communicator."""
+    config.stash[_TALK] = MPI.COMM_WORLD.Dup()
+
+
+_TALK: pytest.StashKey[MPI.Comm] = pytest.StashKey()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -19,9 +30,69 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip("runs on one rank only")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    """Let setup, test and teardown fail on all ranks if they fail on one.
+
+    So all ranks go on to the same test. A rank whose fellows never come,
+    because they wait for it inside the test, ends the run.
+    """
+    report = yield
+    talk = item.config.stash[_TALK]
+    if talk.size == 1:
+        return report
+    request, start = talk.Ibarrier(), time.monotonic()
+    while not request.Test():
+        time.sleep(1e-4)
+        if report.failed and time.monotonic() - start > _PATIENCE:
+            print(f"rank {talk.rank}: {item.nodeid}\n{report.longreprtext}", file=sys.stderr)
+            sys.stderr.flush()
+            MPI.COMM_WORLD.Abort(1)
+    texts = talk.allgather(report.longreprtext if report.failed else "")
+    if any(texts) and not report.failed:
+        report.outcome = "failed"
+        report.longrepr = "\n".join(f"rank {r}: {text}" for r, text in enumerate(texts) if text)
+    return report
+
+
 @pytest.fixture
 def comm() -> Iterator[MPI.Comm]:
     """World communicator; collects garbage on all ranks together."""
     yield MPI.COMM_WORLD
     gc.collect()
     MPI.COMM_WORLD.barrier()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers, the same in every run and on every rank."""
+    return np.random.default_rng(20110401)
+
+
+@pytest.fixture
+def agree(comm: MPI.Comm) -> Callable[[object], bool]:
+    """Whether something is true on all ranks. Collective."""
+
+    def everywhere(flag: object) -> bool:
+        return bool(comm.allreduce(bool(flag), op=MPI.LAND))
+
+    return everywhere
+
+
+@pytest.fixture
+def refused(comm: MPI.Comm) -> Callable[[type[Exception], str], AbstractContextManager[None]]:
+    """Context in which all ranks must raise the same error. Collective."""
+
+    @contextmanager
+    def context(error: type[Exception], match: str) -> Iterator[None]:
+        raised: Exception | None = None
+        try:
+            yield
+        except Exception as caught:
+            raised = caught
+        found = comm.allgather((type(raised).__name__, str(raised)))
+        assert len(set(found)) == 1, f"different on the ranks: {found}"
+        assert isinstance(raised, error), f"expected {error.__name__}, raised {found[0]}"
+        assert re.search(match, str(raised)), f"expected {match!r}, raised {found[0]}"
+
+    return context

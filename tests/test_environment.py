@@ -217,8 +217,8 @@ def test_folder_in_use_stays(host: Host) -> None:
 
 FAILURES = {
     "space": ("df", "echo Avail; echo 1", "needs 4: free some"),
-    "full": ("mmdebstrap", "echo No space left on device; exit 1", "the disk is full"),
-    "network": ("mmdebstrap", "echo Temporary failure resolving; exit 1", "check the network"),
+    "full": ("mmdebstrap", "echo No space left on device >&2; exit 1", "the disk is full"),
+    "network": ("mmdebstrap", "echo Temporary failure resolving >&2; exit 1", "check the network"),
     "unknown": ("mmdebstrap", "exit 1", "the reason is at the end of"),
     "packages": ("dpkg-query", "exit 1", "apt"),
     "bubblewrap": ("bwrap", "exit 1", "neither bubblewrap nor chroot are permitted"),

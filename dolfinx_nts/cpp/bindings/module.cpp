@@ -4,6 +4,7 @@ namespace nts::bindings
 {
 void kinematics(nanobind::module_& m);
 void contact(nanobind::module_& m);
+void elimination(nanobind::module_& m);
 } // namespace nts::bindings
 
 NB_MODULE(_kernels, m)
@@ -11,4 +12,5 @@ NB_MODULE(_kernels, m)
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
   nts::bindings::kinematics(m);
   nts::bindings::contact(m);
+  nts::bindings::elimination(m);
 }

@@ -1,0 +1,76 @@
+#include "array.h"
+#include "nts/elimination.h"
+
+namespace nts::bindings
+{
+namespace
+{
+using Dofs = In<std::int32_t>;
+
+/// @brief Check the shapes of x and dofs, and that every dof is a row of x.
+std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
+{
+  check("dofs", dofs, {any, any});
+  check("x", x, {any, 3});
+  for (const std::int32_t dof : view(dofs))
+    if (dof < 0 || static_cast<std::size_t>(dof) >= x.shape(0))
+      throw nb::value_error("dofs: expected rows of x");
+  return dofs.shape(1) - 1;
+}
+
+void constrain_batch(const Dofs& dofs, const Doubles& normal,
+                     const Doubles& gradient, const Doubles& values,
+                     Out<double> x)
+{
+  const std::size_t k = check_dofs(dofs, x), m = dofs.shape(0);
+  check("normal", normal, {m, 3});
+  check("gradient", gradient, {m, 3 * (1 + k)});
+  if (values.size())
+    check("values", values, {m});
+  dispatch(k,
+           [&]<class S>()
+           {
+             constrain<S>({.dofs = view(dofs),
+                           .normal = view(normal),
+                           .gradient = view(gradient),
+                           .force = {},
+                           .tangent = {}},
+                          view(values), view(x));
+           });
+}
+
+void act_batch(const Dofs& dofs, const Doubles& normal, const Doubles& force,
+               const Doubles& tangent, const Doubles& x, Out<double> y)
+{
+  const std::size_t k = check_dofs(dofs, y), m = dofs.shape(0);
+  const std::size_t n = 3 * (1 + k);
+  check("normal", normal, {m, 3});
+  check("force", force, {m, n});
+  check("tangent", tangent, {m, n, n});
+  check("x", x, {y.shape(0), 3});
+  dispatch(k,
+           [&]<class S>()
+           {
+             act<S>({.dofs = view(dofs),
+                     .normal = view(normal),
+                     .gradient = {},
+                     .force = view(force),
+                     .tangent = view(tangent)},
+                    view(x), view(y));
+           });
+}
+} // namespace
+
+void elimination(nb::module_& m)
+{
+  m.def("constrain", &constrain_batch, nb::arg("dofs"), nb::arg("normal"),
+        nb::arg("gradient"), nb::arg("values"), nb::arg("x").noconvert(),
+        "x <- Z x + E (G^T E)^-1 values: (m, 1+k), (m, 3), (m, 3(1+k)), (m,) "
+        "or (0,), (n, 3)");
+  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("normal"),
+        nb::arg("force"), nb::arg("tangent"), nb::arg("x"),
+        nb::arg("y").noconvert(),
+        "y <- Z~^T (y + tangent x): (m, 1+k), (m, 3), (m, 3(1+k)), "
+        "(m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
+}
+} // namespace nts::bindings

@@ -1,0 +1,204 @@
+r"""Energies, momenta and contact of a stepper's accepted state.
+
+Everything is integrated with the quadrature of the scheme, so that what the
+scheme conserves is conserved here to round-off. With the nodal momenta
+:math:`p_a = \int \rho_0 \, v \, \varphi_a` the kinetic energy is
+:math:`\sum v_a \cdot p_a / 2`, the linear momentum :math:`\sum p_a` and the
+angular momentum :math:`\sum x_a \times p_a`.
+
+The energy identity of a step, with du = u_{n+1} - u_n, is
+
+.. math:: E_{n+1} - E_n = [V_{n+1} - V_n - f_{int} \cdot du]
+   - \sum \lambda_N F \cdot du + R \cdot du:
+
+the defect of the stress (bulk), the work of the contact forces F and of the
+residual R that Newton's method left. The last two are in the `StepReport`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+
+from dolfinx_nts.assembly import JIT_OPTIONS
+from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.integrators import EnergyMomentum, Midpoint
+
+__all__ = ["Balance", "Diagnostics"]
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Numbers of one state, the same on all ranks.
+
+    Attributes:
+        time: Time [s].
+        kinetic_energy: Kinetic energy [J].
+        strain_energy: Strain energy [J].
+        linear_momentum: Linear momentum, shape ``(3,)`` [kg m/s].
+        angular_momentum: The same about the origin [kg m^2/s].
+        contact_force: Resultant of the last step on the nodes of all
+            pairs, shape ``(3,)`` [N].
+        active_nodes: Nodes that transmit force.
+        min_gap: Least gap [m], NaN if no node faces a segment.
+    """
+
+    time: float
+    kinetic_energy: float
+    strain_energy: float
+    linear_momentum: Floats
+    angular_momentum: Floats
+    contact_force: Floats
+    active_nodes: int
+    min_gap: float
+
+    @property
+    def total_energy(self) -> float:
+        """Sum of kinetic and strain energy [J]."""
+        return self.kinetic_energy + self.strain_energy
+
+
+class Diagnostics:
+    """Evaluates the accepted state of a stepper; never changes it.
+
+    Collective, as all its methods.
+
+    Args:
+        stepper: Midpoint or EnergyMomentum.
+    """
+
+    def __init__(self, stepper: Midpoint | EnergyMomentum) -> None:
+        """Compile the forms."""
+        if not isinstance(stepper, Midpoint | EnergyMomentum):
+            raise TypeError(
+                f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}"
+            )
+        self._stepper = stepper
+        u, u_n, v = stepper.u, stepper._u_n, stepper.v
+        V = u.function_space
+        self._comm: MPI.Comm = V.mesh.comm
+        self._num_owned = V.dofmap.index_map.size_local
+        eta = ufl.TestFunction(V)
+        F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
+
+        def strain_energy(material: Any, parameters: Any, rho: Any) -> Any:
+            return material.psi(F.T * F, **parameters)
+
+        def bulk_defect(material: Any, parameters: Any, rho: Any) -> Any:
+            P = (F_n + F) / 2 * stepper._stress(material, parameters, F_n, F)
+            change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
+            return change - ufl.inner(P, F - F_n)
+
+        def momentum(material: Any, parameters: Any, rho: Any) -> Any:
+            return rho * ufl.inner(v, eta)
+
+        self._strain_energy, self._bulk_defect, self._momentum = (
+            fem.form(bulk_form(stepper.bodies, integrand), jit_options=JIT_OPTIONS)
+            for integrand in (strain_energy, bulk_defect, momentum)
+        )
+        self._nodal_mass: dict[Body, Floats] = {}
+
+    def kinetic_energy(self) -> float:
+        """Kinetic energy [J]."""
+        return self._motion()[0]
+
+    def strain_energy(self) -> float:
+        """Strain energy [J]."""
+        return self._integral(self._strain_energy)
+
+    def linear_momentum(self) -> Floats:
+        """Linear momentum, shape ``(3,)`` [kg m/s]."""
+        return self._motion()[1]
+
+    def angular_momentum(self) -> Floats:
+        """Angular momentum about the origin, shape ``(3,)`` [kg m^2/s]."""
+        return self._motion()[2]
+
+    def bulk_defect(self) -> float:
+        """Strain energy gained in the last step less the work done [J].
+
+        The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of
+        the scheme: what the bulk added to the total energy.
+        """
+        return self._integral(self._bulk_defect)
+
+    def contact_force(self) -> Floats:
+        """Resultant of the last step on all nodes, shape ``(3,)`` [N]."""
+        forces = [pair.history.force.sum(axis=0) for pair in self._stepper.pairs]
+        return self._sum(np.sum(forces, axis=0) if forces else np.zeros(3))
+
+    def active_nodes(self) -> int:
+        """Nodes that transmit force, on all ranks."""
+        active = [np.count_nonzero(pair.history.active) for pair in self._stepper.pairs]
+        return int(self._comm.allreduce(sum(active)))
+
+    def min_gap(self) -> float:
+        """Least gap of all pairs [m], NaN if no node faces a segment."""
+        x = self._stepper.x
+        gaps = np.concatenate([np.empty(0), *(pair.gap(x) for pair in self._stepper.pairs)])
+        least = self._comm.allreduce(gaps[~np.isnan(gaps)].min(initial=np.inf), op=MPI.MIN)
+        return float(least) if least < np.inf else np.nan
+
+    def centre_of_mass(self, body: Body) -> Floats:
+        """Current centre of mass of a body, shape ``(3,)`` [m]."""
+        return self._mean(body, self._stepper.x)
+
+    def body_velocity(self, body: Body) -> Floats:
+        """Velocity of the centre of mass of a body, ``(3,)`` [m/s]."""
+        return self._mean(body, self._stepper.v.x.array.reshape(-1, 3))
+
+    def balance(self) -> Balance:
+        """All numbers of the state."""
+        kinetic_energy, linear_momentum, angular_momentum = self._motion()
+        return Balance(
+            time=self._stepper.t,
+            kinetic_energy=kinetic_energy,
+            strain_energy=self.strain_energy(),
+            linear_momentum=linear_momentum,
+            angular_momentum=angular_momentum,
+            contact_force=self.contact_force(),
+            active_nodes=self.active_nodes(),
+            min_gap=self.min_gap(),
+        )
+
+    def _motion(self) -> tuple[float, Floats, Floats]:
+        """Kinetic energy, linear and angular momentum."""
+        n = self._num_owned
+        p = self._nodal(self._momentum)
+        v = self._stepper.v.x.array.reshape(-1, 3)[:n]
+        parts = [[np.sum(v * p) / 2], p.sum(axis=0), np.cross(self._stepper.x[:n], p).sum(axis=0)]
+        sums = self._sum(np.concatenate(parts))
+        return float(sums[0]), sums[1:4], sums[4:]
+
+    def _mean(self, body: Body, values: Floats) -> Floats:
+        """Mass-weighted mean of nodal values ``(l, 3)`` over a body."""
+        if body not in self._stepper.bodies:
+            raise ValueError("expected a body of this stepper, given another")
+        if body not in self._nodal_mass:
+            eta = ufl.TestFunction(body.V)
+            form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
+            self._nodal_mass[body] = self._nodal(fem.form(form, jit_options=JIT_OPTIONS))[:, 0]
+        mass = self._nodal_mass[body]
+        sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
+        return sums[:3] / sums[3]
+
+    def _nodal(self, form: fem.Form) -> Floats:
+        """Assembled linear form on the owned nodes, shape ``(n, 3)``."""
+        vector = fem.assemble_vector(form)
+        vector.scatter_reverse(la.InsertMode.add)
+        values: Floats = vector.array.reshape(-1, 3)[: self._num_owned]
+        return values
+
+    def _integral(self, form: fem.Form) -> float:
+        return float(self._comm.allreduce(fem.assemble_scalar(form)))
+
+    def _sum(self, values: Floats) -> Floats:
+        total: Floats = self._comm.allreduce(values)
+        return total

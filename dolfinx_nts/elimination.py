@@ -1,0 +1,153 @@
+r"""Elimination of the multipliers from the linear systems of Newton's method.
+
+Each active node gives up its normal displacement, which the constraint
+determines, so Krylov methods see a system of the size and condition of the
+bulk and no saddle point. With one column E per active pair, the node's
+normal at the node, the gap gradients G, the forces F, and
+
+.. math:: Z = 1 - E (G^T E)^{-1} G^T, \qquad
+          \tilde Z^T = 1 - F (E^T F)^{-1} E^T,
+
+the increment is :math:`\Delta u = x_p + Z y` with a particular part
+:math:`x_p` that satisfies the constraints, and the multipliers follow from
+the balance of normal forces at the nodes.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.search import Neighbourhood
+
+__all__ = ["Elimination", "coupled"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
+_NONE = np.empty(0)
+
+
+class _Block:
+    """Active pairs of one contact pair."""
+
+    def __init__(self, here: Neighbourhood, state: ContactState) -> None:
+        active = state.active
+        self.here: Neighbourhood = here
+        self.dofs: Ints = state.dofs[active]
+        self.node: Ints = self.dofs[:, 0]
+        self.normal: Floats = state.normal[active]
+        self.gradient: Floats = state.gradient[active]
+        self.force: Floats = state.free_force[active]
+        self.tangent: Floats = state.lambda_N[active, None, None] * state.tangent[active]
+        self.excess: Floats = state.excess[active]
+
+
+class Elimination:
+    """Projections for the active pairs of one Newton iteration.
+
+    Collective, as all its methods. Vectors are nodal, shape ``(n, 3)``,
+    over the owned nodes.
+
+    Args:
+        steps: Contact attempts.
+        states: Their pairs; no active node is a vertex of another.
+    """
+
+    def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactState]) -> None:
+        """Compress the arrays to the active pairs."""
+        blocks = [
+            _Block(step.neighbourhood, state) for step, state in zip(steps, states, strict=True)
+        ]
+        # An exchange is collective: leave out what is empty on all ranks.
+        self._blocks = [b for b, step in zip(blocks, steps, strict=True) if step.num_active]
+
+    @property
+    def empty(self) -> bool:
+        """Whether no pair is active on any rank."""
+        return not self._blocks
+
+    def particular(self, n: int) -> Floats:
+        """Nodal vector x_p with G^T x_p = -(g - g_ref)."""
+        x = np.zeros((n, 3))
+        for b in self._blocks:
+            local = np.zeros((b.here.num_local, 3))
+            _kernels.constrain(b.dofs, b.normal, b.gradient, -b.excess, local)
+            x[b.node] = local[b.node]
+        return x
+
+    def constrain(self, x: Floats) -> list[Floats]:
+        """Replace x by Z x; returns Z x with ghosts for each block."""
+        parts = []
+        for b in self._blocks:
+            z = b.here.with_ghosts(x)
+            _kernels.constrain(b.dofs, b.normal, b.gradient, _NONE, z)
+            parts.append(z)
+        for b, z in zip(self._blocks, parts, strict=True):
+            x[b.node] = z[b.node]
+        return parts
+
+    def act(self, parts: list[Floats], y: Floats) -> Floats:
+        """Z~^T (y + sum lambda dF/dq x), x given as by `constrain`."""
+        for b, x in zip(self._blocks, parts, strict=True):
+            local = b.here.with_room(y)
+            _kernels.act(b.dofs, b.normal, b.force, b.tangent, x, local)
+            y = b.here.to_owners(local)
+        return y
+
+    def with_ghosts(self, x: Floats) -> list[Floats]:
+        """Values with ghosts for each block."""
+        return [b.here.with_ghosts(x) for b in self._blocks]
+
+    def normal_part(self, x: Floats) -> list[Floats]:
+        """E^T x for each block."""
+        return [np.einsum("ij,ij->i", b.normal, x[b.node]) for b in self._blocks]
+
+    def add_normal(self, values: list[Floats], x: Floats) -> None:
+        """Add E values to x."""
+        for b, value in zip(self._blocks, values, strict=True):
+            x[b.node] += value[:, None] * b.normal
+
+    def compliance(self, inverse_diagonal: Callable[[Neighbourhood], Floats]) -> list[Floats]:
+        """Diagonal of G^T D^-1 F for each block.
+
+        Args:
+            inverse_diagonal: Inverses of the 3 x 3 diagonal blocks D on
+                the nodes of an index map, shape ``(l, 3, 3)``.
+        """
+        result = []
+        for b in self._blocks:
+            D_inverse = inverse_diagonal(b.here)[b.dofs]
+            shape = (*b.dofs.shape, 3)
+            G, F = b.gradient.reshape(shape), b.force.reshape(shape)
+            result.append(np.einsum("mki,mkij,mkj->m", G, D_inverse, F))
+        return result
+
+
+def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:
+    """Whether an active node is a vertex of another active pair, or fixed.
+
+    Then the projections above do not exist. Collective.
+    """
+    nodes = 0.0
+    vertices = 0.0
+    blocked = False
+    comm = None
+    for step, state in zip(steps, states, strict=True):
+        if not step.num_active:
+            continue
+        comm = step.comm
+        here, active = step.neighbourhood, state.active
+        marks = np.zeros((here.num_local, 3))
+        np.add.at(marks[:, 0], state.dofs[active, 0], 1)
+        marks[state.dofs[active, 1:].ravel(), 1] = 1
+        marks = here.to_owners(marks)
+        nodes, vertices = nodes + marks[:, 0], vertices + marks[:, 1]
+        blocked = blocked or bool(np.any(~state.free_normal[active]))
+    if comm is None:
+        return False
+    blocked = blocked or bool(np.any((nodes > 1) | ((nodes > 0) & (vertices > 0))))
+    return bool(comm.allreduce(blocked))

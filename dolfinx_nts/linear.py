@@ -1,0 +1,224 @@
+"""Linear systems of Newton's method: Krylov method and its preconditioner.
+
+The operator is the exact tangent, bulk (as an FFCx vector form) and contact,
+projected by `elimination`; nothing is assembled for it. The preconditioner
+is a factorisation of the bulk tangent without contact, which ages slowly
+and is kept over many steps. Where the Krylov method fails the whole system
+is factorised.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.assembly import Bulk, SaddleSystem
+from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.elimination import Elimination, coupled
+from dolfinx_nts.search import Neighbourhood
+
+__all__ = ["LinearSolver"]
+
+Floats = npt.NDArray[np.float64]
+
+_MAX_ITERATIONS = 200
+# One assembly and factorisation cost about as much as this many iterations.
+_REBUILD_COST = 15.0
+
+
+class _Operator:
+    """Context of the shell matrix: projected tangent."""
+
+    def __init__(self, bulk: Bulk) -> None:
+        self.bulk = bulk
+        self.elimination = Elimination((), ())
+        self.weight = 1.0  # sigma, puts E E^T on the scale of the tangent
+
+    def apply(self, x: Floats) -> Floats:
+        """y = Z~^T (K + C) Z x + sigma E E^T x, shape (n, 3)."""
+        z = x.copy()
+        parts = self.elimination.constrain(z)
+        y = self.elimination.act(parts, self.bulk.action(z))
+        normal = self.elimination.normal_part(x)
+        self.elimination.add_normal([self.weight * part for part in normal], y)
+        return y
+
+    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
+        y.array[:] = self.apply(x.array_r.reshape(-1, 3)).ravel()
+
+
+class _Preconditioner:
+    """Context of the shell preconditioner: kept factorisation of the bulk."""
+
+    def __init__(self, operator: _Operator, prefix: str) -> None:
+        self._operator = operator
+        self._pc = PETSc.PC().create(operator.bulk.comm)
+        self._pc.setOptionsPrefix(prefix)
+        self._matrix: Any = None
+        self._work: Any = None
+        self._inverse_diagonal: Floats
+        self._ghosted: dict[int, Floats] = {}
+        self.num_builds = 0
+
+    def build(self) -> None:
+        """Assemble the bulk tangent at u and factorise it. Collective."""
+        first = self._matrix is None
+        self._matrix = self._operator.bulk.tangent()
+        self._pc.setOperators(self._matrix)
+        if first:
+            if self._operator.bulk.comm.size == 1:
+                self._pc.setType("ilu")
+            else:
+                self._pc.setType("asm")
+                self._pc.setASMOverlap(1)
+            self._pc.setFromOptions()
+            self._work = self._matrix.createVecRight()
+        self._pc.setUp()
+        self._inverse_diagonal = self._matrix.invertBlockDiagonal().copy()
+        self._ghosted.clear()
+        self.num_builds += 1
+
+    def inverse_diagonal(self, here: Neighbourhood) -> Floats:
+        """Inverse diagonal blocks on the nodes of a neighbourhood."""
+        if id(here) not in self._ghosted:
+            columns = [here.with_ghosts(self._inverse_diagonal[:, :, j]) for j in range(3)]
+            self._ghosted[id(here)] = np.stack(columns, axis=2)
+        return self._ghosted[id(here)]
+
+    def apply(self, _pc: Any, r: Any, z: Any) -> None:
+        self._pc.apply(r, z)
+        elimination = self._operator.elimination
+        if elimination.empty:
+            return
+        x = z.array.reshape(-1, 3)
+        elimination.constrain(x)
+        normal = elimination.normal_part(r.array_r.reshape(-1, 3))
+        present = elimination.normal_part(x)
+        elimination.add_normal(
+            [a / self._operator.weight - b for a, b in zip(normal, present, strict=True)], x
+        )
+
+
+class LinearSolver:
+    """Solves for the increments of a Newton iteration.
+
+    Args:
+        bulk: Forms of the bodies.
+        options: PETSc options of the Krylov method, without prefix.
+
+    Attributes:
+        num_iterations: Krylov iterations so far.
+        num_direct: Systems that were factorised as a whole.
+    """
+
+    def __init__(self, bulk: Bulk, options: Mapping[str, Any] | None = None) -> None:
+        """Create the PETSc objects, which live as long as the solver."""
+        prefix = f"nts_{id(self)}_"
+        self._bulk = bulk
+        self._operator = _Operator(bulk)
+        n = bulk.num_owned
+        self._matrix = PETSc.Mat().createPython(((n, None), (n, None)), comm=bulk.comm)
+        self._matrix.setPythonContext(self._operator)
+        self._matrix.setUp()
+        database = PETSc.Options()
+        options = {} if options is None else dict(options)
+        for key, value in options.items():
+            database[prefix + key] = value
+        self._preconditioner = _Preconditioner(self._operator, prefix)
+        self._ksp = PETSc.KSP().create(bulk.comm)
+        self._ksp.setOptionsPrefix(prefix)
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setType("gmres")
+        self._ksp.setGMRESRestart(_MAX_ITERATIONS)
+        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        pc = self._ksp.getPC()
+        pc.setType("python")
+        pc.setPythonContext(self._preconditioner)
+        self._ksp.setFromOptions()
+        for key in options:
+            database.delValue(prefix + key)
+        self._x, self._b = self._matrix.createVecs()
+        self._saddle = SaddleSystem(bulk)
+        self._fresh_rate: float | None = None
+        self._excess_iterations = 0.0
+        self.num_iterations = self.num_direct = 0
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._ksp, self._matrix, self._x, self._b):
+            item.destroy()
+
+    def solve(
+        self,
+        R: Floats,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactState],
+        rtol: float,
+    ) -> tuple[Floats, list[Floats] | None]:
+        """Increments of one Newton iteration. Collective.
+
+        Args:
+            R: Residual on the owned dofs, shape ``(3 n,)`` [N].
+            steps: Contact attempts.
+            states: Their pairs.
+            rtol: Reduction of the projected residual.
+
+        Returns:
+            du on the owned dofs [m]; and dlambda_N of the active pairs
+            [N] if the whole system was solved, otherwise None.
+        """
+        if coupled(steps, states):
+            return self._solve_direct(R, steps, states)
+        for fresh in (False, True):
+            if fresh or self._preconditioner.num_builds == 0 or self._is_old():
+                self._preconditioner.build()
+                self._fresh_rate, self._excess_iterations = None, 0.0
+            du = self._solve_krylov(R, Elimination(steps, states), rtol)
+            if du is not None:
+                return du, None
+            if self._fresh_rate is None:
+                break
+        return self._solve_direct(R, steps, states)
+
+    def _is_old(self) -> bool:
+        return self._excess_iterations > _REBUILD_COST
+
+    def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
+        operator = self._operator
+        operator.elimination = elimination
+        r = -R.reshape(-1, 3)
+        particular = np.zeros_like(r)
+        if not elimination.empty:
+            compliance = elimination.compliance(self._preconditioner.inverse_diagonal)
+            sums = operator.bulk.comm.allreduce(
+                np.array([sum(part.sum() for part in compliance), sum(map(len, compliance))])
+            )
+            operator.weight = float(sums[1] / sums[0])
+            particular = elimination.particular(len(r))
+            parts = elimination.with_ghosts(particular)
+            r = -elimination.act(parts, R.reshape(-1, 3) + self._bulk.action(particular))
+        self._b.array[:] = r.ravel()
+        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=1e6, max_it=_MAX_ITERATIONS)
+        self._ksp.solve(self._b, self._x)
+        iterations = self._ksp.getIterationNumber()
+        self.num_iterations += iterations
+        if self._ksp.getConvergedReason() < 0:
+            return None
+        rate = iterations / max(-np.log10(rtol), 0.3)
+        if self._fresh_rate is None:
+            self._fresh_rate = rate
+        self._excess_iterations += max(0.0, rate - self._fresh_rate) * -np.log10(rtol)
+        x = self._x.array.reshape(-1, 3)
+        elimination.constrain(x)
+        du: Floats = (particular + x).ravel()
+        return du
+
+    def _solve_direct(
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
+    ) -> tuple[Floats, list[Floats]]:
+        self.num_direct += 1
+        return self._saddle.solve(R, steps, states)
