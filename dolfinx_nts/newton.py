@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50
-_RESIDUAL_TOLERANCE = 1e-10  # relative to the forces at work
+_RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
 _INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
 _GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
 
@@ -168,8 +168,9 @@ def solve(
 def _forcing(norms: Sequence[float], target: float) -> float:
     """Reduction asked of the linear solver: no more than Newton can use.
 
-    Quadratic convergence sets the first bound, the distance to the target
-    the second.
+    Quadratic convergence bounds it; where that leads close to the target,
+    the target is aimed at, which saves the next iteration.
     """
     rate = norms[-1] / norms[-2] if len(norms) > 1 else 1.0
-    return max(min(1e-2, 0.9 * rate**1.6), min(0.3, 0.3 * target / norms[-1]))
+    quadratic, last = min(1e-3, 0.9 * rate**1.6), 0.1 * target / norms[-1]
+    return min(0.3, last if quadratic < 1e3 * last else quadratic)
