@@ -59,9 +59,7 @@ class Bulk:
         num_tangents: Assembled tangents.
     """
 
-    def __init__(
-        self, residual: ufl.Form, u: fem.Function, bcs: Sequence[fem.DirichletBC]
-    ) -> None:
+    def __init__(self, residual: ufl.Form, u: fem.Function, bcs: Sequence[fem.DirichletBC]) -> None:
         """Compile the forms and allocate."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
@@ -92,7 +90,7 @@ class Bulk:
         fem.assemble_vector(self._vector.array, self._residual)
         self._vector.scatter_reverse(la.InsertMode.add)
         self.num_residuals += 1
-        R = self._vector.array[: self.num_owned].copy()
+        R: Floats = self._vector.array[: self.num_owned].copy()
         R[self.fixed] = 0
         return R
 
@@ -115,7 +113,7 @@ class Bulk:
         fem.assemble_vector(self._vector.array, self._action)
         self._vector.scatter_reverse(la.InsertMode.add)
         self.num_actions += 1
-        y = self._vector.array[: self.num_owned].copy()
+        y: Floats = self._vector.array[: self.num_owned].copy()
         y[self.fixed] = x.ravel()[self.fixed]
         return y.reshape(-1, 3)
 
@@ -227,6 +225,5 @@ class SaddleSystem:
         solution = x.array.copy()
         for item in (ksp, A, b, x):
             item.destroy()
-        bounds = last - first + np.concatenate([[0], np.cumsum(counts)])
-        dlambda = [solution[i:j] for i, j in zip(bounds[:-1], bounds[1:], strict=True)]
-        return solution[: last - first], dlambda
+        du, dlambda = np.split(solution, [last - first])
+        return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []

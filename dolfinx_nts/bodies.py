@@ -58,7 +58,9 @@ class Body:
             raise TypeError(f"expected a material, given {type(material).__name__}")
         self.V, self.material = V, material
         local = cells.find(tag)
-        self.cells: npt.NDArray[np.int32] = local[local < V.mesh.topology.index_map(tdim).size_local]
+        self.cells: npt.NDArray[np.int32] = local[
+            local < V.mesh.topology.index_map(tdim).size_local
+        ]
         # Ghost cells too: a node of this body may be owned here although
         # no owned cell of the body touches it.
         self.nodes: npt.NDArray[np.int32] = np.unique(V.dofmap.list[local])

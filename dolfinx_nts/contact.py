@@ -261,7 +261,7 @@ class ContactStep:
         # The gap at t_n counts on the segment that the trial state meets.
         segment = np.where(at_trial[0] >= 0, at_trial[0], at_n[0])
         gap_n = at_n[2].copy()
-        moved = np.flatnonzero((segment >= 0) & (segment != at_n[0]))
+        moved = np.flatnonzero((segment >= 0) & (segment != at_n[0])).astype(np.int32)
         gap_n[moved] = _kernels.project(*self._pairs(self._x_n, moved, segment[moved]))[1]
         size = here.size[segment] if len(here.size) else np.ones(len(nodes))
         eligible = pair.enforcement.eligible(gap_n, at_trial[2], size, history.active)
@@ -409,7 +409,6 @@ def _pair_nodes(
     here: Neighbourhood, x: Floats, nodes: Ints, current: Ints, reach: float
 ) -> tuple[Ints, Floats, Floats, Floats]:
     """Segment, xi, gap and normal of nodes at positions x."""
-    found: tuple[Ints, Floats, Floats, Floats] = _kernels.pair_nodes(
+    return _kernels.pair_nodes(
         x[nodes], current, reach, x[here.segments], here.orientation, here.key
     )
-    return found

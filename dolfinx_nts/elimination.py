@@ -14,6 +14,7 @@ the balance of normal forces at the nodes.
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -83,11 +84,11 @@ class Elimination:
         """Replace x by Z x; returns Z x with ghosts for each block."""
         parts = []
         for b in self._blocks:
-            z = b.here.with_ghosts(x)
-            _kernels.constrain(b.dofs, b.normal, b.gradient, _NONE, z)
-            parts.append(z)
-        for b, z in zip(self._blocks, parts, strict=True):
-            x[b.node] = z[b.node]
+            part = b.here.with_ghosts(x)
+            _kernels.constrain(b.dofs, b.normal, b.gradient, _NONE, part)
+            parts.append(part)
+        for b, part in zip(self._blocks, parts, strict=True):
+            x[b.node] = part[b.node]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
@@ -132,8 +133,8 @@ def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> boo
 
     Then the projections above do not exist. Collective.
     """
-    nodes = 0.0
-    vertices = 0.0
+    nodes: Any = 0.0
+    vertices: Any = 0.0
     blocked = False
     comm = None
     for step, state in zip(steps, states, strict=True):

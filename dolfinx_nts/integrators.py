@@ -13,7 +13,7 @@ force F, in nothing else.
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -150,7 +150,8 @@ class _Stepper:
     @property
     def x(self) -> Floats:
         """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
-        return self._X + self.u.x.array.reshape(-1, 3)
+        x: Floats = self._X + self.u.x.array.reshape(-1, 3)
+        return x
 
     def set_displacement(self, body: Body, value: Any) -> None:
         """Set the displacement of a body, before or between steps.
@@ -276,7 +277,7 @@ class _Stepper:
         """
         if not math.isfinite(until):
             raise ValueError(f"expected a finite time until, given {until}")
-        start, first, dt = self.t, self.step, self.dt
+        start, dt = self.t, self.dt
         num_steps = math.ceil((until - start) / dt - 1e-6)
         try:
             for i in range(num_steps):

@@ -38,7 +38,7 @@ class _Operator:
         self.weight = 1.0  # sigma, puts E E^T on the scale of the tangent
 
     def apply(self, x: Floats) -> Floats:
-        """y = Z~^T (K + C) Z x + sigma E E^T x, shape (n, 3)."""
+        """Z~^T (K + C) Z x + sigma E E^T x, shape (n, 3)."""
         z = x.copy()
         parts = self.elimination.constrain(z)
         y = self.elimination.act(parts, self.bulk.action(z))
@@ -190,8 +190,8 @@ class LinearSolver:
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
         operator = self._operator
         operator.elimination = elimination
-        r = -R.reshape(-1, 3)
-        particular = np.zeros_like(r)
+        r: Floats = -R.reshape(-1, 3)
+        particular: Floats = np.zeros_like(r)
         if not elimination.empty:
             compliance = elimination.compliance(self._preconditioner.inverse_diagonal)
             sums = operator.bulk.comm.allreduce(

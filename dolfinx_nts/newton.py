@@ -98,7 +98,6 @@ def solve(
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    comm = bulk.u.function_space.mesh.comm
     n, size = X.size, bulk.cell_size
     norms: list[float] = []
     changes = 0
@@ -111,54 +110,42 @@ def solve(
         states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
         R_contact = contact_residual(steps, states, n)
         R = R_bulk + R_contact
-        R[bulk.fixed] = 0
-        excess = max(np.abs(s.excess[s.active]).max(initial=0.0) for s in states) if states else 0.0
-        sums = comm.allreduce(
-            np.array(
-                [
-                    R @ R,
-                    np.sum(R_contact**2),
-                    sum(s.changed for s in states),
-                    sum(s.failed for s in states),
-                    sum(np.count_nonzero(s.active) for s in states),
-                ],
-                dtype=np.float64,
-            )
-        )
-        excess = comm.allreduce(excess, op=MPI.MAX)
-        norm, contact_norm = np.sqrt(sums[:2])
-        changed, failed, num_active = (int(v) for v in sums[2:])
-        norms.append(float(norm))
-        changes += changed
 
-        def finish(reason: str) -> Solution:
+        excess = max((np.abs(s.excess[s.active]).max(initial=0.0) for s in states), default=0.0)
+        excess = bulk.comm.allreduce(excess, op=MPI.MAX)
+        counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
+        sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
+        norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
+        changed, failed = (int(value) for value in sums[2:])
+        norms.append(norm)
+        changes += changed
+        target = _RESIDUAL_TOLERANCE * (force_scale + contact_norm)
+        solved = norm <= target or du_norm <= _INCREMENT_TOLERANCE * size
+        converged = solved and excess <= _GAP_TOLERANCE * size and not changed
+
+        if not np.isfinite(norm):
+            reason = "the residual is not finite"
+        elif failed:
+            reason = f"{failed} pairs do not project or have turned by more than 90 degrees"
+        elif not np.isfinite(du_norm) and iteration:
+            reason = "the linear system is singular"
+        elif iteration == _MAX_ITERATIONS and not converged:
+            reason = f"no convergence in {iteration} iterations"
+        else:
+            reason = ""
+        _logger.debug("iteration %d: |R| = %.3e N", iteration, norm)
+        if converged or reason:
+            num_active = sum(step.num_active for step in steps)
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
             return Solution(states, R, R_bulk, report)
 
-        _logger.debug("iteration %d: |R| %.3e, %d active", iteration, norm, num_active)
-        if not np.isfinite(norm):
-            return finish("the residual is not finite")
-        if failed:
-            return finish(f"{failed} pairs without valid projection or turned by over 90 degrees")
-        small = norm <= _RESIDUAL_TOLERANCE * (force_scale + contact_norm)
-        if (
-            (small or du_norm <= _INCREMENT_TOLERANCE * size)
-            and excess <= _GAP_TOLERANCE * size
-            and not changed
-        ):
-            return finish("")
-        if iteration == _MAX_ITERATIONS:
-            return finish(f"no convergence in {_MAX_ITERATIONS} iterations")
-
-        rtol = _forcing(norms, _RESIDUAL_TOLERANCE * (force_scale + contact_norm))
-        du, dlambda = solver.solve(R, steps, states, rtol)
+        du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.lambda_N[state.node[state.active]] += d
-        du_norm = comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
-        if not np.isfinite(du_norm):
-            return finish("the linear system is singular")
+        du_norm = bulk.comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
+        # A step of more than half a cell is not to be trusted.
         du *= min(1.0, 0.5 * size / du_norm) if du_norm > 0 else 1.0
         bulk.u.x.array[:n] += du
         bulk.u.x.scatter_forward()

@@ -78,7 +78,8 @@ class Neighbourhood:
             return owned.copy()
         self._vector.array[: owned.size] = owned.ravel()
         self._vector.scatter_forward()
-        return self._vector.array.reshape(-1, 3).copy()
+        values: Floats = self._vector.array.reshape(-1, 3).copy()
+        return values
 
     def to_owners(self, values: Floats) -> Floats:
         """Add what other ranks hold for owned nodes. Collective.
@@ -94,7 +95,8 @@ class Neighbourhood:
             return values
         self._vector.array[:] = values.ravel()
         self._vector.scatter_reverse(la.InsertMode.add)
-        return self._vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+        sums: Floats = self._vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+        return sums
 
 
 class Search:
@@ -184,13 +186,10 @@ def _largest_norm(dx: Floats) -> float:
 
 def _box(x: Floats, reach: float) -> Floats:
     """Inflated bounding box (2, 3) of points; empty if there is no point."""
-    return np.array(
-        [x.min(axis=0, initial=np.inf) - reach, x.max(axis=0, initial=-np.inf) + reach]
-    )
+    return np.array([x.min(axis=0, initial=np.inf) - reach, x.max(axis=0, initial=-np.inf) + reach])
 
 
 def _owners(index_map: common.IndexMap, comm: MPI.Comm) -> Ints:
     """Owning rank of each local index."""
     own = np.full(index_map.size_local, comm.rank, dtype=np.int32)
     return np.concatenate([own, index_map.owners])
-

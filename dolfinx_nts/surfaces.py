@@ -182,4 +182,3 @@ def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
     ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)
     ids[V.dofmap.list] = geometry.input_global_indices[geometry.dofmap]
     return ids
-
