@@ -10,7 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -44,10 +45,12 @@ class Host:
     """A machine without DOLFINx: a project, a home and the programs it finds."""
 
     def __init__(self, folder: Path) -> None:
+        """Set it up in a folder, with the stand-ins."""
         self.project = folder / "project"
         self.home = folder / "home"
         self.cache = self.home / ".cache" / "dolfinx_nts"
         self.programs = folder / "bin"
+        self.processes: list[subprocess.Popen[str]] = []
         for new in (self.home, self.programs):
             new.mkdir()
         shutil.copytree(PROJECT / "environment", self.project / "environment")
@@ -64,7 +67,7 @@ class Host:
         """Start a command as the leader of a process group."""
         keep = {k: v for k, v in os.environ.items() if not k.startswith(("DOLFINX_NTS", "XDG"))}
         path = f"{self.programs}:{os.environ['PATH']}"
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [self.project / "environment" / "run", *command],
             cwd=self.project,
             env=keep | {"PATH": path, "HOME": str(self.home)},
@@ -73,6 +76,8 @@ class Host:
             text=True,
             start_new_session=True,
         )
+        self.processes.append(process)
+        return process
 
     def call(self, *command: str) -> tuple[int, str, str]:
         """Exit status, output and last line of the errors."""
@@ -87,8 +92,12 @@ class Host:
 
 
 @pytest.fixture
-def host(tmp_path: Path) -> Host:
-    return Host(tmp_path)
+def host(tmp_path: Path) -> Iterator[Host]:
+    host = Host(tmp_path)
+    yield host
+    for process in host.processes:
+        with process, suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
@@ -169,7 +178,6 @@ def test_signals_reach_the_command(host: Host, number: signal.Signals, group: bo
     (os.killpg if group else os.kill)(process.pid, number)
     assert process.stdout.readline() == "caught\n"
     assert process.wait(timeout=5) == 5
-    process.stdout.close()
 
 
 def test_concurrent_first_calls_build_once(host: Host) -> None:
@@ -210,8 +218,7 @@ def test_folder_in_use_stays(host: Host) -> None:
         packages.write("hello\n")
     os.utime(old, (0, 0))
     assert host.call("true")[0] == 0
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    assert process.poll() is None
     assert old.with_suffix("").exists()
 
 
