@@ -17,7 +17,7 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork, pair_nodes
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.friction import Traction, transport
+from dolfinx_nts.friction import transport
 
 __all__ = ["ContactState", "ContactStep", "Kernel"]
 
@@ -185,7 +185,7 @@ class ContactStep:
         x = self._x = self.neighbourhood.with_ghosts(x)
         node, changed = self._find_pairs(x, iteration)
         rows = self._rows(x, node)
-        slope = np.zeros(len(node))
+        slope: Floats = np.zeros(len(node))
         R = None if R_bulk is None else R_bulk[rows.dofs[:, 0]]
         if isinstance(self.pair.enforcement, Penalty):
             slope = self._push(rows)
@@ -409,30 +409,29 @@ class ContactStep:
         """Multipliers that balance the residual at the nodes."""
         if R is None:
             return
-        node = rows.node
-        column, traction = rows.columns[:, 0, :3], None
-        if self.pair.friction is not None:
-            slip_columns = rows.columns[:, 1:, :3]
-            change = rows.slip.value - self._slip[node]
-            explicit = self._explicit[node]
+        node, active = rows.node, self.active[rows.node]
+        if self.pair.friction is None:
+            column = rows.columns[:, 0, :3]
+        else:
+            tangential = rows.columns[:, 1:, :3]
+            direction, explicit = self._direction[node], self._explicit[node]
             if not self.pair.has_slip_spring:
-                explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], change)
-            R = R + np.einsum("mi,mij->mj", explicit, slip_columns)
-            column = column - np.einsum("mi,mij->mj", self._direction[node], slip_columns)
+                turned = rows.slip.value - self._slip[node]
+                explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
+            stick = self._sticks(node) & rows.eliminable
+            explicit = np.where(stick[:, None], 0.0, explicit)
+            R = R + np.einsum("mi,mij->mj", explicit, tangential)
+            column = rows.columns[:, 0, :3] - np.einsum("mi,mij->mj", direction, tangential)
         response = np.einsum("mi,mi->m", rows.normal, column)
         response = np.where(np.abs(response) > 1e-3, response, np.inf)
         lambda_N = -np.einsum("mi,mi->m", rows.normal, R) / response
         if self.pair.friction is not None:
-            traction = explicit - lambda_N[:, None] * self._direction[node]
-            stick = self._sticks(node) & rows.eliminable
+            traction = explicit - lambda_N[:, None] * direction
             A = rows.columns[stick, :, :3].transpose(0, 2, 1)
-            R_stick = R[stick] - np.einsum(
-                "mi,mij->mj", explicit[stick], rows.columns[stick, 1:, :3]
-            )
-            solution = np.linalg.solve(A, -R_stick[:, :, None])[:, :, 0]
+            solution = np.linalg.solve(A, -R[stick][:, :, None])[:, :, 0]
             lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
-            self.traction[node] = np.where(self.active[node][:, None], traction, 0.0)
-        self.lambda_N[node] = np.where(self.active[node], lambda_N, 0.0)
+            self.traction[node] = np.where(active[:, None], traction, 0.0)
+        self.lambda_N[node] = np.where(active, lambda_N, 0.0)
 
     def _update_active(self, rows: "_Rows", iteration: int) -> int:
         """Active set of this iteration; returns how many nodes changed."""
@@ -522,7 +521,7 @@ class _Slip:
         outer = np.einsum("ma,mi,mib->mab", self._w, t, self._b)
         blocks = outer + outer.transpose(0, 2, 1)
         m, k, _ = blocks.shape
-        hessian = np.einsum("mab,ij->maibj", blocks, np.eye(3))
+        hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
         return hessian.reshape(m, 3 * k, 3 * k)
 
 

@@ -104,7 +104,7 @@ def solve(
     norms: list[float] = []
     changes = 0
     before = du_norm = np.inf
-    du = np.zeros(n)
+    du: Floats = np.zeros(n)
     balanced = True  # multipliers from the normal balance at the nodes
     rubs = any(step.pair.friction is not None for step in steps)
     iteration, halvings = 0, 0

@@ -1,5 +1,5 @@
-#include "array.h"
 #include "nts/elimination.h"
+#include "array.h"
 
 namespace nts::bindings
 {
@@ -18,9 +18,9 @@ std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
   return dofs.shape(1) - 1;
 }
 
-void constrain_batch(const Dofs& dofs, const Dofs& rank,
-                     const Doubles& normal, const Doubles& gradients,
-                     const Doubles& values, Out<double> x)
+void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
+                     const Doubles& gradients, const Doubles& values,
+                     Out<double> x)
 {
   const std::size_t k = check_dofs(dofs, x), m = dofs.shape(0);
   check("rank", rank, {m});
@@ -42,8 +42,8 @@ void constrain_batch(const Dofs& dofs, const Dofs& rank,
 }
 
 void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
-               const Doubles& columns, const Doubles& tangent,
-               const Doubles& x, Out<double> y)
+               const Doubles& columns, const Doubles& tangent, const Doubles& x,
+               Out<double> y)
 {
   const std::size_t k = check_dofs(dofs, y), m = dofs.shape(0);
   const std::size_t n = 3 * (1 + k);
@@ -73,9 +73,9 @@ void elimination(nb::module_& m)
         nb::arg("x").noconvert(),
         "x <- Z x + E (G^T E)^-1 values: (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
         "(m, 3, 3(1+k)), (m, 3) or (0,), (n, 3)");
-  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("rank"),
-        nb::arg("normal"), nb::arg("columns"), nb::arg("tangent"),
-        nb::arg("x"), nb::arg("y").noconvert(),
+  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("rank"), nb::arg("normal"),
+        nb::arg("columns"), nb::arg("tangent"), nb::arg("x"),
+        nb::arg("y").noconvert(),
         "y <- Z~^T (y + C x): (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
         "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
 }

@@ -22,13 +22,13 @@ struct Slip
 {
   static constexpr std::size_t nodes = 1 + S::vertices;
 
-  Vec2 value = {};                          ///< gamma_i(q_{n+1}) [m]
-  std::array<PairVector<S>, 2> force = {};  ///< grad gamma_i(q_m)
-  std::array<PairVector<S>, 2> gradient = {}; ///< grad gamma_i(q_{n+1})
-  std::array<double, nodes> w = {};         ///< weights of x_s - x_bar
+  Vec2 value = {};                                 ///< gamma_i(q_{n+1}) [m]
+  std::array<PairVector<S>, 2> force = {};         ///< grad gamma_i(q_m)
+  std::array<PairVector<S>, 2> gradient = {};      ///< grad gamma_i(q_{n+1})
+  std::array<double, nodes> w = {};                ///< weights of x_s - x_bar
   std::array<std::array<double, nodes>, 2> b = {}; ///< weights of e_i
-  Matrix<2, 3> frame_n = {}; ///< e_i at t_n
-  Matrix<2, 3> frame = {};   ///< orthonormal frame at the projection of q_{n+1}
+  Matrix<2, 3> frame_n = {};                       ///< e_i at t_n
+  Matrix<2, 3> frame = {}; ///< orthonormal frame at the projection of q_{n+1}
 };
 
 /// @brief Orthonormal frame of a projection: e_1 along a_1, e_2 in the
@@ -38,8 +38,7 @@ Matrix<2, 3> tangent_frame(const Projection<S>& p, Matrix<2, 2>& c) noexcept
 {
   const double length = std::sqrt(p.metric[0][0]);
   const double area = std::sqrt(det(p.metric));
-  c = {{{1 / length, 0},
-        {-p.metric[0][1] / (length * area), length / area}}};
+  c = {{{1 / length, 0}, {-p.metric[0][1] / (length * area), length / area}}};
   Matrix<2, 3> e;
   for (std::size_t i = 0; i < 2; ++i)
     e[i] = c[i][0] * p.tangents[0] + c[i][1] * p.tangents[1];
@@ -89,8 +88,7 @@ Slip<S> slip(const Pair<S>& pair_n, const Pair<S>& pair,
       for (std::size_t d = 0; d < 3; ++d)
       {
         s.force[i][3 * A + d] = s.w[A] * e_m[d] + s.b[i][A] * r_m[d];
-        s.gradient[i][3 * A + d]
-            = s.w[A] * e[i][1][d] + s.b[i][A] * r[1][d];
+        s.gradient[i][3 * A + d] = s.w[A] * e[i][1][d] + s.b[i][A] * r[1][d];
       }
   }
   return s;
