@@ -414,7 +414,8 @@ class ContactStep:
             column = rows.columns[:, 0, :3]
         else:
             tangential = rows.columns[:, 1:, :3]
-            direction, explicit = self._direction[node], self._explicit[node]
+            direction: Floats = self._direction[node]
+            explicit: Floats = self._explicit[node]
             if not self.pair.has_slip_spring:
                 turned = rows.slip.value - self._slip[node]
                 explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
@@ -426,7 +427,7 @@ class ContactStep:
         response = np.where(np.abs(response) > 1e-3, response, np.inf)
         lambda_N = -np.einsum("mi,mi->m", rows.normal, R) / response
         if self.pair.friction is not None:
-            traction = explicit - lambda_N[:, None] * direction
+            traction: Floats = explicit - lambda_N[:, None] * direction
             A = rows.columns[stick, :, :3].transpose(0, 2, 1)
             solution = np.linalg.solve(A, -R[stick][:, :, None])[:, :, 0]
             lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]

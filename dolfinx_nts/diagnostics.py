@@ -77,7 +77,9 @@ class Diagnostics:
     def __init__(self, stepper: Midpoint | EnergyMomentum) -> None:
         """Compile the forms."""
         if not isinstance(stepper, Midpoint | EnergyMomentum):
-            raise TypeError(f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}")
+            raise TypeError(
+                f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}"
+            )
         self._stepper = stepper
         u, u_n, v = stepper.u, stepper._u_n, stepper.v
         V = u.function_space

@@ -160,10 +160,7 @@ class Recorder:
         drift = zip(
             ("energy", "linear momentum", "angular momentum"),
             self._drift,
-            (
-                first.total_energy,
-                *map(np.linalg.norm, (first.linear_momentum, first.angular_momentum)),
-            ),
+            (first.total_energy, *map(np.linalg.norm, (first.linear_momentum, first.angular_momentum))),
             ("J", "kg m/s", "kg m^2/s"),
             strict=True,
         )
