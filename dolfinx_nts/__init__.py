@@ -2,7 +2,8 @@
 
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.enforcement import LagrangeMultiplier
+from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
 from dolfinx_nts.materials import Hyperelastic, SaintVenantKirchhoff
 from dolfinx_nts.meshing import MeshData, read_mesh
@@ -15,11 +16,13 @@ __all__ = [
     "Body",
     "ContactPair",
     "ConvergenceError",
+    "Coulomb",
     "EnergyMomentum",
     "Hyperelastic",
     "LagrangeMultiplier",
     "MeshData",
     "Midpoint",
+    "Penalty",
     "SaintVenantKirchhoff",
     "StepReport",
     "Surface",

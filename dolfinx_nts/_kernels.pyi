@@ -9,9 +9,7 @@ _Keys = npt.NDArray[np.int64]
 _Status = npt.NDArray[np.int8]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
 
-def project(
-    x_pair: _Floats, orientation: _Floats
-) -> tuple[_Floats, _Floats, _Floats, _Status]: ...
+def project(x_pair: _Floats, orientation: _Floats) -> tuple[_Floats, _Floats, _Floats, _Status]: ...
 def gap_gradient(x_pair: _Floats, orientation: _Floats) -> _Floats: ...
 def gap_hessian(x_pair: _Floats, orientation: _Floats) -> _Floats: ...
 def invariants(x_pair: _Floats, normal: _Floats, xi: _Floats, slack: _Floats) -> _Floats: ...
@@ -28,9 +26,23 @@ def pair_nodes(
     orientation: _Floats,
     key: _Keys,
 ) -> tuple[_Ints, _Floats, _Floats, _Floats]: ...
+def slip(
+    x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
 def constrain(
-    dofs: _Ints, normal: _Floats, gradient: _Floats, values: _Floats, x: _Floats
+    dofs: _Ints,
+    rank: _Ints,
+    normal: _Floats,
+    gradients: _Floats,
+    values: _Floats,
+    x: _Floats,
 ) -> None: ...
 def act(
-    dofs: _Ints, normal: _Floats, force: _Floats, tangent: _Floats, x: _Floats, y: _Floats
+    dofs: _Ints,
+    rank: _Ints,
+    normal: _Floats,
+    columns: _Floats,
+    tangent: _Floats,
+    x: _Floats,
+    y: _Floats,
 ) -> None: ...

@@ -22,7 +22,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 
-from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.contact_step import ContactState, ContactStep
 
 __all__ = ["JIT_OPTIONS", "Bulk", "SaddleSystem", "contact_residual"]
 
@@ -171,13 +171,13 @@ class SaddleSystem:
             states: Their pairs.
 
         Returns:
-            du on the owned dofs [m], and dlambda_N of the active pairs
-            of each state [N].
+            du on the owned dofs [m], and the increments of the multipliers
+            of each state, constraint by constraint [N].
         """
         comm = self._bulk.comm
         K = self._bulk.tangent()
         first, last = K.getOwnershipRange()
-        counts = [int(np.count_nonzero(state.active)) for state in states]
+        counts = [int(state.rank.sum()) for state in states]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
         u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
@@ -204,14 +204,14 @@ class SaddleSystem:
             active = np.flatnonzero(state.active)
             nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
             dofs = saddle((3 * nodes[:, None] + np.arange(3)).reshape(len(active), -1))
-            right[multiplier - first - shift[comm.rank] :][: len(active)] = -state.excess[active]
             for i, pair_dofs in zip(active, dofs, strict=True):
-                tangent = state.lambda_N[i] * state.tangent[i]
-                A.setValues(pair_dofs, pair_dofs, tangent, addv=True)
-                A.setValues(pair_dofs, multiplier, state.free_force[i], addv=True)
-                A.setValues(multiplier, pair_dofs, state.gradient[i], addv=True)
-                A.setValue(multiplier, multiplier, 0.0, addv=True)
-                multiplier += 1
+                A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
+                for a in range(state.rank[i]):
+                    A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
+                    A.setValues(multiplier, pair_dofs, state.gradients[i, a], addv=True)
+                    A.setValue(multiplier, multiplier, 0.0, addv=True)
+                    right[multiplier - first - shift[comm.rank]] = -state.excess[i, a]
+                    multiplier += 1
         A.assemble()
 
         x, b = A.createVecs()

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.contact_step import ContactState, ContactStep
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["Elimination", "coupled"]
@@ -39,12 +39,21 @@ class _Block:
         active = state.active
         self.here: Neighbourhood = here
         self.dofs: Ints = state.dofs[active]
-        self.node: Ints = self.dofs[:, 0]
+        self.rank: Ints = state.rank[active]
         self.normal: Floats = state.normal[active]
-        self.gradient: Floats = state.gradient[active]
-        self.force: Floats = state.free_force[active]
-        self.tangent: Floats = state.lambda_N[active, None, None] * state.tangent[active]
+        self.gradients: Floats = state.gradients[active]
+        self.columns: Floats = state.columns[active]
+        self.tangent: Floats = state.tangent[active]
         self.excess: Floats = state.excess[active]
+        # Projector on the directions that the node gives up.
+        constrained = self.rank > 0
+        self.node: Ints = self.dofs[constrained, 0]
+        normal = self.normal[constrained]
+        self.given_up: Floats = np.where(
+            (self.rank[constrained] == 3)[:, None, None],
+            np.eye(3),
+            normal[:, :, None] * normal[:, None, :],
+        )
 
 
 class Elimination:
@@ -76,7 +85,7 @@ class Elimination:
         x = np.zeros((n, 3))
         for b in self._blocks:
             local = np.zeros((b.here.num_local, 3))
-            _kernels.constrain(b.dofs, b.normal, b.gradient, -b.excess, local)
+            _kernels.constrain(b.dofs, b.rank, b.normal, b.gradients, -b.excess, local)
             x[b.node] = local[b.node]
         return x
 
@@ -85,7 +94,7 @@ class Elimination:
         parts = []
         for b in self._blocks:
             part = b.here.with_ghosts(x)
-            _kernels.constrain(b.dofs, b.normal, b.gradient, _NONE, part)
+            _kernels.constrain(b.dofs, b.rank, b.normal, b.gradients, _NONE, part)
             parts.append(part)
         for b, part in zip(self._blocks, parts, strict=True):
             x[b.node] = part[b.node]
@@ -95,7 +104,7 @@ class Elimination:
         """Z~^T (y + sum lambda dF/dq x), x given as by `constrain`."""
         for b, x in zip(self._blocks, parts, strict=True):
             local = b.here.with_room(y)
-            _kernels.act(b.dofs, b.normal, b.force, b.tangent, x, local)
+            _kernels.act(b.dofs, b.rank, b.normal, b.columns, b.tangent, x, local)
             y = b.here.to_owners(local)
         return y
 
@@ -103,17 +112,15 @@ class Elimination:
         """Values with ghosts for each block."""
         return [b.here.with_ghosts(x) for b in self._blocks]
 
-    def normal_part(self, x: Floats) -> list[Floats]:
-        """E^T x for each block."""
-        return [np.einsum("ij,ij->i", b.normal, x[b.node]) for b in self._blocks]
-
-    def add_normal(self, values: list[Floats], x: Floats) -> None:
-        """Add E values to x."""
-        for b, value in zip(self._blocks, values, strict=True):
-            x[b.node] += value[:, None] * b.normal
+    def given_up(self, x: Floats) -> Floats:
+        """Part of x in the directions that the nodes give up."""
+        part = np.zeros_like(x)
+        for b in self._blocks:
+            part[b.node] += np.einsum("mij,mj->mi", b.given_up, x[b.node])
+        return part
 
     def compliance(self, inverse_diagonal: Callable[[Neighbourhood], Floats]) -> list[Floats]:
-        """Diagonal of G^T D^-1 F for each block.
+        """Diagonal of G^T D^-1 F, normal constraints, for each block.
 
         Args:
             inverse_diagonal: Inverses of the 3 x 3 diagonal blocks D on
@@ -121,34 +128,39 @@ class Elimination:
         """
         result = []
         for b in self._blocks:
-            D_inverse = inverse_diagonal(b.here)[b.dofs]
-            shape = (*b.dofs.shape, 3)
-            G, F = b.gradient.reshape(shape), b.force.reshape(shape)
+            constrained = b.rank > 0
+            dofs = b.dofs[constrained]
+            D_inverse = inverse_diagonal(b.here)[dofs]
+            shape = (*dofs.shape, 3)
+            G = b.gradients[constrained, 0].reshape(shape)
+            F = b.columns[constrained, 0].reshape(shape)
             result.append(np.einsum("mki,mkij,mkj->m", G, D_inverse, F))
         return result
 
 
 def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:
-    """Whether an active node is a vertex of another active pair, or fixed.
+    """Whether a constrained node takes part in another active pair, or is fixed.
 
     Then the projections above do not exist. Collective.
     """
-    nodes: Any = 0.0
-    vertices: Any = 0.0
+    taken: Any = 0
+    others: Any = 0
     blocked = False
     comm = None
     for step, state in zip(steps, states, strict=True):
         if not step.num_active:
             continue
         comm = step.comm
-        here, active = step.neighbourhood, state.active
-        marks = np.zeros((here.num_local, 3))
-        np.add.at(marks[:, 0], state.dofs[active, 0], 1)
-        marks[state.dofs[active, 1:].ravel(), 1] = 1
+        here = step.neighbourhood
+        constrained = state.rank > 0
+        marks: Floats = np.zeros((here.num_local, 3))
+        np.add.at(marks[:, 0], state.dofs[constrained, 0], 1)
+        marks[state.dofs[state.active & ~constrained, 0], 1] = 1
+        marks[state.dofs[state.active, 1:].ravel(), 1] = 1
         marks = here.to_owners(marks)
-        nodes, vertices = nodes + marks[:, 0], vertices + marks[:, 1]
-        blocked = blocked or bool(np.any(~state.free_normal[active]))
+        taken, others = taken + marks[:, 0], others + marks[:, 1]
+        blocked = blocked or bool(np.any(~state.eliminable[constrained]))
     if comm is None:
         return False
-    blocked = blocked or bool(np.any((nodes > 1) | ((nodes > 0) & (vertices > 0))))
+    blocked = blocked or bool(np.any((taken > 1) | ((taken > 0) & (others > 0))))
     return bool(comm.allreduce(blocked))

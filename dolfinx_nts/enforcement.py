@@ -1,4 +1,4 @@
-"""Enforcement of contact: which nodes may touch, what their gap must be.
+"""Enforcement of normal contact: which nodes may touch, gap and force.
 
 Pure functions of arrays over nodes. The gap is positive when open, the
 multiplier lambda_N is not positive in contact (Wriggers' convention; Laursen
@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LagrangeMultiplier"]
+__all__ = ["LagrangeMultiplier", "Penalty"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -85,3 +85,57 @@ class LagrangeMultiplier:
         """
         flags: Flags = lambda_N + stiffness * excess < 0
         return flags
+
+
+class Penalty:
+    r"""Contact by nodal springs, with energy-consistent force.
+
+    The spring's energy is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its
+    force in a step the difference quotient
+    :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`, so that the
+    energy-momentum scheme conserves the energy of bodies and springs.
+
+    Args:
+        eps_N: Stiffness of the spring at a node [N/m]; None: ten times
+            the stiffness of the node itself, mass included.
+
+    Raises:
+        ValueError: ``eps_N`` is not positive.
+    """
+
+    def __init__(self, eps_N: float | None = None) -> None:
+        """Check the stiffness."""
+        if eps_N is not None and not (np.isfinite(eps_N) and eps_N > 0):
+            raise ValueError(f"expected a penalty eps_N > 0, given {eps_N}")
+        self.eps_N = eps_N
+
+    def energy(self, gap: Floats, eps_N: Floats) -> Floats:
+        """Energy of the springs [J].
+
+        Args:
+            gap: Gap from which the spring counts [m].
+            eps_N: Stiffness [N/m].
+        """
+        energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
+        return energy
+
+    def force(self, gap_n: Floats, gap: Floats, eps_N: Floats) -> tuple[Floats, Floats]:
+        """Multiplier of a step and its derivative by the gap at its end.
+
+        Args:
+            gap_n: Gap at t_n [m].
+            gap: Gap at t_{n+1} [m].
+            eps_N: Stiffness [N/m].
+
+        Returns:
+            lambda_N [N, <= 0] and d lambda_N / d gap [N/m].
+        """
+        below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
+        both = (gap_n < 0) & (gap < 0)
+        # With both ends in the spring the quotient is its mean force; it
+        # is formed only where one end is outside, so never 0/0.
+        rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
+        quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
+        slope = (eps_N * below - quotient) / rise
+        mean = 0.5 * eps_N * (below + below_n)
+        return np.where(both, mean, quotient), np.where(both, 0.5 * eps_N, slope)

@@ -25,7 +25,8 @@ from dolfinx import fem
 from dolfinx_nts import _kernels, newton
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
-from dolfinx_nts.contact import ContactPair, ContactStep, ContactWork, Kernel
+from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.contact_step import ContactStep, Kernel
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.materials import Hyperelastic
 
@@ -117,6 +118,10 @@ class _Stepper:
         self._num_owned = V.dofmap.index_map.size_local
         self._bulk = Bulk(self._residual(), self.u, self._bcs)
         self._solver = LinearSolver(self._bulk)
+        self._free: Floats | None = None
+        if self._bcs:
+            self._free = np.ones((self._num_owned, 3))
+            self._free.ravel()[self._bulk.fixed] = 0
         self._volume_ratio = VolumeRatio(self.u)
         self._force_scale = 0.0
 
@@ -208,7 +213,7 @@ class _Stepper:
             for bc in self._bcs:
                 bc.set(u)
             steps = [
-                ContactStep(pair, type(self)._kernel, x_n, x_trial, stiffness)
+                ContactStep(pair, type(self)._kernel, x_n, x_trial, stiffness, self._free)
                 for pair in self.pairs
             ]
             solution = newton.solve(
@@ -239,10 +244,11 @@ class _Stepper:
         comm = self.u.function_space.mesh.comm
         self._force_scale = float(np.sqrt(comm.allreduce(solution.R_bulk @ solution.R_bulk)))
         n = 3 * self._num_owned
-        work = ContactWork.zero()
+        work = ContactWork()
         for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
-            work = work + step.work(state)
-            pair.history = step.accepted(state)
+            history = step.accepted(state)
+            work = work + step.work(state, history)
+            pair.history = history
         v[:] = 2 / dt * (u - u_n) - v
         self.t += dt
         self.step += 1

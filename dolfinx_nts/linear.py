@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk, SaddleSystem
-from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.contact_step import ContactState, ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
 from dolfinx_nts.search import Neighbourhood
 
@@ -42,9 +42,7 @@ class _Operator:
         z = x.copy()
         parts = self.elimination.constrain(z)
         y = self.elimination.act(parts, self.bulk.action(z))
-        normal = self.elimination.normal_part(x)
-        self.elimination.add_normal([self.weight * part for part in normal], y)
-        return y
+        return y + self.weight * self.elimination.given_up(x)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         y.array[:] = self.apply(x.array_r.reshape(-1, 3)).ravel()
@@ -95,11 +93,7 @@ class _Preconditioner:
             return
         x = z.array.reshape(-1, 3)
         elimination.constrain(x)
-        normal = elimination.normal_part(r.array_r.reshape(-1, 3))
-        present = elimination.normal_part(x)
-        elimination.add_normal(
-            [a / self._operator.weight - b for a, b in zip(normal, present, strict=True)], x
-        )
+        x += elimination.given_up(r.array_r.reshape(-1, 3) / self._operator.weight - x)
 
 
 class LinearSolver:
@@ -197,7 +191,8 @@ class LinearSolver:
             sums = operator.bulk.comm.allreduce(
                 np.array([sum(part.sum() for part in compliance), sum(map(len, compliance))])
             )
-            operator.weight = float(sums[1] / sums[0])
+            if sums[1]:
+                operator.weight = float(sums[1] / sums[0])
             particular = elimination.particular(len(r))
             parts = elimination.with_ghosts(particular)
             r = -elimination.act(parts, R.reshape(-1, 3) + self._bulk.action(particular))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk, contact_residual
-from dolfinx_nts.contact import ContactState, ContactStep
+from dolfinx_nts.contact_step import ContactState, ContactStep
 from dolfinx_nts.linear import LinearSolver
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
@@ -20,6 +20,8 @@ Floats = npt.NDArray[np.float64]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50
+_BACKTRACKING = 5  # first iteration whose step may be halved, with friction
+_MAX_HALVINGS = 5
 _RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
 _INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
 _GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
@@ -101,9 +103,12 @@ def solve(
     n, size = X.size, bulk.cell_size
     norms: list[float] = []
     changes = 0
-    du_norm = np.inf
+    before = du_norm = np.inf
+    du: Floats = np.zeros(n)
     balanced = True  # multipliers from the normal balance at the nodes
-    for iteration in range(_MAX_ITERATIONS + 1):
+    rubs = any(step.pair.friction is not None for step in steps)
+    iteration, halvings = 0, 0
+    while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         R_bulk = bulk.residual()
         R_nodes = R_bulk.reshape(-1, 3) if balanced else None
@@ -111,7 +116,7 @@ def solve(
         R_contact = contact_residual(steps, states, n)
         R = R_bulk + R_contact
 
-        excess = max((np.abs(s.excess[s.active]).max(initial=0.0) for s in states), default=0.0)
+        excess = max((s.constraint_error for s in states), default=0.0)
         excess = bulk.comm.allreduce(excess, op=MPI.MAX)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
         sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
@@ -139,17 +144,25 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
             return Solution(states, R, R_bulk, report)
 
+        if rubs and iteration >= _BACKTRACKING and halvings < _MAX_HALVINGS:
+            # Stick and slip can alternate for ever at full steps.
+            if norm > 0.9 * before:
+                halvings += 1
+                bulk.u.x.array[:n] -= 0.5**halvings * du
+                bulk.u.x.scatter_forward()
+                continue
+        before, halvings = norm, 0
         du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
-                step.lambda_N[state.node[state.active]] += d
+                step.add_multipliers(state, d)
         du_norm = bulk.comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
         # A step of more than half a cell is not to be trusted.
         du *= min(1.0, 0.5 * size / du_norm) if du_norm > 0 else 1.0
         bulk.u.x.array[:n] += du
         bulk.u.x.scatter_forward()
-    raise AssertionError("unreachable")
+        iteration += 1
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

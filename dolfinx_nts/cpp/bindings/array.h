@@ -40,7 +40,8 @@ Out<T> create(std::initializer_list<std::size_t> shape)
   for (const std::size_t extent : shape)
     size *= extent;
   T* data = new T[size];
-  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+  nb::capsule owner(data,
+                    [](void* p) noexcept { delete[] static_cast<T*>(p); });
   return Out<T>(data, shape, owner);
 }
 

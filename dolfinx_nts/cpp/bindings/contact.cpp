@@ -22,7 +22,7 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   auto tangent = create<double>({m, n, n});
   auto turn = create<double>({m});
   auto status = create<std::int8_t>({m});
-  const ContactArrays out{view(gap_n),   view(gap),  view(force),
+  const ContactArrays out{view(gap_n),    view(gap),     view(force),
                           view(gradient), view(tangent), view(turn),
                           view(status)};
   dispatch(k,
@@ -35,10 +35,34 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   return std::tuple(gap_n, gap, force, gradient, tangent, turn, status);
 }
 
+auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
+                const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
+  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
+  check("orientation", orientation, {m});
+  auto value = create<double>({m, 2});
+  auto force = create<double>({m, 2, n});
+  auto gradient = create<double>({m, 2, n});
+  auto w = create<double>({m, 1 + k});
+  auto b = create<double>({m, 2, 1 + k});
+  auto frame_n = create<double>({m, 2, 3});
+  auto frame = create<double>({m, 2, 3});
+  const SlipArrays out{view(value), view(force),   view(gradient), view(w),
+                       view(b),     view(frame_n), view(frame)};
+  dispatch(k,
+           [&]<class S>()
+           {
+             const nb::gil_scoped_release release;
+             slips<S>(view(x_pair_n), view(x_pair), view(orientation), out);
+           });
+  return std::tuple(value, force, gradient, w, b, frame_n, frame);
+}
+
 auto pair_nodes_batch(const Doubles& x_node, const In<std::int32_t>& current,
                       double reach, const Doubles& x_segment,
-                      const Doubles& orientation,
-                      const In<std::int64_t>& key)
+                      const Doubles& orientation, const In<std::int64_t>& key)
 {
   check("x_node", x_node, {any, 3});
   check("x_segment", x_segment, {any, any, 3});
@@ -57,10 +81,9 @@ auto pair_nodes_batch(const Doubles& x_node, const In<std::int32_t>& current,
            [&]<class S>()
            {
              const nb::gil_scoped_release release;
-             pair_nodes<S>(
-                 view(x_node), view(current), reach,
-                 {view(x_segment), view(orientation), view(key), {}},
-                 view(segment), view(xi), view(gap), view(normal));
+             pair_nodes<S>(view(x_node), view(current), reach,
+                           {view(x_segment), view(orientation), view(key), {}},
+                           view(segment), view(xi), view(gap), view(normal));
            });
   return std::tuple(segment, xi, gap, normal);
 }
@@ -76,9 +99,14 @@ void contact(nb::module_& m)
         nb::arg("x_pair"), nb::arg("orientation"), doc);
   m.def("contact_conserving", &contact_batch<true>, nb::arg("x_pair_n"),
         nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"),
-        nb::arg("current"), nb::arg("reach"), nb::arg("x_segment"),
-        nb::arg("orientation"), nb::arg("key"),
+  m.def("slip", &slip_batch, nb::arg("x_pair_n"), nb::arg("x_pair"),
+        nb::arg("orientation"),
+        "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
+        "(m, 2, 3(1+k)), w (m, 1+k), b (m, 2, 1+k), frame_n and frame "
+        "(m, 2, 3)");
+  m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"), nb::arg("current"),
+        nb::arg("reach"), nb::arg("x_segment"), nb::arg("orientation"),
+        nb::arg("key"),
         "(n, 3), (n,), -, (s, k, 3), (s,), (s,) -> segment (n,) or -1, xi "
         "(n, 2), gap (n,), normal (n, 3)");
 }

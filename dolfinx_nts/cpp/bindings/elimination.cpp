@@ -1,5 +1,5 @@
-#include "array.h"
 #include "nts/elimination.h"
+#include "array.h"
 
 namespace nts::bindings
 {
@@ -18,43 +18,48 @@ std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
   return dofs.shape(1) - 1;
 }
 
-void constrain_batch(const Dofs& dofs, const Doubles& normal,
-                     const Doubles& gradient, const Doubles& values,
+void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
+                     const Doubles& gradients, const Doubles& values,
                      Out<double> x)
 {
   const std::size_t k = check_dofs(dofs, x), m = dofs.shape(0);
+  check("rank", rank, {m});
   check("normal", normal, {m, 3});
-  check("gradient", gradient, {m, 3 * (1 + k)});
+  check("gradients", gradients, {m, 3, 3 * (1 + k)});
   if (values.size())
-    check("values", values, {m});
+    check("values", values, {m, 3});
   dispatch(k,
            [&]<class S>()
            {
              constrain<S>({.dofs = view(dofs),
+                           .rank = view(rank),
                            .normal = view(normal),
-                           .gradient = view(gradient),
-                           .force = {},
+                           .gradients = view(gradients),
+                           .columns = {},
                            .tangent = {}},
                           view(values), view(x));
            });
 }
 
-void act_batch(const Dofs& dofs, const Doubles& normal, const Doubles& force,
-               const Doubles& tangent, const Doubles& x, Out<double> y)
+void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
+               const Doubles& columns, const Doubles& tangent, const Doubles& x,
+               Out<double> y)
 {
   const std::size_t k = check_dofs(dofs, y), m = dofs.shape(0);
   const std::size_t n = 3 * (1 + k);
+  check("rank", rank, {m});
   check("normal", normal, {m, 3});
-  check("force", force, {m, n});
+  check("columns", columns, {m, 3, n});
   check("tangent", tangent, {m, n, n});
   check("x", x, {y.shape(0), 3});
   dispatch(k,
            [&]<class S>()
            {
              act<S>({.dofs = view(dofs),
+                     .rank = view(rank),
                      .normal = view(normal),
-                     .gradient = {},
-                     .force = view(force),
+                     .gradients = {},
+                     .columns = view(columns),
                      .tangent = view(tangent)},
                     view(x), view(y));
            });
@@ -63,14 +68,15 @@ void act_batch(const Dofs& dofs, const Doubles& normal, const Doubles& force,
 
 void elimination(nb::module_& m)
 {
-  m.def("constrain", &constrain_batch, nb::arg("dofs"), nb::arg("normal"),
-        nb::arg("gradient"), nb::arg("values"), nb::arg("x").noconvert(),
-        "x <- Z x + E (G^T E)^-1 values: (m, 1+k), (m, 3), (m, 3(1+k)), (m,) "
-        "or (0,), (n, 3)");
-  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("normal"),
-        nb::arg("force"), nb::arg("tangent"), nb::arg("x"),
+  m.def("constrain", &constrain_batch, nb::arg("dofs"), nb::arg("rank"),
+        nb::arg("normal"), nb::arg("gradients"), nb::arg("values"),
+        nb::arg("x").noconvert(),
+        "x <- Z x + E (G^T E)^-1 values: (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
+        "(m, 3, 3(1+k)), (m, 3) or (0,), (n, 3)");
+  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("rank"), nb::arg("normal"),
+        nb::arg("columns"), nb::arg("tangent"), nb::arg("x"),
         nb::arg("y").noconvert(),
-        "y <- Z~^T (y + tangent x): (m, 1+k), (m, 3), (m, 3(1+k)), "
-        "(m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
+        "y <- Z~^T (y + C x): (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
+        "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
 }
 } // namespace nts::bindings

@@ -12,8 +12,7 @@ template <class S>
 Projection<S> project_pair(const Doubles& x_pair, const Doubles& orientation,
                            std::size_t i) noexcept
 {
-  Projection<S> p
-      = project(load<S>(view(x_pair), i), orientation.data()[i]);
+  Projection<S> p = project(load<S>(view(x_pair), i), orientation.data()[i]);
   if (!p.converged)
   {
     p.xi = {NAN, NAN};
@@ -56,8 +55,7 @@ auto project_batch(const Doubles& x_pair, const Doubles& orientation)
            {
              for (std::size_t i = 0; i < m; ++i)
              {
-               const Projection<S> p
-                   = project_pair<S>(x_pair, orientation, i);
+               const Projection<S> p = project_pair<S>(x_pair, orientation, i);
                store(p.xi, view(xi), i);
                gap.data()[i] = p.gap;
                store(p.normal, view(normal), i);
@@ -95,8 +93,7 @@ auto gap_hessian_batch(const Doubles& x_pair, const Doubles& orientation)
            {
              for (std::size_t i = 0; i < m; ++i)
              {
-               const Projection<S> p
-                   = project_pair<S>(x_pair, orientation, i);
+               const Projection<S> p = project_pair<S>(x_pair, orientation, i);
                Sensitivity<S> s;
                if (p.converged && sensitivity(p, s))
                  store(gap_hessian<S>(s), view(hessian), i);
@@ -122,9 +119,8 @@ auto invariants_batch(const Doubles& x_pair, const Doubles& normal,
         {
           const double* n = normal.data() + 3 * i;
           const double* c = xi.data() + 2 * i;
-          store(invariants(augment(load<S>(view(x_pair), i),
-                                   {n[0], n[1], n[2]}, {c[0], c[1]},
-                                   slack.data()[i])),
+          store(invariants(augment(load<S>(view(x_pair), i), {n[0], n[1], n[2]},
+                                   {c[0], c[1]}, slack.data()[i])),
                 view(pi), i);
         }
         return pi;
@@ -139,8 +135,8 @@ auto constraints_batch(const Doubles& invariants)
            [&]<class S>()
            {
              for (std::size_t i = 0; i < invariants.shape(0); ++i)
-               store(constraints<S>(load_invariants<S>(invariants, i)),
-                     view(g), i);
+               store(constraints<S>(load_invariants<S>(invariants, i)), view(g),
+                     i);
            });
   return g;
 }
@@ -149,14 +145,13 @@ auto constraints_gradient_batch(const Doubles& invariants)
 {
   const std::size_t k = vertices_of("invariants", invariants);
   auto D = create<double>({invariants.shape(0), 6, invariants.shape(1)});
-  dispatch(
-      k,
-      [&]<class S>()
-      {
-        for (std::size_t i = 0; i < invariants.shape(0); ++i)
-          store(constraints_gradient<S>(load_invariants<S>(invariants, i)),
-                view(D), i);
-      });
+  dispatch(k,
+           [&]<class S>()
+           {
+             for (std::size_t i = 0; i < invariants.shape(0); ++i)
+               store(constraints_gradient<S>(load_invariants<S>(invariants, i)),
+                     view(D), i);
+           });
   return D;
 }
 

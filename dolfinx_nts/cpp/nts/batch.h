@@ -2,6 +2,7 @@
 
 #include "discrete_gradient.h"
 #include "pairing.h"
+#include "slip.h"
 
 #include <optional>
 
@@ -76,6 +77,37 @@ void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
     store(c.force, out.force, i);
     store(c.gradient, out.gradient, i);
     store(c.tangent, out.tangent, i);
+  }
+}
+
+/// @brief Where the slip batch writes, sizes as in `Slip` times m.
+struct SlipArrays
+{
+  std::span<double> value, force, gradient, w, b, frame_n, frame;
+};
+
+/// @brief Slip of m pairs in one step; NaN where a projection fails.
+template <class S>
+void slips(std::span<const double> x_pair_n, std::span<const double> x_pair,
+           std::span<const double> orientation, const SlipArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    const Projection<S> p_n = project(pair_n, orientation[i]);
+    const Projection<S> p = project(pair, orientation[i]);
+    Slip<S> s;
+    if (p_n.converged && p.converged)
+      s = slip(pair_n, pair, p_n, p);
+    else
+      s.value = {NAN, NAN};
+    store(s.value, out.value, i);
+    store(s.force, out.force, i);
+    store(s.gradient, out.gradient, i);
+    store(s.w, out.w, i);
+    store(s.b, out.b, i);
+    store(s.frame_n, out.frame_n, i);
+    store(s.frame, out.frame, i);
   }
 }
 

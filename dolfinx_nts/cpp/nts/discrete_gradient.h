@@ -13,13 +13,13 @@ namespace nts
 template <class S>
 struct Contact
 {
-  double gap_n;            ///< gap of q_n to this segment [m]
-  double gap;              ///< gap of q_{n+1} to this segment [m]
-  PairVector<S> force;     ///< contact force per multiplier
-  PairVector<S> gradient;  ///< gradient of `gap` at q_{n+1}
-  PairMatrix<S> tangent;   ///< d force / d q_{n+1}
-  double turn;             ///< n_n . n_{n+1}
-  bool valid;              ///< false: nothing else is to be used
+  double gap_n;           ///< gap of q_n to this segment [m]
+  double gap;             ///< gap of q_{n+1} to this segment [m]
+  PairVector<S> force;    ///< contact force per multiplier
+  PairVector<S> gradient; ///< gradient of `gap` at q_{n+1}
+  PairMatrix<S> tangent;  ///< d force / d q_{n+1}
+  double turn;            ///< n_n . n_{n+1}
+  bool valid;             ///< false: nothing else is to be used
 };
 
 template <class S>
@@ -42,8 +42,8 @@ void contact_midpoint(const Pair<S>& pair_n, const Pair<S>& pair,
   const Projection<S> p = project(pair, orientation);
   const Projection<S> p_m = project(midpoint(pair_n, pair), orientation);
   Sensitivity<S> s;
-  contact.valid = p_n.converged && p.converged && p_m.converged
-                  && sensitivity(p_m, s);
+  contact.valid
+      = p_n.converged && p.converged && p_m.converged && sensitivity(p_m, s);
   if (!contact.valid)
     return;
   contact.gap_n = p_n.gap;
@@ -89,15 +89,15 @@ average_gradient(const typename Invariants<S>::Values& pi_n,
                  const typename Invariants<S>::Values& pi) noexcept
 {
   ConstraintGradient<S> W = {};
-  for_each_gauss_point<S>(
-      pi_n, pi,
-      [&W](double weight, double, const auto& pi_g)
-      {
-        const ConstraintGradient<S> D = constraints_gradient<S>(pi_g);
-        for (std::size_t l = 0; l < 6; ++l)
-          for (std::size_t i = 0; i < pi_g.size(); ++i)
-            W[l][i] += weight * D[l][i];
-      });
+  for_each_gauss_point<S>(pi_n, pi,
+                          [&W](double weight, double, const auto& pi_g)
+                          {
+                            const ConstraintGradient<S> D
+                                = constraints_gradient<S>(pi_g);
+                            for (std::size_t l = 0; l < 6; ++l)
+                              for (std::size_t i = 0; i < pi_g.size(); ++i)
+                                W[l][i] += weight * D[l][i];
+                          });
   return W;
 }
 
@@ -207,15 +207,14 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     y[4][j] = s.xi[1][j];
   }
   std::array<typename I::Values, 2> Q = {};
-  for_each_gauss_point<S>(
-      pi_n, pi,
-      [&](double weight, double position, const auto& pi_g)
-      {
-        const auto H = constraints_hessian<S>(pi_g, lambda);
-        for (std::size_t a = 0; a < 2; ++a)
-          for (std::size_t i = 0; i < I::count; ++i)
-            Q[a][i] += weight * position * H[a][i];
-      });
+  for_each_gauss_point<S>(pi_n, pi,
+                          [&](double weight, double position, const auto& pi_g)
+                          {
+                            const auto H = constraints_hessian<S>(pi_g, lambda);
+                            for (std::size_t a = 0; a < 2; ++a)
+                              for (std::size_t i = 0; i < I::count; ++i)
+                                Q[a][i] += weight * position * H[a][i];
+                          });
 
   // One column: T dz = 1/2 sum Theta_k H_k dz + Dpi(z_m)^T Q Dpi(z_{n+1}) dz.
   std::array<std::array<Vec3, k + 1>, dofs> columns;
@@ -225,8 +224,8 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     Augmented<S> dz = {}; // direction: coordinate j of q, with d, xi, eta
     const std::size_t node = j / 3, i = j % 3;
     for (std::size_t a = 0; a < k; ++a)
-      dz.E[a][i] = (node == 1 ? -1. : 0.)
-                   + (node == (a == 0 ? 0 : a + 1) ? 1. : 0.);
+      dz.E[a][i]
+          = (node == 1 ? -1. : 0.) + (node == (a == 0 ? 0 : a + 1) ? 1. : 0.);
     dz.E[k] = {y[0][j], y[1][j], y[2][j]};
     dz.f = {y[3][j], y[4][j], 0};
 

@@ -5,12 +5,14 @@
 #include <cstdint>
 #include <span>
 
-/// @brief Elimination of the multipliers: every active node gives up its
-/// normal displacement, which the constraint determines.
+/// @brief Elimination of the multipliers: a constrained node gives up the
+/// displacements that its constraints determine.
 ///
-/// Column E_i of an active pair holds the node's normal at the node alone,
-/// G_i the gradient of its gap, F_i its force. Where no active node is
-/// a vertex of another active pair, G^T E and E^T F are diagonal and
+/// A pair has 0 (no multiplier), 1 (normal) or 3 (normal and stick)
+/// constraints, with gradients G_a and forces F_a per multiplier. E holds the
+/// directions given up at the node: its normal, or all three. Where no
+/// constrained node takes part in another pair, G^T E and E^T F are block
+/// diagonal and
 ///
 ///     Z = 1 - E (G^T E)^-1 G^T,   Z~^T = 1 - F (E^T F)^-1 E^T
 ///
@@ -18,15 +20,16 @@
 /// free of multipliers.
 namespace nts
 {
-/// @brief Active pairs of one contact pair, in blocks of 3(1+k).
+/// @brief Active pairs of one contact pair, n = 3(1+k).
 template <class S>
 struct Elimination
 {
   std::span<const std::int32_t> dofs; ///< (m, 1 + k) nodes, contact node first
-  std::span<const double> normal;     ///< (m, 3) E
-  std::span<const double> gradient;   ///< (m, 3(1+k)) G
-  std::span<const double> force;      ///< (m, 3(1+k)) F
-  std::span<const double> tangent;    ///< (m, 3(1+k), 3(1+k)) lambda dF/dq
+  std::span<const std::int32_t> rank; ///< (m,) number of constraints
+  std::span<const double> normal;     ///< (m, 3) unit normal at the node
+  std::span<const double> gradients;  ///< (m, 3, n) G_a
+  std::span<const double> columns;    ///< (m, 3, n) F_a
+  std::span<const double> tangent;    ///< (m, n, n) contact tangent C
 };
 
 template <class S>
@@ -39,17 +42,6 @@ PairVector<S> gather(std::span<const double> x,
   return values;
 }
 
-template <class S>
-void scatter_add(const PairVector<S>& values,
-                 std::span<const std::int32_t> dofs,
-                 std::span<double> y) noexcept
-{
-  for (std::size_t K = 0; K < dofs.size(); ++K)
-    for (std::size_t c = 0; c < 3; ++c)
-      y[3 * dofs[K] + c] += values[3 * K + c];
-}
-
-/// @brief Component of a row of blocks along E, and along a pair's row.
 template <std::size_t N>
 double inner(const double* a, const double* b) noexcept
 {
@@ -61,48 +53,89 @@ double inner(const double* a, const double* b) noexcept
 
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Active pairs.
-/// @param[in] values Gap increments to be reached, or empty for none.
+/// @param[in] values Wanted G^T x, (m, 3), or empty for none.
 /// @param[in,out] x Nodal vectors, (n, 3).
 template <class S>
 void constrain(const Elimination<S>& e, std::span<const double> values,
                std::span<double> x) noexcept
 {
   constexpr std::size_t k = 1 + S::vertices, n = pair_size<S>;
-  for (std::size_t i = 0; i < e.dofs.size() / k; ++i)
+  for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
     const std::span<const std::int32_t> dofs = e.dofs.subspan(k * i, k);
     const PairVector<S> q = gather<S>(x, dofs);
-    const double* G = e.gradient.data() + n * i;
-    const double* E = e.normal.data() + 3 * i;
-    const double wanted = values.empty() ? 0 : values[i];
-    const double s = (wanted - inner<n>(G, q.data())) / inner<3>(G, E);
+    const double* G = e.gradients.data() + 3 * n * i;
+    Vec3 missing = {};
+    for (std::int32_t a = 0; a < e.rank[i]; ++a)
+      missing[a] = (values.empty() ? 0 : values[3 * i + a])
+                   - inner<n>(G + n * a, q.data());
+    Vec3 dx = {};
+    if (e.rank[i] == 1)
+    {
+      const double* E = e.normal.data() + 3 * i;
+      for (std::size_t c = 0; c < 3; ++c)
+        dx[c] = missing[0] / inner<3>(G, E) * E[c];
+    }
+    else if (e.rank[i] == 3)
+    {
+      Matrix<3, 3> A;
+      Matrix<3, 1> b;
+      for (std::size_t a = 0; a < 3; ++a)
+      {
+        std::copy_n(G + n * a, 3, A[a].begin());
+        b[a][0] = missing[a];
+      }
+      solve(A, b);
+      dx = {b[0][0], b[1][0], b[2][0]};
+    }
     for (std::size_t c = 0; c < 3; ++c)
-      x[3 * dofs[0] + c] += s * E[c];
+      x[3 * dofs[0] + c] += dx[c];
   }
 }
 
-/// @brief y <- Z~^T (y + sum lambda dF/dq x).
+/// @brief y <- Z~^T (y + C x).
 template <class S>
 void act(const Elimination<S>& e, std::span<const double> x,
          std::span<double> y) noexcept
 {
   constexpr std::size_t k = 1 + S::vertices, n = pair_size<S>;
-  for (std::size_t i = 0; i < e.dofs.size() / k; ++i)
+  for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
     const std::span<const std::int32_t> dofs = e.dofs.subspan(k * i, k);
     const PairVector<S> q = gather<S>(x, dofs);
     const double* C = e.tangent.data() + n * n * i;
-    const double* F = e.force.data() + n * i;
-    const double* E = e.normal.data() + 3 * i;
+    const double* F = e.columns.data() + 3 * n * i;
     PairVector<S> f;
     for (std::size_t a = 0; a < n; ++a)
       f[a] = inner<n>(C + n * a, q.data());
-    const double s
-        = (inner<3>(E, y.data() + 3 * dofs[0]) + inner<3>(E, f.data()))
-          / inner<3>(E, F);
-    for (std::size_t a = 0; a < n; ++a)
-      f[a] -= s * F[a];
-    scatter_add<S>(f, dofs, y);
+    // What remains at the node is balanced by the multipliers.
+    Vec3 rest, lambda = {};
+    for (std::size_t c = 0; c < 3; ++c)
+      rest[c] = y[3 * dofs[0] + c] + f[c];
+    if (e.rank[i] == 1)
+    {
+      const double* E = e.normal.data() + 3 * i;
+      lambda[0] = inner<3>(E, rest.data()) / inner<3>(E, F);
+    }
+    else if (e.rank[i] == 3)
+    {
+      Matrix<3, 3> A;
+      Matrix<3, 1> b;
+      for (std::size_t c = 0; c < 3; ++c)
+      {
+        for (std::size_t a = 0; a < 3; ++a)
+          A[c][a] = F[n * a + c];
+        b[c][0] = rest[c];
+      }
+      solve(A, b);
+      lambda = {b[0][0], b[1][0], b[2][0]};
+    }
+    for (std::int32_t a = 0; a < e.rank[i]; ++a)
+      for (std::size_t c = 0; c < n; ++c)
+        f[c] -= lambda[a] * F[n * a + c];
+    for (std::size_t K = 0; K < k; ++K)
+      for (std::size_t c = 0; c < 3; ++c)
+        y[3 * dofs[K] + c] += f[3 * K + c];
   }
 }
 } // namespace nts

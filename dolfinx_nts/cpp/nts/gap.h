@@ -78,8 +78,8 @@ bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
     }
   for (std::size_t i = 0; i < pair_size<S>; ++i)
   {
-    const Vec2 right = {s.T[0][i] - p.gap * s.N[0][i],
-                        s.T[1][i] - p.gap * s.N[1][i]};
+    const Vec2 right
+        = {s.T[0][i] - p.gap * s.N[0][i], s.T[1][i] - p.gap * s.N[1][i]};
     for (std::size_t b = 0; b < 2; ++b)
       s.xi[b][i] = A_inverse[b][0] * right[0] + A_inverse[b][1] * right[1];
     for (std::size_t a = 0; a < 2; ++a)

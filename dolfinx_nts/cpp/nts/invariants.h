@@ -195,8 +195,7 @@ constraints_hessian(const typename Invariants<S>::Values& pi,
   for (std::size_t i = 1; i < S::vertices; ++i)
     for (std::size_t a = 0; a < 2; ++a)
     {
-      H[a][I::normal(i)]
-          = -weights[0] * dphi[a][i] + weights[2 - a] * d2phi[i];
+      H[a][I::normal(i)] = -weights[0] * dphi[a][i] + weights[2 - a] * d2phi[i];
       H[a][I::node(i)] = weights[5 - a] * d2phi[i];
       H[a][I::f(1 - a)] -= weights[0] * d2phi[i] * pi[I::normal(i)];
       for (std::size_t j = 1; j < S::vertices; ++j)
@@ -207,12 +206,9 @@ constraints_hessian(const typename Invariants<S>::Values& pi,
         {
           H[a][ij] -= weights[4 + c] * dphi[c][i] * dphi[a][j];
           // d/dxi^b of d2phi_i phi_j (row 1 - c only) and dphi_i d2phi_j.
-          H[a][I::f(1 - a)]
-              -= weights[4 + c] * dphi[c][i] * d2phi[j] * pi[ij];
-          H[a][I::f(c)]
-              -= weights[5 - a] * d2phi[i] * dphi[c][j] * pi[ij];
-          H[a][I::f(1 - c)]
-              -= weights[4 + c] * d2phi[i] * dphi[a][j] * pi[ij];
+          H[a][I::f(1 - a)] -= weights[4 + c] * dphi[c][i] * d2phi[j] * pi[ij];
+          H[a][I::f(c)] -= weights[5 - a] * d2phi[i] * dphi[c][j] * pi[ij];
+          H[a][I::f(1 - c)] -= weights[4 + c] * d2phi[i] * dphi[a][j] * pi[ij];
         }
       }
     }

@@ -33,10 +33,10 @@ struct Found
 template <class S>
 struct SegmentSurface
 {
-  std::span<const double> x;               ///< vertices, (n, k, 3) [m]
-  std::span<const double> orientation;     ///< (n,) +1 or -1
-  std::span<const std::int64_t> key;       ///< (n,) breaks ties
-  std::vector<double> size;                ///< (n,) diameters [m]
+  std::span<const double> x;           ///< vertices, (n, k, 3) [m]
+  std::span<const double> orientation; ///< (n,) +1 or -1
+  std::span<const std::int64_t> key;   ///< (n,) breaks ties
+  std::vector<double> size;            ///< (n,) diameters [m]
 
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
   {
@@ -77,8 +77,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
   constexpr double tie = 1e-9; // relative to the segment
   const auto project_on = [&](std::int32_t i) noexcept
   { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
-  const auto over = [&](const Projection<S>& p, std::int32_t i,
-                        double allowed) noexcept
+  const auto over
+      = [&](const Projection<S>& p, std::int32_t i, double allowed) noexcept
   {
     return p.converged && S::outside(p.xi) <= allowed
            && p.gap >= -PairingRule::depth * surface.size[i];
@@ -102,8 +102,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
         const Projection<S> p = project_on(i);
         if (!p.converged)
           return nearest + margin;
-        const double distance = norm(
-            node - combine(S::phi(S::clamp(p.xi)), surface.segment(i)));
+        const double distance
+            = norm(node - combine(S::phi(S::clamp(p.xi)), surface.segment(i)));
         const bool nearer = distance <= nearest - (best < 0 ? 0 : margin);
         const bool wins_tie = best >= 0 && distance <= nearest + margin
                               && surface.key[i] < surface.key[best];

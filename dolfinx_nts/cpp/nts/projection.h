@@ -65,8 +65,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   {
     const Vec3 r = pair.node - combine(S::phi(p.xi), pair.segment);
     const Matrix<2, S::vertices> dphi = S::dphi(p.xi);
-    p.tangents = {combine(dphi[0], pair.segment),
-                  combine(dphi[1], pair.segment)};
+    p.tangents
+        = {combine(dphi[0], pair.segment), combine(dphi[1], pair.segment)};
     for (std::size_t a = 0; a < 2; ++a)
       for (std::size_t b = 0; b < 2; ++b)
         p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);

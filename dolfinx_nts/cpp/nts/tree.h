@@ -32,8 +32,7 @@ struct Box
     double sum = 0;
     for (std::size_t i = 0; i < 3; ++i)
     {
-      const double d
-          = std::max({lower[i] - point[i], 0., point[i] - upper[i]});
+      const double d = std::max({lower[i] - point[i], 0., point[i] - upper[i]});
       sum += d * d;
     }
     return sum;
@@ -97,8 +96,7 @@ private:
                        [this, axis](std::int32_t a, std::int32_t b) noexcept
                        {
                          return _boxes[a].lower[axis] + _boxes[a].upper[axis]
-                                < _boxes[b].lower[axis]
-                                      + _boxes[b].upper[axis];
+                                < _boxes[b].lower[axis] + _boxes[b].upper[axis];
                        });
       const std::int32_t left = build(begin, middle);
       const std::int32_t right = build(middle, end);

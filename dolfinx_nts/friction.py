@@ -1,0 +1,143 @@
+r"""Coulomb friction: the traction of a node that slips on its segment.
+
+Pure functions of arrays over pairs. The slip g_T of a step has two
+components in an orthonormal frame of the segment (`cpp/nts/slip.h`); the
+traction t is a nodal force that opposes it, with
+
+.. math:: |t| \le \mu p, \qquad p = -\lambda_N.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Coulomb", "Traction"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+# Bound on the stiffness against a change of the direction of slip, relative
+# to the stiffness of the node: more than this is as good as rigid.
+_STIFFEST_DIRECTION = 100.0
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Linear model of the traction, t = explicit + p direction + stiffness dg.
+
+    Attributes:
+        sliding: Whether the node slides, shape ``(m,)``.
+        explicit: Part that does not scale with p, shape ``(m, 2)`` [N].
+        direction: Factor of p, shape ``(m, 2)`` [-].
+        stiffness: Derivative by the slip at fixed p, ``(m, 2, 2)`` [N/m].
+    """
+
+    sliding: Flags
+    explicit: Floats
+    direction: Floats
+    stiffness: Floats
+
+
+class Coulomb:
+    """Coulomb's law of friction.
+
+    Args:
+        mu: Coefficient of friction [-].
+        eps_T: Stiffness of the tangential spring at a node [N/m], whose
+            elastic slip is stored and given back. None: no spring; a
+            sticking node does not move at all (multipliers), unless the
+            normal contact is by penalty, which needs a spring: then the
+            stiffness of the node itself.
+
+    Raises:
+        ValueError: ``mu`` is negative, or ``eps_T`` not positive.
+    """
+
+    def __init__(self, mu: float, eps_T: float | None = None) -> None:
+        """Check the numbers."""
+        if not (np.isfinite(mu) and mu >= 0):
+            raise ValueError(f"expected a coefficient of friction mu >= 0, given {mu}")
+        if eps_T is not None and not (np.isfinite(eps_T) and eps_T > 0):
+            raise ValueError(f"expected a tangential stiffness eps_T > 0, given {eps_T}")
+        self.mu, self.eps_T = float(mu), eps_T
+
+    def spring(self, t_n: Floats, slip: Floats, p: Floats, eps_T: Floats) -> Traction:
+        """Return mapping with a tangential spring.
+
+        Args:
+            t_n: Traction at t_n, shape ``(m, 2)`` [N].
+            slip: Slip of the step, shape ``(m, 2)`` [m].
+            p: Pressing force, shape ``(m,)`` [N].
+            eps_T: Stiffness, shape ``(m,)`` [N/m].
+        """
+        trial = t_n + eps_T[:, None] * slip
+        size, s, across = _polar(trial)
+        limit = self.mu * np.maximum(p, 0.0)
+        sliding = size > limit
+        part = np.where(sliding, limit / np.where(size > 0, size, 1.0), 1.0)
+        stiffness = np.where(sliding[:, None, None], across, np.eye(2))
+        return Traction(
+            sliding=sliding,
+            explicit=np.where(sliding[:, None], 0.0, trial),
+            direction=np.where(sliding[:, None], self.mu * s, 0.0),
+            stiffness=(part * eps_T)[:, None, None] * stiffness,
+        )
+
+    def exact(self, t: Floats, slip: Floats, p: Floats, c: Floats) -> Traction:
+        """Stick and slip without a spring, one semismooth Newton iteration.
+
+        The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
+        solutions g = 0 with |t| <= mu p (stick) and t = mu p g/|g|
+        (slip); the weight c changes the path, not the solution. For a
+        sliding node it is linearised and solved for t, so that a slip
+        whose direction is not yet that of the traction turns it.
+
+        Args:
+            t: Traction of the last iteration, shape ``(m, 2)`` [N].
+            slip: Slip of the step, shape ``(m, 2)`` [m].
+            p: Pressing force, shape ``(m,)`` [N].
+            c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+        """
+        size, s, across = _polar(t + c[:, None] * slip)
+        limit = self.mu * np.maximum(p, 0.0)
+        sliding = size > limit
+        ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
+        with np.errstate(divide="ignore"):
+            turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
+        turn = np.where(sliding, turn, 0.0)
+        return Traction(
+            sliding=sliding,
+            explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
+            direction=np.where(sliding[:, None], self.mu * s, 0.0),
+            stiffness=(turn * c)[:, None, None] * across,
+        )
+
+
+def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floats) -> Floats:
+    """Components of tractions after the smallest rotation between normals.
+
+    Args:
+        traction: Cartesian vectors in the old tangent planes, ``(m, 3)``.
+        normal_from: Old unit normals, shape ``(m, 3)``.
+        frame: New orthonormal frames, shape ``(m, 2, 3)``.
+        normal: New unit normals, shape ``(m, 3)``.
+
+    Returns:
+        Components in the new frames, shape ``(m, 2)``; the length is kept.
+    """
+    along = np.einsum("mi,mi->m", traction, normal)
+    cosine = np.einsum("mi,mi->m", normal_from, normal)
+    factor = along / np.maximum(1.0 + cosine, 1e-12)
+    rotated = traction - factor[:, None] * (normal_from + normal)
+    components: Floats = np.einsum("mij,mj->mi", frame, rotated)
+    return components
+
+
+def _polar(t: Floats) -> tuple[Floats, Floats, Floats]:
+    """Length, direction (0 for zero vectors) and projector across it."""
+    size: Floats = np.linalg.norm(t, axis=1)
+    s = t / np.where(size > 0, size, 1.0)[:, None]
+    across: Any = np.eye(2) - s[:, :, None] * s[:, None, :]
+    return size, s, across
