@@ -410,6 +410,7 @@ class ContactStep:
         if R is None:
             return
         node, active = rows.node, self.active[rows.node]
+        rest: Floats = R
         if self.pair.friction is None:
             column = rows.columns[:, 0, :3]
         else:
@@ -421,15 +422,15 @@ class ContactStep:
                 explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
             stick = self._sticks(node) & rows.eliminable
             explicit = np.where(stick[:, None], 0.0, explicit)
-            R = R + np.einsum("mi,mij->mj", explicit, tangential)
+            rest = R + np.einsum("mi,mij->mj", explicit, tangential)
             column = rows.columns[:, 0, :3] - np.einsum("mi,mij->mj", direction, tangential)
         response = np.einsum("mi,mi->m", rows.normal, column)
         response = np.where(np.abs(response) > 1e-3, response, np.inf)
-        lambda_N = -np.einsum("mi,mi->m", rows.normal, R) / response
+        lambda_N = -np.einsum("mi,mi->m", rows.normal, rest) / response
         if self.pair.friction is not None:
             traction: Floats = explicit - lambda_N[:, None] * direction
             A = rows.columns[stick, :, :3].transpose(0, 2, 1)
-            solution = np.linalg.solve(A, -R[stick][:, :, None])[:, :, 0]
+            solution = np.linalg.solve(A, -rest[stick][:, :, None])[:, :, 0]
             lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
             self.traction[node] = np.where(active[:, None], traction, 0.0)
         self.lambda_N[node] = np.where(active, lambda_N, 0.0)

@@ -27,6 +27,11 @@ Floats = npt.NDArray[np.float64]
 _MAX_ITERATIONS = 200
 # One assembly and factorisation cost about as much as this many iterations.
 _REBUILD_COST = 15.0
+# More iterations per decade than this with a fresh incomplete factorisation
+# cost more than a stronger preconditioner (many wave crossings in a step).
+_SLOW = 15.0
+# Unknowns up to which the stronger one is a complete factorisation.
+_DIRECT_UP_TO = 50_000
 
 
 class _Operator:
@@ -56,28 +61,42 @@ class _Preconditioner:
         self._pc = PETSc.PC().create(operator.bulk.comm)
         self._pc.setOptionsPrefix(prefix)
         self._matrix: Any = None
-        self._work: Any = None
+        self._scalar: Any = None
+        self.is_strong = False
         self._inverse_diagonal: Floats
         self._ghosted: dict[int, Floats] = {}
         self.num_builds = 0
 
     def build(self) -> None:
         """Assemble the bulk tangent at u and factorise it. Collective."""
-        first = self._matrix is None
-        self._matrix = self._operator.bulk.tangent()
-        self._pc.setOperators(self._matrix)
-        if first:
+        if self._matrix is None:
             if self._operator.bulk.comm.size == 1:
                 self._pc.setType("ilu")
             else:
                 self._pc.setType("asm")
                 self._pc.setASMOverlap(1)
             self._pc.setFromOptions()
-            self._work = self._matrix.createVecRight()
+        self._matrix = self._operator.bulk.tangent()
+        if self.is_strong and self._pc.getType() == "lu":
+            # MUMPS wants scalar entries.
+            self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
+            self._pc.setOperators(self._scalar)
+        else:
+            self._pc.setOperators(self._matrix)
         self._pc.setUp()
         self._inverse_diagonal = self._matrix.invertBlockDiagonal().copy()
         self._ghosted.clear()
         self.num_builds += 1
+
+    def strengthen(self) -> None:
+        """Change to a complete factorisation or multigrid. Collective."""
+        self.is_strong = True
+        if self._matrix.getSize()[0] <= _DIRECT_UP_TO:
+            self._pc.setType("lu")
+            self._pc.setFactorSolverType("mumps")
+        else:
+            self._pc.setType("gamg")
+        self._pc.setFromOptions()
 
     def inverse_diagonal(self, here: Neighbourhood) -> Floats:
         """Inverse diagonal blocks on the nodes of a neighbourhood."""
@@ -167,16 +186,27 @@ class LinearSolver:
         """
         if coupled(steps, states):
             return self._solve_direct(R, steps, states)
-        for fresh in (False, True):
-            if fresh or self._preconditioner.num_builds == 0 or self._is_old():
-                self._preconditioner.build()
-                self._fresh_rate, self._excess_iterations = None, 0.0
-            du = self._solve_krylov(R, Elimination(steps, states), rtol)
-            if du is not None:
-                return du, None
-            if self._fresh_rate is None:
-                break
-        return self._solve_direct(R, steps, states)
+        elimination = Elimination(steps, states)
+        preconditioner = self._preconditioner
+        fresh = preconditioner.num_builds == 0 or self._is_old()
+        if fresh:
+            self._build()
+        while (du := self._solve_krylov(R, elimination, rtol)) is None:
+            # First a new factorisation, then a stronger one, then all of it.
+            if fresh and preconditioner.is_strong:
+                return self._solve_direct(R, steps, states)
+            if fresh:
+                preconditioner.strengthen()
+            self._build()
+            fresh = True
+        if fresh and not preconditioner.is_strong and (self._fresh_rate or 0.0) > _SLOW:
+            preconditioner.strengthen()
+            self._build()
+        return du, None
+
+    def _build(self) -> None:
+        self._preconditioner.build()
+        self._fresh_rate, self._excess_iterations = None, 0.0
 
     def _is_old(self) -> bool:
         return self._excess_iterations > _REBUILD_COST
