@@ -2,12 +2,15 @@
 
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
 from dolfinx_nts.materials import Hyperelastic, SaintVenantKirchhoff
 from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_nts.output import Recorder
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
@@ -17,12 +20,18 @@ __all__ = [
     "ContactPair",
     "ConvergenceError",
     "Coulomb",
+    "Diagnostics",
     "EnergyMomentum",
     "Hyperelastic",
     "LagrangeMultiplier",
     "MeshData",
     "Midpoint",
     "Penalty",
+    "Recorder",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "RigidSurface",
     "SaintVenantKirchhoff",
     "StepReport",
     "Surface",

@@ -9,13 +9,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
-from dolfinx_nts.search import Neighbourhood, Search
+from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
+from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["ContactHistory", "ContactPair", "ContactWork", "pair_nodes"]
+__all__ = ["ContactHistory", "ContactPair", "ContactWork"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -101,13 +101,13 @@ class ContactWork:
 
 
 class ContactPair:
-    """Nodes of one surface against segments of another.
+    """Nodes of one surface against segments of another, or an obstacle.
 
     Collective.
 
     Args:
         nodes: Surface whose nodes may touch.
-        segments: Surface whose segments are touched.
+        segments: Surface whose segments are touched, or a rigid obstacle.
         enforcement: How contact is enforced; by default multipliers
             with elastic impact.
         friction: Law of friction; None: none.
@@ -124,14 +124,17 @@ class ContactPair:
     def __init__(
         self,
         nodes: Surface,
-        segments: Surface,
+        segments: Surface | Obstacle,
         enforcement: LagrangeMultiplier | Penalty | None = None,
         friction: Coulomb | None = None,
     ) -> None:
         """Check the surfaces and start without contact."""
-        for name, surface in (("nodes", nodes), ("segments", segments)):
-            if not isinstance(surface, Surface):
-                raise TypeError(f"expected a Surface as {name}, given {type(surface).__name__}")
+        if not isinstance(nodes, Surface):
+            raise TypeError(f"expected a Surface as nodes, given {type(nodes).__name__}")
+        if not isinstance(segments, Surface | Obstacle):
+            raise TypeError(
+                f"expected a Surface or an obstacle as segments, given {type(segments).__name__}"
+            )
         enforcement = LagrangeMultiplier() if enforcement is None else enforcement
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
             raise TypeError(
@@ -140,22 +143,26 @@ class ContactPair:
             )
         if not (friction is None or isinstance(friction, Coulomb)):
             raise TypeError(f"expected Coulomb as friction, given {type(friction).__name__}")
-        if nodes.V != segments.V:
-            raise ValueError("expected nodes and segments in one function space, given two")
-        shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
-        if shared:
-            raise ValueError(
-                "expected surfaces without common nodes in a contact pair, "
-                f"given {shared} nodes on both sides"
-            )
+        if isinstance(segments, Surface):
+            _check_surfaces(nodes, segments)
         self.nodes, self.segments = nodes, segments
         self.enforcement = enforcement
         # Without friction there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
-        self.search = Search(nodes, segments)
+        self.search = self._new_search()
         self.history = ContactHistory.none(len(nodes.nodes))
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
+
+    def _new_search(self) -> Search | ObstacleNeighbourhood:
+        if isinstance(self.segments, Obstacle):
+            return ObstacleNeighbourhood(self.segments, self.nodes)
+        return Search(self.nodes, self.segments)
+
+    @property
+    def segment_size(self) -> float:
+        """Longest segment [m]; for an obstacle, of the nodes' surface."""
+        return (self.segments if isinstance(self.segments, Surface) else self.nodes).size
 
     @property
     def has_slip_spring(self) -> bool:
@@ -193,33 +200,23 @@ class ContactPair:
         Returns:
             Gap, shape ``(n,)`` [m], > 0 open.
         """
-        everywhere, _ = Search(self.nodes, self.segments).update(x, np.inf)
-        found = pair_nodes(
-            everywhere,
+        everywhere, _ = self._new_search().update(x, np.inf)
+        return everywhere.pair(
             everywhere.with_ghosts(x[: everywhere.index_map.size_local]),
             self.nodes.nodes,
             everywhere.find(self.history.key),
             np.inf,
+        )[1]
+
+
+
+def _check_surfaces(nodes: Surface, segments: Surface) -> None:
+    """Raise on all ranks unless the surfaces can make a pair. Collective."""
+    if nodes.V != segments.V:
+        raise ValueError("expected nodes and segments in one function space, given two")
+    shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
+    if shared:
+        raise ValueError(
+            "expected surfaces without common nodes in a contact pair, "
+            f"given {shared} nodes on both sides"
         )
-        return found[2]
-
-
-def pair_nodes(
-    here: Neighbourhood, x: Floats, nodes: Ints, current: Ints, reach: float
-) -> tuple[Ints, Floats, Floats, Floats]:
-    """Pair nodes with segments, see `cpp/nts/pairing.h`. Local.
-
-    Args:
-        here: Segments in reach.
-        x: Positions of the neighbourhood's nodes, shape ``(l, 3)`` [m].
-        nodes: Nodes to be paired, shape ``(n,)``.
-        current: Their last segments or -1, shape ``(n,)``.
-        reach: Largest distance of interest [m].
-
-    Returns:
-        Segment or -1 ``(n,)``, xi ``(n, 2)``, gap ``(n,)`` [m] and
-        normal ``(n, 3)``, NaN without a segment.
-    """
-    return _kernels.pair_nodes(
-        x[nodes], current, reach, x[here.segments], here.orientation, here.key
-    )

@@ -5,7 +5,6 @@ A `ContactStep` never touches the pair. Evaluating it gives a
 No PETSc here.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,19 +13,17 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
-from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork, pair_nodes
+from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import transport
+from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.search import Neighbourhood
 
-__all__ = ["ContactState", "ContactStep", "Kernel"]
+__all__ = ["ContactState", "ContactStep"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
-
-# Contact kernel of a scheme: (x_pair_n, x_pair, orientation) -> arrays.
-Kernel = Callable[[Floats, Floats, Floats], tuple[npt.NDArray[Any], ...]]
 
 _LAST_PAIRING = 12  # from this iteration on, nodes keep their segment
 _LEAST_INDEX = 8  # from this iteration on, one node changes at a time
@@ -98,7 +95,8 @@ class ContactStep:
 
     Args:
         pair: The contact pair.
-        kernel: Contact kernel of the scheme.
+        scheme: Contact kernel: ``"conserving"``, ``"midpoint"`` or
+            ``"static"``.
         x_n: Accepted positions of the local nodes of the space, owned
             and ghost, shape ``(l, 3)`` [m].
         x_trial: The same for the ballistic state x_n + h v_n.
@@ -121,14 +119,14 @@ class ContactStep:
     def __init__(
         self,
         pair: ContactPair,
-        kernel: Kernel,
+        scheme: str,
         x_n: Floats,
         x_trial: Floats,
         stiffness: Floats,
         free: Floats | None = None,
     ) -> None:
         """Find the segments in reach and the nodes that may touch."""
-        self.pair, self._kernel = pair, kernel
+        self.pair, self._scheme = pair, scheme
         self.comm: MPI.Comm = pair.nodes.V.mesh.comm
         nodes, history = pair.nodes.nodes, pair.history
         self._stiffness = stiffness[nodes]
@@ -138,26 +136,28 @@ class ContactStep:
         step = self.comm.allreduce(step, op=MPI.MAX)
         # Both surfaces may move, Newton iterates overshoot, and a node up
         # to half a segment deep still belongs to its segment.
-        self._reach = 3 * step + 0.5 * pair.segments.size
-        self.neighbourhood, _ = pair.search.update(x_n, self._reach)
-        here = self.neighbourhood
+        self._reach = 3 * step + 0.5 * pair.segment_size
+        here: Neighbourhood | ObstacleNeighbourhood
+        here, _ = pair.search.update(x_n, self._reach)
+        self.neighbourhood = here
         self._free = None if free is None else here.with_ghosts(free)
         self._x_n = self._x = here.with_ghosts(x_n[: here.index_map.size_local])
         trial = here.with_ghosts(x_trial[: here.index_map.size_local])
 
-        at_n = pair_nodes(here, self._x_n, nodes, here.find(history.key), self._reach)
-        at_trial = pair_nodes(here, trial, nodes, at_n[0], self._reach)
+        at_n = here.pair(self._x_n, nodes, here.find(history.key), self._reach)
+        at_trial = here.pair(trial, nodes, at_n[0], self._reach)
         # The gap at t_n counts on the segment that the trial state meets.
         segment = np.where(at_trial[0] >= 0, at_trial[0], at_n[0])
-        gap_n = at_n[2].copy()
+        gap_n = at_n[1].copy()
         moved = np.flatnonzero((segment >= 0) & (segment != at_n[0])).astype(np.int32)
-        gap_n[moved] = _kernels.project(*self._pairs(self._x_n, moved, segment[moved]))[1]
+        gap_n[moved] = here.gap(self._x_n, nodes[moved], segment[moved])
         eligible = segment >= 0
         if isinstance(pair.enforcement, LagrangeMultiplier):
             size = here.size[segment] if len(here.size) else np.ones(len(nodes))
-            eligible &= pair.enforcement.eligible(gap_n, at_trial[2], size, history.active)
+            eligible &= pair.enforcement.eligible(gap_n, at_trial[1], size, history.active)
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
-        self._segment, self._gap = at_n[0], at_n[2]
+        self._segment: Ints = at_n[0]
+        self._gap: Floats = at_n[1]
         self.num_active = 0
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
@@ -271,9 +271,7 @@ class ContactStep:
         """
         old, node = self.pair.history, state.node
         rows = self._rows(self._x, node)
-        x_n, _ = self._pairs(self._x_n, node, state.segment)
-        x, _ = self._pairs(self._x, node, state.segment)
-        dx = (x - x_n).reshape(rows.force[:, 0].shape)
+        dx = (self._x - self._x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
         if isinstance(self.pair.enforcement, Penalty):
             work[:] = 0.0
@@ -296,8 +294,8 @@ class ContactStep:
         previous = self._segment[node]
         if iteration < _LAST_PAIRING:
             nodes = self.pair.nodes.nodes[node]
-            self._segment[node], _, self._gap[node], _ = pair_nodes(
-                self.neighbourhood, x, nodes, previous, self._reach
+            self._segment[node], self._gap[node] = self.neighbourhood.pair(
+                x, nodes, previous, self._reach
             )
         segment = self._segment[node]
         near = segment >= 0
@@ -314,30 +312,17 @@ class ContactStep:
 
     def _rows(self, x: Floats, node: Ints) -> "_Rows":
         """Kernels of nodes on their present segments."""
-        segment = self._segment[node]
-        x_pair_n, orientation = self._pairs(self._x_n, node, segment)
-        x_pair, _ = self._pairs(x, node, segment)
-        dofs = np.column_stack([self.pair.nodes.nodes[node], self.neighbourhood.segments[segment]])
-        free = np.ones(x_pair.shape) if self._free is None else self._free[dofs]
-        rows = _Rows(
-            node,
-            segment,
-            dofs,
-            free.reshape(len(node), 3 * dofs.shape[1]),
-            self._kernel(x_pair_n, x_pair, orientation),
-        )
+        here, segment, nodes = self.neighbourhood, self._segment[node], self.pair.nodes.nodes[node]
+        dofs = here.dofs(nodes, segment)
+        values = here.contact(self._scheme, self._x_n, x, nodes, segment)
+        free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
+        rows = _Rows(node, segment, dofs, free.reshape(values[2].shape), values)
         if self.pair.friction is not None:
-            rows.add_slip(x_pair_n, x_pair, orientation)
+            rows.add_slip(here.slip(self._x_n, x, nodes, segment))
         self._gap[node] = rows.gap
         if isinstance(self.pair.enforcement, LagrangeMultiplier):
             rows.excess[:, 0] = rows.gap - self.pair.enforcement.reference(rows.gap_n)
         return rows
-
-    def _pairs(self, x: Floats, node: Ints, segment: Ints) -> tuple[Floats, Floats]:
-        """Coordinates (m, 1+k, 3) and orientations of pairs."""
-        here = self.neighbourhood
-        dofs = np.column_stack([self.pair.nodes.nodes[node], here.segments[segment]])
-        return x[dofs], here.orientation[segment]
 
     def _offset(self, rows: "_Rows") -> Floats:
         """Gap at which springs start on the present segments.
@@ -509,10 +494,9 @@ class ContactStep:
 class _Slip:
     """Slip of pairs, see `cpp/nts/slip.h`."""
 
-    def __init__(self, x_pair_n: Floats, x_pair: Floats, orientation: Floats) -> None:
-        (self.value, self.force, self.gradient, self._w, self._b, self.frame_n, self.frame) = (
-            _kernels.slip(x_pair_n, x_pair, orientation)
-        )
+    def __init__(self, values: tuple[npt.NDArray[Any], ...]) -> None:
+        self.value, self.force, self.gradient, self._w, self._b = values[:5]
+        self.frame_n, self.frame, orientation = values[5:]
         self.normal_n, self.normal = (
             orientation[:, None] * np.cross(frame[:, 0], frame[:, 1])
             for frame in (self.frame_n, self.frame)
@@ -553,8 +537,8 @@ class _Rows:
         self.normal: Floats = normal / np.where(length > 0, length, 1.0)[:, None]
         self.eliminable: Flags = length > 0.5
 
-    def add_slip(self, x_pair_n: Floats, x_pair: Floats, orientation: Floats) -> None:
-        self.slip = _Slip(x_pair_n, x_pair, orientation)
+    def add_slip(self, values: tuple[npt.NDArray[Any], ...]) -> None:
+        self.slip = _Slip(values)
         self.excess[:, 1:] = self.slip.value
         self.force[:, 1:] = self.slip.force
         self.columns[:, 1:] = self.slip.force * self.free[:, None]

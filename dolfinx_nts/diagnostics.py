@@ -1,21 +1,21 @@
 r"""Energies, momenta and contact of a stepper's accepted state.
 
-Everything is integrated with the quadrature of the scheme, so that what the
-scheme conserves is conserved here to round-off. With the nodal momenta
-:math:`p_a = \int \rho_0 \, v \, \varphi_a` the kinetic energy is
-:math:`\sum v_a \cdot p_a / 2`, the linear momentum :math:`\sum p_a` and the
-angular momentum :math:`\sum x_a \times p_a`.
+Integrals take the quadrature of the scheme: what it conserves is conserved
+here to round-off. Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` give
+kinetic energy :math:`\sum v_a \cdot p_a / 2`, linear momentum
+:math:`\sum p_a` and angular momentum :math:`\sum x_a \times p_a`.
 
-The energy identity of a step, with du = u_{n+1} - u_n, is
+The total energy changes in a step, with du = u_{n+1} - u_n, by
 
-.. math:: E_{n+1} - E_n = [V_{n+1} - V_n - f_{int} \cdot du]
-   - \sum \lambda_N F \cdot du + R \cdot du:
+.. math:: [V_{n+1} - V_n - f_{int} \cdot du] - \sum \lambda_N F \cdot du
+   + R \cdot du:
 
-the defect of the stress (bulk), the work of the contact forces F and of the
-residual R that Newton's method left. The last two are in the `StepReport`.
+the defect of the stress (bulk), the work of the contact forces and that of
+the residual left by Newton's method. `StepReport` has the last two.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 from mpi4py import MPI
@@ -33,6 +33,8 @@ __all__ = ["Balance", "Diagnostics"]
 
 Floats = npt.NDArray[np.float64]
 
+_form = partial(fem.form, jit_options=JIT_OPTIONS)
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -42,6 +44,7 @@ class Balance:
         time: Time [s].
         kinetic_energy: Kinetic energy [J].
         strain_energy: Strain energy [J].
+        contact_energy: Energy of penalty and friction springs [J].
         linear_momentum: Linear momentum, shape ``(3,)`` [kg m/s].
         angular_momentum: The same about the origin [kg m^2/s].
         contact_force: Resultant of the last step on the nodes of all
@@ -53,6 +56,7 @@ class Balance:
     time: float
     kinetic_energy: float
     strain_energy: float
+    contact_energy: float
     linear_momentum: Floats
     angular_momentum: Floats
     contact_force: Floats
@@ -61,8 +65,23 @@ class Balance:
 
     @property
     def total_energy(self) -> float:
-        """Sum of kinetic and strain energy [J]."""
-        return self.kinetic_energy + self.strain_energy
+        """Sum of kinetic, strain and contact energy [J]."""
+        return self.kinetic_energy + self.strain_energy + self.contact_energy
+
+    def columns(self) -> dict[str, float]:
+        """Numbers by name, those of a vector with ``_x``, ``_y``, ``_z``."""
+        columns: dict[str, float] = {}
+        names = [field.name for field in fields(self)]
+        names.insert(names.index("contact_energy") + 1, "total_energy")
+        for name in names:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                columns |= {
+                    f"{name}_{axis}": float(v) for axis, v in zip("xyz", value, strict=True)
+                }
+            else:
+                columns[name] = value
+        return columns
 
 
 class Diagnostics:
@@ -72,14 +91,15 @@ class Diagnostics:
 
     Args:
         stepper: Midpoint or EnergyMomentum.
+
+    Raises:
+        TypeError: It is neither.
     """
 
     def __init__(self, stepper: Midpoint | EnergyMomentum) -> None:
         """Compile the forms."""
         if not isinstance(stepper, Midpoint | EnergyMomentum):
-            raise TypeError(
-                f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}"
-            )
+            raise TypeError(f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}")
         self._stepper = stepper
         u, u_n, v = stepper.u, stepper._u_n, stepper.v
         V = u.function_space
@@ -100,7 +120,7 @@ class Diagnostics:
             return rho * ufl.inner(v, eta)
 
         self._strain_energy, self._bulk_defect, self._momentum = (
-            fem.form(bulk_form(stepper.bodies, integrand), jit_options=JIT_OPTIONS)
+            _form(bulk_form(stepper.bodies, integrand))
             for integrand in (strain_energy, bulk_defect, momentum)
         )
         self._nodal_mass: dict[Body, Floats] = {}
@@ -111,7 +131,11 @@ class Diagnostics:
 
     def strain_energy(self) -> float:
         """Strain energy [J]."""
-        return self._integral(self._strain_energy)
+        return float(self._sum(fem.assemble_scalar(self._strain_energy)))
+
+    def contact_energy(self) -> float:
+        """Energy of penalty and friction springs [J]."""
+        return float(self._sum(sum(pair.history.energy.sum() for pair in self._stepper.pairs)))
 
     def linear_momentum(self) -> Floats:
         """Linear momentum, shape ``(3,)`` [kg m/s]."""
@@ -127,17 +151,18 @@ class Diagnostics:
         The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of
         the scheme: what the bulk added to the total energy.
         """
-        return self._integral(self._bulk_defect)
+        return float(self._sum(fem.assemble_scalar(self._bulk_defect)))
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on all nodes, shape ``(3,)`` [N]."""
         forces = [pair.history.force.sum(axis=0) for pair in self._stepper.pairs]
-        return self._sum(np.sum(forces, axis=0) if forces else np.zeros(3))
+        force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
+        return force
 
     def active_nodes(self) -> int:
         """Nodes that transmit force, on all ranks."""
         active = [np.count_nonzero(pair.history.active) for pair in self._stepper.pairs]
-        return int(self._comm.allreduce(sum(active)))
+        return int(self._sum(sum(active)))
 
     def min_gap(self) -> float:
         """Least gap of all pairs [m], NaN if no node faces a segment."""
@@ -161,6 +186,7 @@ class Diagnostics:
             time=self._stepper.t,
             kinetic_energy=kinetic_energy,
             strain_energy=self.strain_energy(),
+            contact_energy=self.contact_energy(),
             linear_momentum=linear_momentum,
             angular_momentum=angular_momentum,
             contact_force=self.contact_force(),
@@ -184,10 +210,11 @@ class Diagnostics:
         if body not in self._nodal_mass:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            self._nodal_mass[body] = self._nodal(fem.form(form, jit_options=JIT_OPTIONS))[:, 0]
+            self._nodal_mass[body] = self._nodal(_form(form))[:, 0]
         mass = self._nodal_mass[body]
         sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
-        return sums[:3] / sums[3]
+        mean: Floats = sums[:3] / sums[3]
+        return mean
 
     def _nodal(self, form: fem.Form) -> Floats:
         """Assembled linear form on the owned nodes, shape ``(n, 3)``."""
@@ -196,9 +223,5 @@ class Diagnostics:
         values: Floats = vector.array.reshape(-1, 3)[: self._num_owned]
         return values
 
-    def _integral(self, form: fem.Form) -> float:
-        return float(self._comm.allreduce(fem.assemble_scalar(form)))
-
-    def _sum(self, values: Floats) -> Floats:
-        total: Floats = self._comm.allreduce(values)
-        return total
+    def _sum(self, values: Any) -> Any:
+        return self._comm.allreduce(values)

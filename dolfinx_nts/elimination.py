@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact_step import ContactState, ContactStep
+from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["Elimination", "coupled"]
@@ -35,9 +36,11 @@ _NONE = np.empty(0)
 class _Block:
     """Active pairs of one contact pair."""
 
-    def __init__(self, here: Neighbourhood, state: ContactState) -> None:
+    def __init__(
+        self, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState
+    ) -> None:
         active = state.active
-        self.here: Neighbourhood = here
+        self.here = here
         self.dofs: Ints = state.dofs[active]
         self.rank: Ints = state.rank[active]
         self.normal: Floats = state.normal[active]
@@ -119,7 +122,7 @@ class Elimination:
             part[b.node] += np.einsum("mij,mj->mi", b.given_up, x[b.node])
         return part
 
-    def compliance(self, inverse_diagonal: Callable[[Neighbourhood], Floats]) -> list[Floats]:
+    def compliance(self, inverse_diagonal: Callable[[Neighbourhood | ObstacleNeighbourhood], Floats]) -> list[Floats]:
         """Diagonal of G^T D^-1 F, normal constraints, for each block.
 
         Args:

@@ -21,14 +21,16 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from tqdm import tqdm
 
-from dolfinx_nts import _kernels, newton
+from dolfinx_nts import newton
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
 from dolfinx_nts.contact import ContactPair, ContactWork
-from dolfinx_nts.contact_step import ContactStep, Kernel
+from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.timing import Timings
 
 __all__ = ["EnergyMomentum", "Midpoint", "StepReport"]
 
@@ -81,6 +83,7 @@ class _Stepper:
         t: Time [s].
         dt: Length of the next step [s].
         step: Number of accepted steps.
+        timings: Wall time by phase.
         u: Displacement at t.
         v: Velocity at t.
 
@@ -90,7 +93,7 @@ class _Stepper:
             different spaces; ``dt`` is not positive.
     """
 
-    _kernel: ClassVar[Kernel]
+    _contact: ClassVar[str]  # contact kernel
 
     def __init__(
         self,
@@ -109,6 +112,7 @@ class _Stepper:
                 raise ValueError("expected bodies and pairs in one function space, given two")
         self.bodies, self.pairs = tuple(bodies), tuple(pairs)
         self.t, self.step = 0.0, 0
+        self.timings = Timings()
         self._bcs = tuple(bcs)
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
@@ -212,16 +216,18 @@ class _Stepper:
             u[:] = guess
             for bc in self._bcs:
                 bc.set(u)
-            steps = [
-                ContactStep(pair, type(self)._kernel, x_n, x_trial, stiffness, self._free)
-                for pair in self.pairs
-            ]
+            with self.timings.phase("contact"):
+                steps = [
+                    ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
+                    for pair in self.pairs
+                ]
             solution = newton.solve(
                 self._bulk,
                 self._solver,
                 steps,
                 self._X[: self._num_owned],
                 force_scale=self._force_scale,
+                timings=self.timings,
             )
             attempts.append(solution.report)
             if solution.report.converged:
@@ -263,13 +269,14 @@ class _Stepper:
             contact_work=work,
             solver_work=float(comm.allreduce(solution.R @ (u - u_n)[:n])),
         )
-        _logger.info(
-            "step %d, t = %g: %d iterations, %d active",
-            report.step,
-            report.t,
-            report.newton_iterations,
-            report.num_active,
-        )
+        if comm.rank == 0:
+            _logger.info(
+                "step %d, t = %g: %d iterations, %d active",
+                report.step,
+                report.t,
+                report.newton_iterations,
+                report.num_active,
+            )
         return report
 
     def run(self, until: float) -> Iterator[StepReport]:
@@ -286,7 +293,7 @@ class _Stepper:
         start, dt = self.t, self.dt
         num_steps = math.ceil((until - start) / dt - 1e-6)
         try:
-            for i in range(num_steps):
+            for i in self._progress(num_steps):
                 end = until if i == num_steps - 1 else start + (i + 1) * dt
                 self.dt = end - self.t if i == num_steps - 1 else dt
                 report = self.advance()
@@ -294,6 +301,11 @@ class _Stepper:
                 yield replace(report, t=end)
         finally:
             self.dt = dt
+
+    def _progress(self, num_steps: int) -> Iterator[int]:
+        """Count steps, with a bar on the terminal of rank 0 if it takes long."""
+        silent = None if self.u.function_space.mesh.comm.rank == 0 else True
+        yield from tqdm(range(num_steps), unit="step", delay=1, leave=False, disable=silent)
 
     def _check_state(self) -> None:
         bad = [
@@ -312,7 +324,7 @@ class Midpoint(_Stepper):
     Conserves momenta; energy is not conserved (eqs. 47-52).
     """
 
-    _kernel = _kernels.contact_midpoint
+    _contact = "midpoint"
 
     def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         return material.stress(_right_cauchy_green((F_n + F) / 2), **parameters)
@@ -325,7 +337,7 @@ class EnergyMomentum(_Stepper):
     total energy, to the tolerance of Newton's method (eqs. 53-58).
     """
 
-    _kernel = _kernels.contact_conserving
+    _contact = "conserving"
 
     def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         C_n, C = _right_cauchy_green(F_n), _right_cauchy_green(F)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from dolfinx_nts.assembly import Bulk, SaddleSystem
 from dolfinx_nts.contact_step import ContactState, ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
+from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["LinearSolver"]
@@ -98,7 +99,7 @@ class _Preconditioner:
             self._pc.setType("gamg")
         self._pc.setFromOptions()
 
-    def inverse_diagonal(self, here: Neighbourhood) -> Floats:
+    def inverse_diagonal(self, here: Neighbourhood | ObstacleNeighbourhood) -> Floats:
         """Inverse diagonal blocks on the nodes of a neighbourhood."""
         if id(here) not in self._ghosted:
             columns = [here.with_ghosts(self._inverse_diagonal[:, :, j]) for j in range(3)]

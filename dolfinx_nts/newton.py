@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.contact_step import ContactState, ContactStep
 from dolfinx_nts.linear import LinearSolver
+from dolfinx_nts.timing import Timings
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 
@@ -87,6 +88,7 @@ def solve(
     X: Floats,
     *,
     force_scale: float,
+    timings: Timings,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -96,6 +98,7 @@ def solve(
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
         force_scale: Norm of the forces known before the step [N].
+        timings: Receives the wall time of the phases.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
@@ -110,10 +113,12 @@ def solve(
     iteration, halvings = 0, 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
-        R_bulk = bulk.residual()
+        with timings.phase("assembly"):
+            R_bulk = bulk.residual()
         R_nodes = R_bulk.reshape(-1, 3) if balanced else None
-        states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
-        R_contact = contact_residual(steps, states, n)
+        with timings.phase("contact"):
+            states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
+            R_contact = contact_residual(steps, states, n)
         R = R_bulk + R_contact
 
         excess = max((s.constraint_error for s in states), default=0.0)
@@ -152,7 +157,8 @@ def solve(
                 bulk.u.x.scatter_forward()
                 continue
         before, halvings = norm, 0
-        du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
+        with timings.phase("solve"):
+            du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):

@@ -1,53 +1,51 @@
-"""Recorder: fields for ParaView and a table of the balances of a run.
+"""Recorder: fields for ParaView and a table of the balances of a run."""
 
-``name.xdmf`` with ``name.h5`` holds one time series: displacement, velocity,
-number of the body and, at the contact nodes, gap, contact pressure and
-active. ``name.csv`` has one row a step, flushed at once: a killed run leaves
-whole rows.
-"""
-
-import copy
 import csv
 import logging
+import os
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
-from xml.etree import ElementTree
+from typing import TextIO
 
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx import fem, io
 
 from dolfinx_nts.contact import ContactWork
-from dolfinx_nts.diagnostics import Balance, Diagnostics
+from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.timing import Timings
+from dolfinx_nts.xdmf import FieldFile
 
 __all__ = ["Recorder"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+_CONSERVED = {
+    "total_energy": "J",
+    "linear_momentum": "kg m/s",
+    "angular_momentum": "kg m^2/s",
+}
+
 
 class Recorder:
-    """Writes fields and balances of a run; use it in a ``with`` block.
+    """Writes ``name.xdmf`` with ``name.h5``, and ``name.csv``.
 
-    Entering writes the present state as the first row and fields; leaving
-    closes the files, also after an exception. Files of the same name are
-    replaced. Collective, as all methods; ``summary`` is local.
+    Use it in a ``with`` block: entering writes the present state as the
+    first row and fields, leaving closes the files, also after an exception.
+    Files of the same name are replaced. Each row is on disk at once, so
+    that a killed run leaves whole rows. Collective, as all methods but
+    ``summary``.
 
-    Columns of the table, in SI units: ``step, time, dt``, the numbers of
-    `Balance`, ``newton_iterations``, and the change of the total energy
-    since the first row by cause: ``energy_bulk``,
-    ``energy_persistent_contact``, ``energy_activation``,
-    ``energy_facet_change``, ``energy_solver``. Each is summed on its own;
-    ``energy_unaccounted`` is the rest: round-off, unless supports move or
-    the state is set between steps.
-
-    Fields of the contact nodes are 0 at other nodes, the gap is NaN there
-    and where a node faces no segment.
+    Columns of the table, in SI units: ``step``, ``dt``, those of `Balance`,
+    ``newton_iterations``, and the change of the total energy since the
+    first row by cause: ``energy_bulk``, ``energy_persistent_contact``,
+    ``energy_activation``, ``energy_facet_change``, ``energy_solver``. Each
+    is summed on its own; ``energy_unaccounted`` is the rest: round-off,
+    unless supports move or the state is set between steps.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
@@ -59,7 +57,6 @@ class Recorder:
         diagnostics: Diagnostics of the stepper.
 
     Raises:
-        FileNotFoundError: The folder does not exist.
         ValueError: ``every`` is less than 1.
     """
 
@@ -72,41 +69,40 @@ class Recorder:
         self.diagnostics = Diagnostics(stepper)
         self._name, self._stepper, self._every = str(name), stepper, every
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        folder = Path(self._name).parent
-        if not self._comm.bcast(folder.is_dir()):
-            raise FileNotFoundError(f"expected an existing folder, given {str(folder)!r}")
-        self._timings: Timings = getattr(stepper, "timings", Timings())
-        self._fields: _Fields | None = None
+        self._timings: Timings = stepper.timings
+        self._fields: FieldFile | None = None
         self._table: TextIO | None = None
 
     def __enter__(self) -> "Recorder":
         """Open the files and write the present state.
 
         Raises:
-            OSError: The table cannot be created.
+            OSError: The folder does not exist, or a file cannot be
+                created or replaced; nothing has been created.
         """
-        self._start, self._seconds = time.perf_counter(), dict(self._timings.seconds)
+        self._time, self._seconds = time.perf_counter(), dict(self._timings.seconds)
         with self._timings.phase("output"):
+            self._first = self._last = self.diagnostics.balance()
+            self._step = self._stepper.step
+            self._iterations: list[int] = []
+            self._bulk, self._contact, self._solver = 0.0, ContactWork(), 0.0
+            self._drift = dict.fromkeys(_CONSERVED, 0.0)
             error: OSError | None = None
             if self._comm.rank == 0:
                 try:
-                    self._table = open(f"{self._name}.csv", "w", newline="", encoding="utf-8")
+                    self._table = _open_table(self._name)
                 except OSError as failure:
                     error = failure
             if error := self._comm.bcast(error):
                 raise error
-            try:
-                self._fields = _Fields(self._name, self._stepper)
+            with ExitStack() as files:
+                if self._table:
+                    files.enter_context(self._table)
+                self._fields = FieldFile(Path(f"{self._name}.xdmf"), self._stepper)
+                files.callback(self._fields.close)
                 self._fields.write()
-                self._first = self.diagnostics.balance()
-                self._bulk = self._solver = 0.0
-                self._contact = ContactWork.zero()
-                self._iterations: list[int] = []
-                self._drift = np.zeros(3)
-                self._write_row(self._first, 0.0, 0)
-            except BaseException:
-                self._close()
-                raise
+                self._write_row(0.0, 0)
+                self._files = files.pop_all()
         return self
 
     def write(self, step: StepReport) -> None:
@@ -119,18 +115,19 @@ class Recorder:
             ValueError: The recorder is not open, or a step is left out.
         """
         if self._fields is None:
-            raise ValueError("expected an open recorder: use it in a with block")
+            raise ValueError("expected an open recorder, given one outside its with block")
         if not step.step == self._stepper.step == self._step + 1:
             raise ValueError(
-                f"expected step {self._step + 1} (every step, at once), given step {step.step} "
-                f"when the stepper has done {self._stepper.step}"
+                f"expected every step right after it was done, now step {self._step + 1}, "
+                f"given step {step.step} when {self._stepper.step} are done"
             )
         with self._timings.phase("output"):
             self._bulk += self.diagnostics.bulk_defect()
-            self._contact = self._contact + step.contact_work
+            self._contact += step.contact_work
             self._solver += step.solver_work
+            self._step, self._last = step.step, self.diagnostics.balance()
             self._iterations.append(step.newton_iterations)
-            self._write_row(self.diagnostics.balance(), step.dt, step.newton_iterations)
+            self._write_row(step.dt, step.newton_iterations)
             if len(self._iterations) % self._every == 0:
                 self._fields.write()
 
@@ -142,158 +139,71 @@ class Recorder:
     ) -> None:
         """Write the last fields, unless ranks may be apart, and close."""
         with self._timings.phase("output"):
-            try:
-                if self._fields and (error is None or isinstance(error, ConvergenceError)):
-                    self._fields.write()
-            finally:
-                self._close()
-        self._stop = time.perf_counter()
+            fields, self._fields = self._fields, None
+            with self._files:
+                if fields and (error is None or isinstance(error, ConvergenceError)):
+                    fields.write()
+        self._time = time.perf_counter() - self._time
         if self._comm.rank == 0:
             _logger.info("%s", self.summary())
 
     def summary(self) -> str:
-        """What the run did: steps, iterations, drifts, time of this rank.
+        """Steps, iterations, drifts and wall time, after the ``with`` block.
 
-        Local; for after the ``with`` block.
+        Local; the times are those of this rank.
         """
         its, first = self._iterations, self._first
-        drift = zip(
-            ("energy", "linear momentum", "angular momentum"),
-            self._drift,
-            (first.total_energy, *map(np.linalg.norm, (first.linear_momentum, first.angular_momentum))),
-            ("J", "kg m/s", "kg m^2/s"),
-            strict=True,
-        )
-        total = self._stop - self._start
         phases = {
             name: seconds - self._seconds.get(name, 0.0)
             for name, seconds in self._timings.seconds.items()
         }
-        phases["other"] = total - sum(phases.values())
-        lines = [
-            f"{self._name}: {len(its)} steps from t = {first.time:g} to {self._time:g} s",
-            f"Newton iterations: {sum(its)}, mean {np.mean(its or [0]):.2f}, max {max(its, default=0)}",
-            *(f"drift of {name}: {d:.1e} {unit} of {start:.6g}" for name, d, start, unit in drift),
-            f"wall time: {total:.1f} s: " + ", ".join(f"{n} {s:.1f}" for n, s in phases.items()),
-        ]
-        return "\n".join(lines)
+        phases["other"] = self._time - sum(phases.values())
+        mean, most = np.mean(its or [0]), max(its, default=0)
+        lines = [f"{self._name}: {len(its)} steps from t = {first.time:g} to {self._last.time:g} s"]
+        lines += [f"Newton iterations: {sum(its)}, mean {mean:.2f}, max {most}"]
+        for name, unit in _CONSERVED.items():
+            size = np.linalg.norm(getattr(first, name))
+            drift = f"largest change {self._drift[name]:.1e} {unit}"
+            lines += [f"{name.replace('_', ' ')}: {size:.6g} {unit}, {drift}"]
+        times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
+        return "\n".join([*lines, f"wall time: {self._time:.1f} s ({times})"])
 
-    def _write_row(self, now: Balance, dt: float, newton_iterations: int) -> None:
-        first, contact = self._first, self._contact
-        self._step, self._time = self._stepper.step, now.time
-        changes = (
-            now.total_energy - first.total_energy,
-            now.linear_momentum - first.linear_momentum,
-            now.angular_momentum - first.angular_momentum,
-        )
-        self._drift = np.maximum(self._drift, [float(np.linalg.norm(c)) for c in changes])
+    def _write_row(self, dt: float, newton_iterations: int) -> None:
+        first, last, contact = self._first, self._last, self._contact
+        for name in _CONSERVED:
+            change = float(np.linalg.norm(getattr(last, name) - getattr(first, name)))
+            self._drift[name] = max(self._drift[name], change)
         causes = {
-            "bulk": self._bulk,
-            "persistent_contact": contact.persistent,
-            "activation": contact.activation,
-            "facet_change": contact.facet_change,
-            "solver": self._solver,
+            "energy_bulk": self._bulk,
+            "energy_persistent_contact": contact.persistent,
+            "energy_activation": contact.activation,
+            "energy_facet_change": contact.facet_change,
+            "energy_friction": contact.friction,
+            "energy_solver": self._solver,
         }
-        causes["unaccounted"] = changes[0] - sum(causes.values())
+        rest = last.total_energy - first.total_energy - sum(causes.values())
         row = {
             "step": self._step,
-            "time": now.time,
+            "time": last.time,
             "dt": dt,
-            "kinetic_energy": now.kinetic_energy,
-            "strain_energy": now.strain_energy,
-            "total_energy": now.total_energy,
-            **_components("linear_momentum", now.linear_momentum),
-            **_components("angular_momentum", now.angular_momentum),
-            **_components("contact_force", now.contact_force),
-            "active_nodes": now.active_nodes,
-            "min_gap": now.min_gap,
+            **last.columns(),
             "newton_iterations": newton_iterations,
-            **{f"energy_{cause}": work for cause, work in causes.items()},
+            **causes,
+            "energy_unaccounted": rest,
         }
         if self._table:
-            writer = csv.writer(self._table)
+            table = csv.writer(self._table)
             if not self._iterations:
-                writer.writerow(row)
-            writer.writerow(row.values())
+                table.writerow(row)
+            table.writerow(row.values())
             self._table.flush()
 
-    def _close(self) -> None:
-        fields, table = self._fields, self._table
-        self._fields = self._table = None
-        if table:
-            table.close()
-        if fields:
-            fields.close()
 
-
-def _components(name: str, vector: Any) -> dict[str, float]:
-    return {f"{name}_{axis}": float(value) for axis, value in zip("xyz", vector, strict=True)}
-
-
-class _Fields:
-    """The XDMF file. Collective, as all methods."""
-
-    def __init__(self, name: str, stepper: Midpoint | EnergyMomentum) -> None:
-        """Open the files and write the mesh."""
-        self._stepper, self._path = stepper, Path(f"{name}.xdmf")
-        V = stepper.u.function_space
-        mesh = V.mesh
-        self._comm: MPI.Comm = mesh.comm
-        Q, self._dofs = V.sub(0).collapse()
-        self._nodal = [fem.Function(Q, name=n) for n in ("gap", "contact_pressure", "active")]
-        self._body = fem.Function(fem.functionspace(mesh, ("DG", 0)), name="body")
-        for number, body in enumerate(stepper.bodies):
-            self._body.x.array[body.cells] = number
-        self._written: float | None = None
-        self._file = io.XDMFFile(mesh.comm, str(self._path), "w")
-        self._file.write_mesh(mesh)
-
-    def write(self) -> None:
-        """Write the present state, unless it has been written."""
-        stepper = self._stepper
-        if self._written == stepper.t:
-            return
-        values = np.zeros((len(stepper.x), len(self._nodal)))
-        values[:, 0] = np.nan
-        for pair in stepper.pairs:
-            at, history = pair.nodes.nodes, pair.history
-            values[at, 0] = np.fmin(values[at, 0], pair.gap(stepper.x))
-            values[at, 1] += pair.pressure
-            values[at, 2] = np.maximum(values[at, 2], history.active)
-        for function, column in zip(self._nodal, values.T, strict=True):
-            function.x.array[:] = column[np.asarray(self._dofs) // 3]
-            function.x.scatter_forward()
-        once = [self._body] if self._written is None else []
-        for function in (stepper.u, stepper.v, *(self._nodal if stepper.pairs else []), *once):
-            self._file.write_function(function, stepper.t)
-        self._written = stepper.t
-
-    def close(self) -> None:
-        """Close the files; one grid a time, which every reader opens."""
-        self._file.close()
-        if self._comm.rank == 0:
-            tree = ElementTree.parse(self._path)
-            _merge(tree.getroot())
-            tree.write(self._path, encoding="utf-8", xml_declaration=True)
-        self._comm.barrier()
-
-
-def _merge(root: ElementTree.Element) -> None:
-    """Merge DOLFINx's series, one a function, into one of whole grids.
-
-    ParaView shows separate series as unrelated blocks, and VTK's Xdmf2
-    reader crashes on their references to the mesh (pyvista issue 6303).
-    """
-    domain = root[0]
-    mesh, *series = domain
-    body = series.pop()[0].find("Attribute")
-    domain[:] = series[:1]
-    series[0].set("Name", "state")
-    for grids in zip(*series, strict=True):
-        attributes = [grid.find("Attribute") for grid in grids]
-        parts = [*copy.deepcopy(list(mesh)), grids[0].find("Time"), *attributes, body]
-        grids[0][:] = [part for part in parts if part is not None]
-        grids[0].set("Name", "state")
-        for item in grids[0].iterfind(".//DataItem"):
-            if "NumberType" not in item.attrib:  # Readers take float32 otherwise.
-                item.attrib.update(NumberType="Float", Precision="8")
+def _open_table(name: str) -> TextIO:
+    """Open the table, after a look whether all files can be written."""
+    if not (folder := Path(name).parent).is_dir():
+        raise FileNotFoundError(f"expected an existing folder, given {folder}")
+    for path in (Path(f"{name}.{suffix}") for suffix in ("h5", "xdmf", "csv")):
+        if path.exists() and not (path.is_file() and os.access(path, os.W_OK)):
+            raise OSError(f"expected a file that can be replaced, given {path}")
+    return open(f"{name}.csv", "w", newline="", encoding="utf-8")

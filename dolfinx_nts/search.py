@@ -6,12 +6,15 @@ bounding box of their nodes; the vertices of what arrived become ghosts of
 an index map, which then carries positions to the contacts and forces back.
 """
 
+from typing import Any
+
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import common, la
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Neighbourhood", "Search"]
@@ -58,6 +61,59 @@ class Neighbourhood:
     def num_local(self) -> int:
         """Owned nodes and ghosts."""
         return int(self.index_map.size_local + self.index_map.num_ghosts)
+
+    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
+        """Nodes of pairs in the index map, shape ``(m, 1+k)``. Local."""
+        return np.column_stack([nodes, self.segments[segment]])
+
+    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Pair nodes with segments, see `cpp/nts/pairing.h`. Local.
+
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            nodes: Nodes to be paired, shape ``(n,)``.
+            current: Their last segments or -1, shape ``(n,)``.
+            reach: Largest distance of interest [m].
+
+        Returns:
+            Segment or -1, shape ``(n,)``, and gap [m], NaN without.
+        """
+        found = _kernels.pair_nodes(
+            x[nodes], current, reach, x[self.segments], self.orientation, self.key
+        )
+        return found[0], found[2]
+
+    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
+        return _kernels.project(x[self.dofs(nodes, segment)], self.orientation[segment])[1]
+
+    def contact(
+        self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+    ) -> tuple[npt.NDArray[Any], ...]:
+        """Contact of pairs between two states. Local.
+
+        Args:
+            scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+            x_n: Positions with ghosts at t_n, shape ``(l, 3)`` [m].
+            x: The same at t_{n+1}.
+            nodes: Contact nodes, shape ``(m,)``.
+            segment: Their segments, shape ``(m,)``.
+
+        Returns:
+            gap_n and gap ``(m,)``, force and gradient ``(m, d)``, tangent
+            ``(m, d, d)``, turn and status ``(m,)``; d = 3(1+k).
+        """
+        dofs = self.dofs(nodes, segment)
+        kernel = getattr(_kernels, f"contact_{scheme}")
+        values: tuple[npt.NDArray[Any], ...] = kernel(x_n[dofs], x[dofs], self.orientation[segment])
+        return values
+
+    def slip(
+        self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+    ) -> tuple[npt.NDArray[Any], ...]:
+        """Slip of pairs between two states, see `cpp/nts/slip.h`. Local."""
+        dofs, orientation = self.dofs(nodes, segment), self.orientation[segment]
+        return *_kernels.slip(x_n[dofs], x[dofs], orientation), orientation
 
     def with_room(self, owned: Floats) -> Floats:
         """Copy of the owned values with zeros for the ghosts. Local."""
@@ -134,10 +190,15 @@ class Search:
         """
         x_nodes, x_vertices = x[self._nodes.nodes], x[self._vertices]
         if self._neighbourhood is not None and self._covered is not None:
-            moved = _largest_norm(x_nodes - self._covered[0])
-            moved += _largest_norm(x_vertices - self._covered[1])
-            short = moved + reach > self._covered[2]
-            if not self._nodes.V.mesh.comm.allreduce(short, op=MPI.LOR):
+            # A node and a vertex of different ranks may approach each other.
+            moved = np.array(
+                [
+                    _largest_norm(x_nodes - self._covered[0]),
+                    _largest_norm(x_vertices - self._covered[1]),
+                ]
+            )
+            self._nodes.V.mesh.comm.Allreduce(MPI.IN_PLACE, moved, op=MPI.MAX)
+            if moved.sum() + reach <= self._covered[2]:
                 return self._neighbourhood, False
         # Half as much again saves exchanges and costs a few segments.
         reach *= 1.5
@@ -186,7 +247,9 @@ def _largest_norm(dx: Floats) -> float:
 
 def _box(x: Floats, reach: float) -> Floats:
     """Inflated bounding box (2, 3) of points; empty if there is no point."""
-    return np.array([x.min(axis=0, initial=np.inf) - reach, x.max(axis=0, initial=-np.inf) + reach])
+    if len(x) == 0:
+        return np.repeat([[np.inf], [-np.inf]], 3, axis=1)
+    return np.array([x.min(axis=0) - reach, x.max(axis=0) + reach])
 
 
 def _owners(index_map: common.IndexMap, comm: MPI.Comm) -> Ints:

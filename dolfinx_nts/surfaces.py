@@ -111,8 +111,11 @@ class Surface:
         to_facet = mesh.topology.connectivity(tdim, tdim - 1)
         local = facets.find(tag)
         cells = [to_cell.links(f) for f in local]
-        inner = int(sum(len(c) != 1 for c in cells))
-        if inner := mesh.comm.allreduce(inner):
+        owned = local < mesh.topology.index_map(tdim - 1).size_local
+        # Without ghost cells a facet between two ranks has one cell here.
+        between = np.isin(local, mesh.topology.interprocess_facets())
+        between |= np.fromiter((len(c) != 1 for c in cells), dtype=bool, count=len(cells))
+        if inner := mesh.comm.allreduce(int(np.count_nonzero(between & owned))):
             raise ValueError(
                 f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
             )
@@ -138,7 +141,6 @@ class Surface:
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
 
-        owned = local < mesh.topology.index_map(tdim - 1).size_local
         self.segments: Ints = segments[owned]
         self.orientation: Floats = orientation[owned]
         self.key = self._number()

@@ -7,7 +7,7 @@ namespace nts::bindings
 {
 namespace
 {
-template <bool conserving>
+template <Scheme scheme>
 auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                    const Doubles& orientation)
 {
@@ -29,8 +29,8 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
            [&]<class S>()
            {
              const nb::gil_scoped_release release;
-             nts::contact<S>(view(x_pair_n), view(x_pair), view(orientation),
-                             conserving, out);
+             nts::contact<S, scheme>(view(x_pair_n), view(x_pair),
+                                     view(orientation), out);
            });
   return std::tuple(gap_n, gap, force, gradient, tangent, turn, status);
 }
@@ -95,9 +95,11 @@ void contact(nb::module_& m)
       = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> gap_n (m,), gap (m,), force and "
         "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), status "
         "(m,): 0 valid, 1 not (NaN)";
-  m.def("contact_midpoint", &contact_batch<false>, nb::arg("x_pair_n"),
+  m.def("contact_midpoint", &contact_batch<Scheme::midpoint>, nb::arg("x_pair_n"),
         nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("contact_conserving", &contact_batch<true>, nb::arg("x_pair_n"),
+  m.def("contact_conserving", &contact_batch<Scheme::conserving>, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"), doc);
+  m.def("contact_static", &contact_batch<Scheme::statics>, nb::arg("x_pair_n"),
         nb::arg("x_pair"), nb::arg("orientation"), doc);
   m.def("slip", &slip_batch, nb::arg("x_pair_n"), nb::arg("x_pair"),
         nb::arg("orientation"),

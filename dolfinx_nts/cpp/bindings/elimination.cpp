@@ -18,6 +18,16 @@ std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
   return dofs.shape(1) - 1;
 }
 
+/// @brief Dispatch on segment vertices, 0 for rigid obstacles.
+template <class Function>
+void dispatch_pairs(std::size_t vertices, Function&& function)
+{
+  if (vertices == 0)
+    function.template operator()<NoSegment>();
+  else
+    dispatch(vertices, function);
+}
+
 void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
                      const Doubles& gradients, const Doubles& values,
                      Out<double> x)
@@ -28,7 +38,7 @@ void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
   check("gradients", gradients, {m, 3, 3 * (1 + k)});
   if (values.size())
     check("values", values, {m, 3});
-  dispatch(k,
+  dispatch_pairs(k,
            [&]<class S>()
            {
              constrain<S>({.dofs = view(dofs),
@@ -52,7 +62,7 @@ void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
   check("columns", columns, {m, 3, n});
   check("tangent", tangent, {m, n, n});
   check("x", x, {y.shape(0), 3});
-  dispatch(k,
+  dispatch_pairs(k,
            [&]<class S>()
            {
              act<S>({.dofs = view(dofs),

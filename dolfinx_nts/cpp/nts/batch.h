@@ -47,21 +47,30 @@ struct ContactArrays
   std::span<std::int8_t> status; ///< 0 valid, 1 not
 };
 
+/// @brief What the contact force of a step is.
+enum class Scheme
+{
+  midpoint,
+  conserving,
+  statics
+};
+
 /// @brief Contact of m pairs in one step; invalid pairs are filled with NaN.
-/// @param[in] conserving Energy-momentum scheme, otherwise midpoint rule.
-template <class S>
+template <class S, Scheme scheme>
 void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
-             std::span<const double> orientation, bool conserving,
+             std::span<const double> orientation,
              const ContactArrays& out) noexcept
 {
   for (std::size_t i = 0; i < orientation.size(); ++i)
   {
     Contact<S> c;
     const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
-    if (conserving)
+    if constexpr (scheme == Scheme::conserving)
       contact_conserving(pair_n, pair, orientation[i], c);
-    else
+    else if constexpr (scheme == Scheme::midpoint)
       contact_midpoint(pair_n, pair, orientation[i], c);
+    else
+      contact_static(pair_n, pair, orientation[i], c);
     if (!c.valid)
     {
       c.gap_n = c.gap = c.turn = NAN;

@@ -3,9 +3,9 @@
 #include "invariants.h"
 
 /// @brief Contact force of one step, its tangent and the gap at both ends,
-/// for the midpoint rule and for the energy-momentum scheme.
+/// for the midpoint rule, the energy-momentum scheme and statics.
 ///
-/// Both functions have the same arguments and the same result: the force is
+/// All three functions have the same arguments and the same result: the force is
 /// lambda_N times `force`, the constraint acts on `gap`.
 namespace nts
 {
@@ -55,6 +55,24 @@ void contact_midpoint(const Pair<S>& pair_n, const Pair<S>& pair,
   for (PairVector<S>& row : contact.tangent)
     for (double& entry : row)
       entry *= 0.5;
+}
+
+/// @brief Static contact: force grad g(q_{n+1}), tangent its Hessian.
+template <class S>
+void contact_static(const Pair<S>& pair_n, const Pair<S>& pair,
+                    double orientation, Contact<S>& contact) noexcept
+{
+  const Projection<S> p_n = project(pair_n, orientation);
+  const Projection<S> p = project(pair, orientation);
+  Sensitivity<S> s;
+  contact.valid = p_n.converged && p.converged && sensitivity(p, s);
+  if (!contact.valid)
+    return;
+  contact.gap_n = p_n.gap;
+  contact.gap = p.gap;
+  contact.turn = dot(p_n.normal, p.normal);
+  contact.force = contact.gradient = gap_gradient(p);
+  contact.tangent = gap_hessian<S>(s);
 }
 
 /// @brief Average of the constraint gradients on the straight path from pi_n

@@ -1,0 +1,329 @@
+r"""Rigid obstacles: analytical surfaces that bodies cannot enter.
+
+An obstacle stands in the place of a surface's segments, has no unknowns and
+never moves. Gap and normal are those of the exact surface; the contact force
+of the energy-momentum scheme is a discrete gradient,
+:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
+Contact = tuple[npt.NDArray[Any], ...]
+
+_DEPTH = 0.5  # a node deeper than this part of its segment is not found
+
+
+class Obstacle:
+    """One rigid surface, seen from the nodes of one rank. Local.
+
+    It offers what a `search.Neighbourhood` offers; its pairs consist of
+    the node alone.
+    """
+
+    key: GlobalInts = np.zeros(1, dtype=np.int64)
+
+    def distance(self, x: Floats) -> tuple[Floats, Floats]:
+        """Gap [m] and outward unit normal of points, (m,) and (m, 3)."""
+        raise NotImplementedError
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Contact of nodes, as the kernels give it for pairs with d = 3.
+
+        Args:
+            scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+            x_n: Positions at t_n, shape ``(m, 3)`` [m].
+            x: Positions at t_{n+1}, shape ``(m, 3)`` [m].
+            segment: Facet of each node, shape ``(m,)``.
+
+        Returns:
+            gap_n, gap, force, gradient, tangent, turn, status.
+        """
+        gap_n, normal_n = self.distance(x_n)
+        gap, normal = self.distance(x)
+        force, tangent = self._force(scheme, x_n, x)
+        turn = np.einsum("mi,mi->m", normal_n, normal)
+        status = np.where(np.isfinite(gap_n + gap + turn), 0, 1).astype(np.int8)
+        return gap_n, gap, force, normal, tangent, turn, status
+
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Slip of nodes, as the kernel gives it, and orientations."""
+        frame_n = _frame(self.normal(x_n, segment))
+        frame = _frame(self.normal(x, segment))
+        value = np.einsum("mij,mj->mi", frame_n, x - x_n)
+        m = len(x)
+        return (
+            *(value, frame_n, frame_n, np.ones((m, 1)), np.zeros((m, 2, 1)), frame_n, frame),
+            np.ones(m),
+        )
+
+    def normal(self, x: Floats, segment: Ints) -> Floats:
+        """Normal at the facet of each node, shape ``(m, 3)``."""
+        return self.distance(x)[1]
+
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats, Floats]:
+        """Facet of each node or -1, gap and normal."""
+        gap, normal = self.distance(x)
+        found = np.where(gap <= reach, 0, -1).astype(np.int32)
+        return found, gap, normal
+
+    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Force per multiplier (m, 3) and its derivative (m, 3, 3)."""
+        raise NotImplementedError
+
+
+class RigidPlane(Obstacle):
+    """Half space that bodies cannot enter.
+
+    Args:
+        point: A point of the plane [m].
+        normal: Direction out of the obstacle, of any length.
+    """
+
+    def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
+        """Normalise the direction."""
+        self._point = _vector("point", point)
+        self._normal = _direction("normal", normal)
+
+    def distance(self, x: Floats) -> tuple[Floats, Floats]:
+        """Gap and normal."""
+        return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
+
+    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
+
+
+class _Round(Obstacle):
+    """Points at a given distance from a centre, in a subspace."""
+
+    def __init__(
+        self, centre: Sequence[float], radius: float, projector: Floats, hollow: bool
+    ) -> None:
+        if not (np.isfinite(radius) and radius > 0):
+            raise ValueError(f"expected a radius > 0, given {radius}")
+        self._centre, self._radius = _vector("centre", centre), float(radius)
+        self._projector, self._sign = projector, -1.0 if hollow else 1.0
+
+    def _radial(self, x: Floats) -> tuple[Floats, Floats]:
+        r = (x - self._centre) @ self._projector
+        return r, np.linalg.norm(r, axis=1)
+
+    def distance(self, x: Floats) -> tuple[Floats, Floats]:
+        """Gap and normal."""
+        r, length = self._radial(x)
+        normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
+        return self._sign * (length - self._radius), normal
+
+    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        if scheme == "conserving":
+            # (r_n + r)/(|r_n| + |r|), whose work is |r| - |r_n|.
+            (r_n, length_n), (r, length) = self._radial(x_n), self._radial(x)
+            total, sum_r = length_n + length, r_n + r
+            force = sum_r / total[:, None]
+            turned = r / np.where(length > 0, length, np.nan)[:, None]
+            tangent = (self._projector - force[:, :, None] * turned[:, None, :]) / total[
+                :, None, None
+            ]
+            return self._sign * force, self._sign * tangent
+        r, length = self._radial((x_n + x) / 2 if scheme == "midpoint" else x)
+        force = r / np.where(length > 0, length, np.nan)[:, None]
+        tangent = (self._projector - force[:, :, None] * force[:, None, :]) / length[:, None, None]
+        return self._sign * force, self._sign * tangent * (0.5 if scheme == "midpoint" else 1.0)
+
+
+class RigidSphere(_Round):
+    """Ball, or the inside of a sphere.
+
+    Args:
+        centre: Centre [m].
+        radius: Radius [m].
+        hollow: Whether bodies are kept inside instead of outside.
+    """
+
+    def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
+        """Check the numbers."""
+        super().__init__(centre, radius, np.eye(3), hollow)
+
+
+class RigidCylinder(_Round):
+    """Cylinder of infinite length, or the inside of a tube.
+
+    Args:
+        point: A point of the axis [m].
+        axis: Direction of the axis, of any length.
+        radius: Radius [m].
+        hollow: Whether bodies are kept inside instead of outside.
+    """
+
+    def __init__(
+        self,
+        point: Sequence[float],
+        axis: Sequence[float],
+        radius: float,
+        *,
+        hollow: bool = False,
+    ) -> None:
+        """Check the numbers."""
+        a = _direction("axis", axis)
+        super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
+
+
+class RigidSurface(Obstacle):
+    """Facets that do not move.
+
+    Args:
+        points: Vertices, shape ``(n, 3)`` [m], the same on all ranks.
+        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of
+            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1),
+            (1,1).
+        outside: A point to which all facets turn their outer side; for
+            a closed or strongly curved surface, one point per facet,
+            shape ``(s, 3)`` [m].
+
+    Raises:
+        ValueError: Shapes or indices do not fit, or a facet turns its
+            edge to ``outside``.
+    """
+
+    def __init__(self, points: Any, facets: Any, outside: Any) -> None:
+        """Orient the facets."""
+        points, facets = np.asarray(points, dtype=np.float64), np.asarray(facets)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
+        if facets.ndim != 2 or facets.shape[1] not in (3, 4):
+            raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
+        if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
+            raise ValueError(f"expected facets of vertices below {len(points)}")
+        self._x = np.ascontiguousarray(points[facets])
+        centre = self._x.mean(axis=1)
+        edges = self._x[:, 1:3] - self._x[:, :1]
+        side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
+        if np.any(side == 0):
+            raise ValueError("expected facets that turn a side to outside, given edges")
+        self._orientation = np.sign(side)
+        self.key = np.arange(len(facets), dtype=np.int64)
+
+    def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+        pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
+        return pairs, self._orientation[segment]
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Contact of nodes: the rows of the node in those of the pair."""
+        pair_n, orientation = self._pairs(x_n, segment)
+        pair, _ = self._pairs(x, segment)
+        kernel = getattr(_kernels, f"contact_{scheme}")
+        gap_n, gap, force, gradient, tangent, turn, status = kernel(pair_n, pair, orientation)
+        return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
+
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Slip of nodes: the rows of the node in those of the pair."""
+        pair_n, orientation = self._pairs(x_n, segment)
+        pair, _ = self._pairs(x, segment)
+        value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
+        node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
+        return value, *node, frame_n, frame, orientation
+
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats, Floats]:
+        """Facet of each node or -1, gap and normal."""
+        found, _, gap, normal = _kernels.pair_nodes(
+            x, current, reach, self._x, self._orientation, self.key
+        )
+        return found, gap, normal
+
+    def normal(self, x: Floats, segment: Ints) -> Floats:
+        """Normal at the facet of each node."""
+        return _kernels.project(*self._pairs(x, segment))[2]
+
+
+class ObstacleNeighbourhood:
+    """An obstacle with the interface of `search.Neighbourhood`.
+
+    Args:
+        obstacle: The obstacle.
+        nodes: Surface whose nodes meet it.
+    """
+
+    def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
+        """Keep both."""
+        self.obstacle = obstacle
+        self.index_map = nodes.V.dofmap.index_map
+        self.num_local = int(self.index_map.size_local)
+        self.key = obstacle.key
+        self.size = np.full(len(self.key), nodes.size)
+
+    def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
+        """Itself: there is nothing to search."""
+        return self, False
+
+    def find(self, key: GlobalInts) -> Ints:
+        """Facet of each key, -1 where there is none."""
+        return key.astype(np.int32)
+
+    def with_room(self, owned: Floats) -> Floats:
+        """Copy of the owned values."""
+        return owned.copy()
+
+    def with_ghosts(self, owned: Floats) -> Floats:
+        """Copy of the owned values."""
+        return owned.copy()
+
+    def to_owners(self, values: Floats) -> Floats:
+        """The values, as no other rank has any for owned nodes."""
+        return values
+
+    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
+        """Nodes of pairs, shape ``(m, 1)``."""
+        return nodes[:, None].astype(np.int32)
+
+    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet of each node or -1, and gap, NaN without."""
+        found, gap, _ = self.obstacle.find(x[nodes], current, reach)
+        return found, np.where(found >= 0, gap, np.nan)
+
+    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gap of nodes to given facets, shape ``(m,)`` [m]."""
+        return self.contact("static", x, x, nodes, segment)[1]
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+        """Contact of nodes, see `Obstacle.contact`."""
+        return self.obstacle.contact(scheme, x_n[nodes], x[nodes], segment)
+
+    def slip(self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+        """Slip of nodes, see `Obstacle.slip`."""
+        return self.obstacle.slip(x_n[nodes], x[nodes], segment)
+
+
+def _vector(name: str, value: Sequence[float]) -> Floats:
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise ValueError(f"expected three finite numbers for {name}, given {value}")
+    return vector
+
+
+def _direction(name: str, value: Sequence[float]) -> Floats:
+    vector = _vector(name, value)
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise ValueError(f"expected a direction for {name}, given {value}")
+    direction: Floats = vector / length
+    return direction
+
+
+def _frame(normal: Floats) -> Floats:
+    """Orthonormal tangents (m, 2, 3), right-handed with the normals."""
+    # Any axis that is not near the normal; the same for small turns.
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(axis, normal)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normal, first)], axis=1)

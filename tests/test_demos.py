@@ -1,0 +1,20 @@
+"""Every demo runs, shortened, in a folder of its own."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("demo_*.py"))
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
+def test_demo_runs_and_its_assertions_hold(comm, demo, tmp_path, monkeypatch):
+    for module in ("pyvista", "matplotlib"):
+        pytest.importorskip(module)
+    folder = comm.bcast(tmp_path)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("NTS_DEMO_STEPS", "12")
+    runpy.run_path(str(demo), run_name="__main__")
+    comm.barrier()
+    assert {path.suffix for path in folder.iterdir()} == {".csv", ".h5", ".png", ".xdmf"}
