@@ -209,7 +209,6 @@ class ContactPair:
         )[1]
 
 
-
 def _check_surfaces(nodes: Surface, segments: Surface) -> None:
     """Raise on all ranks unless the surfaces can make a pair. Collective."""
     if nodes.V != segments.V:

@@ -36,9 +36,7 @@ _NONE = np.empty(0)
 class _Block:
     """Active pairs of one contact pair."""
 
-    def __init__(
-        self, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState
-    ) -> None:
+    def __init__(self, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> None:
         active = state.active
         self.here = here
         self.dofs: Ints = state.dofs[active]
@@ -122,7 +120,9 @@ class Elimination:
             part[b.node] += np.einsum("mij,mj->mi", b.given_up, x[b.node])
         return part
 
-    def compliance(self, inverse_diagonal: Callable[[Neighbourhood | ObstacleNeighbourhood], Floats]) -> list[Floats]:
+    def compliance(
+        self, inverse_diagonal: Callable[[Neighbourhood | ObstacleNeighbourhood], Floats]
+    ) -> list[Floats]:
         """Diagonal of G^T D^-1 F, normal constraints, for each block.
 
         Args:

@@ -153,9 +153,6 @@ class History:
     rows: list[Array]
     reports: list[nts.StepReport]
 
-    def __post_init__(self) -> None:
-        """Nothing to do but to keep the lists."""
-
     @property
     def kinetic(self) -> Array:
         """Kinetic energy (n,)."""
@@ -419,7 +416,15 @@ def blocks(
         permute: Renumbers nodes and cells at random.
         owner: As in `distribute`, of midpoints before ``motion``.
     """
-    motion = motion or Motion.none()
+    data, v = block_input(cell, num_bodies)
+    if permute is not None:
+        data = data.permuted(permute)
+        v = v[data.numbers]
+    return free_flight(comm, scheme, enforcement, data, v, motion=motion, dt=dt, owner=owner)
+
+
+def block_input(cell: str, num_bodies: int) -> tuple[Input, Array]:
+    """Return mesh and nodal velocities of `blocks`."""
     shapes = [(3, 3, 1), (2, 2, 1), (1, 1, 1)][:num_bodies]
     sizes = [(1.2, 1.2, 0.5), (0.8, 0.8, 0.4), (0.3, 0.4, 0.3)][:num_bodies]
     data = boxes(shapes, sizes, cell)
@@ -430,15 +435,45 @@ def blocks(
         a, b, c = (X[at[number]] - [sizes[number][0] / 2, sizes[number][1] / 2, 0]).T
         tilt = rotation([1, 0.3, 0], 0.1 * (-1) ** (number + 1))
         local = np.column_stack((a, b, c + 0.04 * a * b))
-        turned = np.array(
-            [rotation([0, 0, 1], 0.5 * number + 0.2 * x[2]) @ x for x in local]
-        )
+        turned = np.array([rotation([0, 0, 1], 0.5 * number + 0.2 * x[2]) @ x for x in local])
         X[at[number]] = turned @ tilt.T + [0.63, 0.57, 0.07 + 0.48 * number]
         v[at[number]] = np.cross([0.3, -0.2, 1.5], X[at[number]] - [0.6, 0.6, 0.7])
         v[at[number]] -= [0.2, 0.1, 1.5 * number]
-    if permute is not None:
-        data = data.permuted(permute)
-        v = v[data.numbers]
+    return data, v
+
+
+def tower(
+    comm: MPI.Comm,
+    scheme: Any = nts.EnergyMomentum,
+    *,
+    owner: Callable[[Array], Ints] | None = None,
+) -> Scene:
+    """Return two bodies of which most cells are far from the contact. Collective."""
+    data = boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
+    upper = np.unique(data.cells[data.body == 1])
+    data.X[upper] = data.X[upper] @ rotation([1, 2, 3], 0.4).T + [0.27, 0.36, 1.3]
+    v = np.zeros_like(data.X)
+    v[upper] = [0.3, 0.1, -1.5]
+    return free_flight(comm, scheme, None, data, v, owner=owner)
+
+
+def free_flight(
+    comm: MPI.Comm,
+    scheme: Any,
+    enforcement: nts.LagrangeMultiplier | None,
+    data: Input,
+    v: Array,
+    *,
+    motion: Motion | None = None,
+    dt: float = BLOCK_STEP,
+    owner: Callable[[Array], Ints] | None = None,
+) -> Scene:
+    """Return free bodies with given velocities of the nodes. Collective.
+
+    Every pair is the bottom of a body against the top of the one below.
+    """
+    motion = motion or Motion.none()
+    num_bodies = int(data.body.max()) + 1
     mesh, cells, facets, tag = distribute(comm, data, owner=owner)
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
