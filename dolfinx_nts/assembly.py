@@ -10,7 +10,7 @@ with the contact force F of the step and the gap gradient G at its end; the
 matrix is not symmetric.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -21,6 +21,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
+from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.contact_step import ContactState, ContactStep
 
@@ -49,6 +50,7 @@ class Bulk:
         residual: Residual form, linear in the test function [N].
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
+        loads: Virtual work of loads, each linear in the test function [N].
 
     Attributes:
         u: The unknown.
@@ -59,17 +61,22 @@ class Bulk:
         num_tangents: Assembled tangents.
     """
 
-    def __init__(self, residual: ufl.Form, u: fem.Function, bcs: Sequence[fem.DirichletBC]) -> None:
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form] = (),
+    ) -> None:
         """Compile the forms and allocate."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
         self.u, self.bcs = u, list(bcs)
         self._direction = fem.Function(V)
-        tangent = ufl.derivative(residual, u, ufl.TrialFunction(V))
-        action = ufl.derivative(residual, u, self._direction)
-        self._residual, self._tangent, self._action = (
-            fem.form(form, jit_options=JIT_OPTIONS) for form in (residual, tangent, action)
-        )
+        forms = [residual, *(-load for load in loads)]
+        self._residual = _compile(forms)
+        self._tangent = _compile(ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms)
+        self._action = _compile(ufl.derivative(form, u, self._direction) for form in forms)
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self._matrix: Any = None
@@ -86,13 +93,18 @@ class Bulk:
 
         Collective.
         """
-        self._vector.array[:] = 0
-        fem.assemble_vector(self._vector.array, self._residual)
-        self._vector.scatter_reverse(la.InsertMode.add)
-        self.num_residuals += 1
-        R: Floats = self._vector.array[: self.num_owned].copy()
+        R = self.forces()
         R[self.fixed] = 0
         return R
+
+    def forces(self) -> Floats:
+        """Residual at u on the owned dofs, given or not [N]. Collective."""
+        self.num_residuals += 1
+        return self._assembled(self._residual)
+
+    def load(self) -> Floats:
+        """Forces of the loads at u on the owned dofs [N]. Collective."""
+        return -self._assembled(self._residual[1:])
 
     def action(self, x: Floats) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.
@@ -109,11 +121,8 @@ class Bulk:
         direction.array[: self.num_owned] = x.ravel()
         direction.array[self.fixed] = 0
         direction.scatter_forward()
-        self._vector.array[:] = 0
-        fem.assemble_vector(self._vector.array, self._action)
-        self._vector.scatter_reverse(la.InsertMode.add)
         self.num_actions += 1
-        y: Floats = self._vector.array[: self.num_owned].copy()
+        y = self._assembled(self._action)
         y[self.fixed] = x.ravel()[self.fixed]
         return y.reshape(-1, 3)
 
@@ -129,12 +138,30 @@ class Bulk:
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective."""
         if self._matrix is None:
-            self._matrix = fem_petsc.create_matrix(self._tangent, "baij")
+            self._matrix = fem_petsc.create_matrix(self._tangent[0], "baij")
         self._matrix.zeroEntries()
-        fem_petsc.assemble_matrix(self._matrix, self._tangent, bcs=self.bcs)
+        for form in self._tangent:
+            # The last form has left unit rows, which are not added to.
+            self._matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
+            fem_petsc.assemble_matrix(self._matrix, form, bcs=self.bcs)
         self._matrix.assemble()
         self.num_tangents += 1
         return self._matrix
+
+    def _assembled(self, forms: Sequence[fem.Form]) -> Floats:
+        """Sum of linear forms on the owned dofs, a copy."""
+        self._vector.array[:] = 0
+        for form in forms:
+            fem.assemble_vector(self._vector.array, form)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        values: Floats = self._vector.array[: self.num_owned].copy()
+        return values
+
+
+def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
+    """Compile forms, leaving out those without integrals."""
+    expanded = (expand_derivatives(form) for form in forms)
+    return [fem.form(form, jit_options=JIT_OPTIONS) for form in expanded if not form.empty()]
 
 
 def contact_residual(

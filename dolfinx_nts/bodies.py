@@ -18,9 +18,9 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies"]
+__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies"]
 
-_QUADRATURE_DEGREE = 2
+QUADRATURE_DEGREE = 2
 
 
 class Body:
@@ -89,7 +89,7 @@ def bulk_form(
         "dx",
         domain=mesh,
         subdomain_data=[(i, np.sort(cells)) for i, cells in enumerate(regions)],
-        metadata={"quadrature_degree": _QUADRATURE_DEGREE},
+        metadata={"quadrature_degree": QUADRATURE_DEGREE},
     )
     form = ufl.Form([])
     for i, material in enumerate(materials):
@@ -142,7 +142,7 @@ class VolumeRatio:
         """Compile det F at the points of the bulk forms."""
         mesh = u.function_space.mesh
         cell = basix.CellType[mesh.topology.cell_name()]
-        points, _ = basix.make_quadrature(cell, _QUADRATURE_DEGREE)
+        points, _ = basix.make_quadrature(cell, QUADRATURE_DEGREE)
         self._u = u
         self._expression = fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(u)), points)
         num_cells = mesh.topology.index_map(mesh.topology.dim).size_local

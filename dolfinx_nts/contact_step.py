@@ -25,9 +25,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
-_LAST_PAIRING = 12  # from this iteration on, nodes keep their segment
-_LEAST_INDEX = 8  # from this iteration on, one node changes at a time
-_TOUCHING = 1e-3  # excess gap, relative to the segment, of a node still active
+_MOST_MOVES = 2  # a node that changed its segment this often keeps it
+_PATIENCE = 3  # iterations without fewer changes until one node changes at a time
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,10 @@ class ContactStep:
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self._segment: Ints = at_n[0]
         self._gap: Floats = at_n[1]
+        self._moves = np.zeros(len(nodes), dtype=np.int32)
         self.num_active = 0
+        self._fewest: float = np.inf
+        self._patience = _PATIENCE
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
         self.sliding = history.sliding | ~history.active
@@ -292,12 +294,13 @@ class ContactStep:
         """Nodes that may transmit force; how many changed their segment."""
         node = self._eligible
         previous = self._segment[node]
-        if iteration < _LAST_PAIRING:
-            nodes = self.pair.nodes.nodes[node]
-            self._segment[node], self._gap[node] = self.neighbourhood.pair(
-                x, nodes, previous, self._reach
-            )
+        free = node[self._moves[node] < _MOST_MOVES]
+        self._segment[free], self._gap[free] = self.neighbourhood.pair(
+            x, self.pair.nodes.nodes[free], self._segment[free], self._reach
+        )
         segment = self._segment[node]
+        if iteration:
+            self._moves[node] += segment != previous
         near = segment >= 0
         enforcement = self.pair.enforcement
         if isinstance(enforcement, LagrangeMultiplier) and enforcement.impact == "plastic":
@@ -426,13 +429,18 @@ class ContactStep:
         node, excess = rows.node, rows.excess[:, 0]
         before = self.active[node]
         if iteration == 0:
-            size = self.neighbourhood.size[rows.segment]
-            after = (excess < 0) | (before & (excess < _TOUCHING * size))
+            after = before | (excess < 0)
         else:
             after = self.pair.enforcement.active(self.lambda_N[node], excess, self._weight(node))
         changes = after != before
-        if iteration >= _LEAST_INDEX:
-            # Murty's rule ends cycles: only the lowest violator changes.
+        # Block pivoting (Judice, Pires 1994): all violators change while
+        # they become fewer; Murty's rule, only the lowest, ends cycles.
+        count = self.comm.allreduce(int(np.count_nonzero(changes)))
+        if count < self._fewest:
+            self._fewest, self._patience = count, _PATIENCE
+        elif count and self._patience:
+            self._patience -= 1
+        elif count:
             ids = self.pair.nodes.node_ids[node]
             last = np.iinfo(np.int64).max
             lowest = ids[changes].min(initial=last)

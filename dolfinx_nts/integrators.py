@@ -128,6 +128,7 @@ class _Stepper:
             self._free.ravel()[self._bulk.fixed] = 0
         self._volume_ratio = VolumeRatio(self.u)
         self._force_scale = 0.0
+        self._mean_velocity: Floats = self.v.x.array.copy()
 
     def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """Second Piola-Kirchhoff stress of the step, UFL (3, 3)."""
@@ -190,6 +191,7 @@ class _Stepper:
         if values.shape not in ((3,), X.shape):
             raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
         function.x.array.reshape(-1, 3)[body.nodes] = values.T
+        self._mean_velocity = self.v.x.array.copy()
 
     def advance(self) -> StepReport:
         """Advance by one step of length ``dt``.
@@ -211,9 +213,16 @@ class _Stepper:
         stiffness = self._bulk.nodal_stiffness()
 
         attempts: list[newton.NewtonReport] = []
-        # The ballistic start can invert elements at large steps.
-        for guess in (ballistic, u_n):
-            u[:] = guess
+        # Contact makes velocities alternate from step to step; their mean
+        # over the last step is free of that, and where it fails (the first
+        # contact of a fast body) the others may not.
+        starts = {
+            "coasting": u_n + dt * self._mean_velocity,
+            "ballistic": ballistic,
+            "last": u_n,
+        }
+        for start in starts.values():
+            u[:] = start
             for bc in self._bcs:
                 bc.set(u)
             with self.timings.phase("contact"):
@@ -239,7 +248,7 @@ class _Stepper:
             u[:] = u_n
             reasons = "; ".join(
                 f"from the {start} state: {attempt}"
-                for start, attempt in zip(("ballistic", "last"), attempts, strict=True)
+                for start, attempt in zip(starts, attempts, strict=True)
             )
             raise newton.ConvergenceError(
                 f"step {self.step + 1} from t = {self.t:g} to {self.t + dt:g} failed {reasons}; "
@@ -255,7 +264,8 @@ class _Stepper:
             history = step.accepted(state)
             work = work + step.work(state, history)
             pair.history = history
-        v[:] = 2 / dt * (u - u_n) - v
+        self._mean_velocity = (u - u_n) / dt
+        v[:] = 2 * self._mean_velocity - v
         self.t += dt
         self.step += 1
         report = StepReport(

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import ufl
+from ufl.domain import extract_domains
 
-__all__ = ["Hyperelastic", "SaintVenantKirchhoff"]
+__all__ = ["Hyperelastic", "MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 
 # Gauss points and weights of the average over [0, 1].
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -20,36 +22,67 @@ _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 # Above this |dC| the quadrature of the average leaves a defect, which is
 # corrected; below it the correction would be round-off divided by |dC|.
 _SMALL_STRAIN_INCREMENT = 1e-2
+# A direction in which no usual invariant is stationary at C = 1.
+_GENERIC = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
 
 
 class Hyperelastic:
-    """A material given by its strain energy.
+    r"""A material given by its strain energy.
+
+    Damping, if any, is that of Rayleigh: a force :math:`-\alpha \rho_0 v`
+    per reference volume, and a stress :math:`S = \beta\, 4 \psi''(1) :
+    \dot E`, with the moduli of the undeformed material. The first also
+    slows rigid motion, the second does not.
 
     Args:
         psi: Strain energy density ``psi(C, **parameters)`` [J/m^3] of the
             right Cauchy-Green tensor, a UFL scalar, twice
             differentiable.
         rho: Reference density [kg/m^3].
+        mass_damping: Coefficient alpha [1/s].
+        stiffness_damping: Coefficient beta [s].
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Raises:
-        ValueError: ``rho`` or a parameter is not a finite number, ``rho``
-            is not positive, or ``psi`` is not scalar.
+        TypeError: ``psi`` cannot be called.
+        ValueError: A number is not finite or has the wrong sign; ``psi``
+            is no scalar, or not twice differentiable at C = 1; or with
+            stiffness damping its moduli there have a negative
+            eigenvalue, so that damping would add energy. An energy with
+            fields in it is not evaluated at C = 1.
     """
 
-    def __init__(self, psi: Callable[..., Any], *, rho: float, **parameters: float) -> None:
-        """Check the numbers and that the energy is a scalar."""
-        for name, value in (("rho", rho), *parameters.items()):
+    def __init__(
+        self,
+        psi: Callable[..., Any],
+        *,
+        rho: float,
+        mass_damping: float = 0.0,
+        stiffness_damping: float = 0.0,
+        **parameters: float,
+    ) -> None:
+        """Check the numbers and the energy."""
+        if not callable(psi):
+            raise TypeError(f"expected a function psi(C), given {type(psi).__name__}")
+        damping = {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
+        for name, value in {"rho": rho, **damping, **parameters}.items():
             if not np.isfinite(value):
                 raise ValueError(f"expected a finite number for {name}, given {value}")
         if rho <= 0:
             raise ValueError(f"expected a density rho > 0, given {rho}")
+        for name, value in damping.items():
+            if value < 0:
+                raise ValueError(f"expected {name} >= 0, given {value}")
         self.rho = float(rho)
+        self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
         self.parameters = {name: float(value) for name, value in parameters.items()}
         self._psi = psi
-        shape = ufl.as_ufl(psi(ufl.Identity(3), **self.parameters)).ufl_shape
-        if shape != ():
-            raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
+        self._check_energy()
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether the material has damping of either kind."""
+        return self.mass_damping > 0 or self.stiffness_damping > 0
 
     def psi(self, C: Any, **parameters: Any) -> Any:
         """Strain energy per reference volume [J/m^3], a UFL scalar."""
@@ -58,7 +91,8 @@ class Hyperelastic:
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress S = 2 d psi/d C [Pa], UFL (3, 3)."""
         C = ufl.variable(C)
-        return 2 * ufl.diff(self.psi(C, **parameters), C)
+        # UFL's derivative is not symmetric if psi names entries of C.
+        return 2 * ufl.sym(ufl.diff(self.psi(C, **parameters), C))
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         r"""Stress whose work in a step is the change of the strain energy.
@@ -87,6 +121,67 @@ class Hyperelastic:
         safe = ufl.conditional(large, square, 1.0)
         return S + ufl.conditional(large, 2 * defect / safe, 0.0) * dC
 
+    def linear_stress(self, E_GL: Any, **parameters: Any) -> Any:
+        r"""Stress of a strain by the moduli at C = 1, :math:`4 \psi''(1) : E`.
+
+        Args:
+            E_GL: Green-Lagrange strain, or its rate, UFL (3, 3).
+            **parameters: Numbers of the energy.
+
+        Returns:
+            Stress [Pa], or its rate, UFL (3, 3).
+        """
+        C = ufl.variable(ufl.Identity(3))
+        moduli = 2 * ufl.diff(self.stress(C, **parameters), C)
+        i, j, k, l = ufl.indices(4)
+        return ufl.as_tensor(moduli[i, j, k, l] * E_GL[k, l], (i, j))
+
+    def _check_energy(self) -> None:
+        value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
+        if (shape := value.ufl_shape) != ():
+            raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
+        if extract_domains(value):
+            return
+        h = 1e-5
+        try:
+            below, (slope, curvature), above = (self._along(_GENERIC, s) for s in (-h, 0.0, h))
+            if not np.isfinite([slope, curvature]).all():
+                raise ValueError(f"slope {slope} and curvature {curvature}")
+            sizes = np.abs([below, above, (slope, curvature)]).sum(axis=0)
+            difference = (above[0] - below[0]) / (2 * h)
+            if not abs(difference - curvature) <= 1e-6 * sizes[0] + 1e-3 * sizes[1]:
+                raise ValueError(f"a curvature of {curvature} but differences of {difference}")
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"expected psi(C) twice differentiable at C = 1, given {error}"
+            ) from error
+        if self.stiffness_damping > 0:
+            least, most = np.linalg.eigvalsh(self._moduli())[[0, -1]]
+            if least < -1e-10 * max(most, -least):
+                raise ValueError(
+                    "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
+                    f"given {least:g} Pa"
+                )
+
+    def _along(self, D: npt.NDArray[np.float64], s: float = 0.0) -> tuple[float, float]:
+        """First and second derivative of psi(1 + s D) by s."""
+        at = ufl.variable(ufl.as_ufl(s))
+        value = self.psi(ufl.Identity(3) + at * ufl.as_matrix(D.tolist()), **self.parameters)
+        first = ufl.diff(value, at)
+        return float(first(())), float(ufl.diff(first, at)(()))
+
+    def _moduli(self) -> npt.NDArray[np.float64]:
+        """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa]."""
+        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        basis = []
+        for i, j in pairs:
+            D = np.zeros((3, 3))
+            D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            basis.append(D)
+        curvature = np.array([[self._along(A + B)[1] for B in basis] for A in basis])
+        diagonal = np.diag(curvature) / 4
+        return 2 * (curvature - diagonal[:, None] - diagonal)
+
 
 class SaintVenantKirchhoff(Hyperelastic):
     r"""St. Venant-Kirchhoff material, S = lambda tr(E) 1 + 2 mu E.
@@ -95,20 +190,16 @@ class SaintVenantKirchhoff(Hyperelastic):
         E: Young's modulus [Pa].
         nu: Poisson's ratio [-].
         rho: Reference density [kg/m^3].
+        **damping: ``mass_damping`` and ``stiffness_damping``.
 
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in
             (-1, 0.5).
     """
 
-    def __init__(self, E: float, nu: float, rho: float) -> None:
+    def __init__(self, E: float, nu: float, rho: float, **damping: float) -> None:
         """Check the numbers and convert them to Lame's."""
-        if not (np.isfinite(E) and E > 0):
-            raise ValueError(f"expected Young's modulus E > 0, given {E}")
-        if not -1 < nu < 0.5:
-            raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
-        lmbda = E * nu / ((1 + nu) * (1 - 2 * nu))
-        super().__init__(_saint_venant_kirchhoff, rho=rho, lmbda=lmbda, mu=E / (2 * (1 + nu)))
+        super().__init__(_saint_venant_kirchhoff, rho=rho, **_lame(E, nu), **damping)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress [Pa], UFL (3, 3)."""
@@ -121,6 +212,122 @@ class SaintVenantKirchhoff(Hyperelastic):
         return self.stress((C_n + C) / 2, **parameters)
 
 
+class NeoHookean(Hyperelastic):
+    r"""Compressible neo-Hookean material.
+
+    :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2`
+    with :math:`U = \ln J` (``"log"``) or :math:`U = J - 1`
+    (``"quadratic"``, which does not soften under pressure).
+
+    Args:
+        E: Young's modulus of small strains [Pa].
+        nu: Poisson's ratio of small strains [-].
+        rho: Reference density [kg/m^3].
+        volumetric: ``"log"`` or ``"quadratic"``.
+        **damping: ``mass_damping`` and ``stiffness_damping``.
+
+    Raises:
+        ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
+            (-1, 0.5), or ``volumetric`` is unknown.
+    """
+
+    def __init__(
+        self, E: float, nu: float, rho: float, volumetric: str = "log", **damping: float
+    ) -> None:
+        """Check the numbers and convert them to Lame's."""
+        energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
+        if volumetric not in energies:
+            raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
+        super().__init__(energies[volumetric], rho=rho, **_lame(E, nu), **damping)
+
+
+class MooneyRivlin(Hyperelastic):
+    r"""Mooney-Rivlin material of the isochoric invariants.
+
+    :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\,
+    (J - 1)^2`; the shear modulus of small strains is 2 (c10 + c01).
+
+    Args:
+        c10: Coefficient of the first invariant [Pa].
+        c01: Coefficient of the second invariant [Pa].
+        kappa: Bulk modulus [Pa].
+        rho: Reference density [kg/m^3].
+        **damping: ``mass_damping`` and ``stiffness_damping``.
+
+    Raises:
+        ValueError: ``c10 + c01``, ``kappa`` or ``rho`` is not positive.
+    """
+
+    def __init__(self, c10: float, c01: float, kappa: float, rho: float, **damping: float) -> None:
+        """Check the moduli of small strains."""
+        _check_positive("c10 + c01", c10 + c01)
+        _check_positive("kappa", kappa)
+        super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **damping)
+
+
+class Yeoh(Hyperelastic):
+    r"""Yeoh material of the first isochoric invariant.
+
+    :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\,
+    (J - 1)^2`; the shear modulus of small strains is 2 c10.
+
+    Args:
+        c10: Linear coefficient [Pa].
+        c20: Quadratic coefficient [Pa].
+        c30: Cubic coefficient [Pa].
+        kappa: Bulk modulus [Pa].
+        rho: Reference density [kg/m^3].
+        **damping: ``mass_damping`` and ``stiffness_damping``.
+
+    Raises:
+        ValueError: ``c10``, ``kappa`` or ``rho`` is not positive.
+    """
+
+    def __init__(
+        self, c10: float, c20: float, c30: float, kappa: float, rho: float, **damping: float
+    ) -> None:
+        """Check the moduli of small strains."""
+        _check_positive("c10", c10)
+        _check_positive("kappa", kappa)
+        super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **damping)
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"expected {name} > 0, given {value}")
+
+
+def _lame(E: float, nu: float) -> dict[str, float]:
+    """Lame's numbers [Pa] of Young's modulus and Poisson's ratio."""
+    _check_positive("Young's modulus E", E)
+    if not -1 < nu < 0.5:
+        raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
+    return {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
+
+
 def _saint_venant_kirchhoff(C: Any, lmbda: Any, mu: Any) -> Any:
     E_GL = (C - ufl.Identity(3)) / 2
     return lmbda / 2 * ufl.tr(E_GL) ** 2 + mu * ufl.inner(E_GL, E_GL)
+
+
+def _neo_hookean_log(C: Any, lmbda: Any, mu: Any) -> Any:
+    ln_J = ufl.ln(ufl.det(C)) / 2
+    return mu / 2 * (ufl.tr(C) - 3) - mu * ln_J + lmbda / 2 * ln_J**2
+
+
+def _neo_hookean_quadratic(C: Any, lmbda: Any, mu: Any) -> Any:
+    J2 = ufl.det(C)
+    return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + lmbda / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def _mooney_rivlin(C: Any, c10: Any, c01: Any, kappa: Any) -> Any:
+    J2, tr = ufl.det(C), ufl.tr(C)
+    I1 = J2 ** (-1 / 3) * tr
+    I2 = J2 ** (-2 / 3) * (tr**2 - ufl.tr(C * C)) / 2
+    return c10 * (I1 - 3) + c01 * (I2 - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def _yeoh(C: Any, c10: Any, c20: Any, c30: Any, kappa: Any) -> Any:
+    J2 = ufl.det(C)
+    x = J2 ** (-1 / 3) * ufl.tr(C) - 3
+    return c10 * x + c20 * x**2 + c30 * x**3 + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2

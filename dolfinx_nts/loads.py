@@ -1,0 +1,271 @@
+r"""Loads on bodies, and supports: Dirichlet conditions fixed or moving.
+
+A load is a linear form of virtual work, evaluated once per step, so that its
+work in the step is the form at u_{n+1} - u_n. Values that are functions of
+time are taken at the middle of the step.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.bodies import QUADRATURE_DEGREE, Body, bulk_form
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["BodyForce", "Gravity", "Load", "Pressure", "Supports", "Traction"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Load:
+    """A load with its value; use one of the classes below.
+
+    Args:
+        V: Space of the displacement.
+        value: Number or vector; or function of the time [s] that returns
+            it; or UFL expression, of the reference position for instance.
+
+    Attributes:
+        V: The space.
+
+    Raises:
+        ValueError: The value has the wrong shape or is not finite.
+    """
+
+    _shape: ClassVar[tuple[int, ...]] = (3,)
+
+    def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
+        """Check the value; a function of time is tried at 0."""
+        self.V = V
+        self._in_time: Callable[[float], Any] | None = None
+        self._value = value
+        if isinstance(value, ufl.core.expr.Expr):
+            self._check(value.ufl_shape)
+        else:
+            self._value = fem.Constant(V.mesh, np.zeros(self._shape))
+            self._in_time = value if callable(value) else None
+            self._set(value(0.0) if callable(value) else value)
+
+    def update(self, t: float) -> None:
+        """Take the value at a time [s]; nothing if it does not depend on it.
+
+        Raises:
+            ValueError: The value has the wrong shape or is not finite.
+        """
+        if self._in_time is not None:
+            self._set(self._in_time(t))
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step from u_n to u, linear in the test function."""
+        raise NotImplementedError
+
+    def _set(self, value: Any) -> None:
+        value = np.asarray(value, dtype=np.float64)
+        self._check(value.shape)
+        if not np.isfinite(value).all():
+            raise ValueError(f"expected a finite {type(self).__name__}, given {value}")
+        self._value.value = value
+
+    def _check(self, shape: tuple[int, ...]) -> None:
+        if shape != self._shape:
+            raise ValueError(
+                f"expected a {type(self).__name__} of shape {self._shape}, given shape {shape}"
+            )
+
+
+class BodyForce(Load):
+    """Force per reference volume of a body.
+
+    Args:
+        body: The body.
+        value: Force, shape ``(3,)`` [N/m^3], see `Load`.
+    """
+
+    def __init__(self, body: Body, value: Any) -> None:
+        """Check the body and the value."""
+        self.bodies = _instances(Body, [body])
+        super().__init__(body.V, value)
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work, linear in the test function [N]."""
+        work = ufl.inner(self._value, ufl.TestFunction(self.V))
+        return bulk_form(self.bodies, lambda material, parameters, rho: work)
+
+
+class Gravity(Load):
+    """Weight of bodies.
+
+    Args:
+        bodies: The bodies, of one space.
+        g: Acceleration, shape ``(3,)`` [m/s^2], see `Load`.
+    """
+
+    def __init__(self, bodies: Sequence[Body], g: Any) -> None:
+        """Check the bodies and the value."""
+        self.bodies = _instances(Body, bodies)
+        super().__init__(self.bodies[0].V, g)
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work, linear in the test function [N]."""
+        work = ufl.inner(self._value, ufl.TestFunction(self.V))
+        return bulk_form(self.bodies, lambda material, parameters, rho: rho * work)
+
+
+class Traction(Load):
+    """Force per reference area that keeps its direction (dead load).
+
+    Args:
+        surface: Where it acts.
+        value: Force, shape ``(3,)`` [Pa], see `Load`.
+    """
+
+    def __init__(self, surface: Surface, value: Any) -> None:
+        """Check the surface and the value."""
+        (self.surface,) = _instances(Surface, [surface])
+        super().__init__(surface.V, value)
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work, linear in the test function [N]."""
+        return ufl.inner(self._value, ufl.TestFunction(self.V)) * _ds(self.surface)
+
+
+class Pressure(Load):
+    r"""Pressure on the current area along the current normal (follower).
+
+    The force per reference area is that of the mean of cof F on the
+    straight path of the step, :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N =
+    -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F / 12)\, N`, exact as
+    cof F is quadratic: a constant pressure on a closed surface does the
+    work :math:`-p\,\Delta V` of the enclosed volume.
+
+    Args:
+        surface: Where it acts.
+        value: Pressure [Pa], > 0 against the surface, see `Load`.
+    """
+
+    _shape = ()
+
+    def __init__(self, surface: Surface, value: Any) -> None:
+        """Check the surface and the value."""
+        (self.surface,) = _instances(Surface, [surface])
+        super().__init__(surface.V, value)
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work, linear in the test function [N]."""
+        F_mid, dF = ufl.Identity(3) + ufl.grad(u_n + u) / 2, ufl.grad(u - u_n)
+        N = ufl.FacetNormal(self.V.mesh)
+        area = _cofactor(F_mid) * N + _cofactor(dF) * N / 12
+        return -self._value * ufl.inner(area, ufl.TestFunction(self.V)) * _ds(self.surface)
+
+
+class Supports:
+    """Dirichlet conditions of a displacement, fixed or moving.
+
+    Collective, as its methods.
+
+    Args:
+        V: Space of the displacement.
+        bcs: The conditions.
+
+    Raises:
+        TypeError: Something in the list is no condition.
+        ValueError: A condition belongs to another space.
+    """
+
+    def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
+        """Find the dofs and those with several conditions."""
+        self._bcs = _instances(fem.DirichletBC, bcs)
+        for i, bc in enumerate(self._bcs):
+            space = bc.function_space
+            if not V._cpp_object.contains(getattr(space, "_cpp_object", space)):
+                raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
+        self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
+        self._comm: MPI.Comm = V.mesh.comm
+        owned = [bc.dof_indices()[0][: bc.dof_indices()[1]] for bc in self._bcs]
+        dofs = np.concatenate([np.empty(0, dtype=np.int32), *owned])
+        self._fixed, count = np.unique(dofs, return_counts=True)
+        self._shared = self._comm.allreduce(bool((count > 1).any()), op=MPI.LOR)
+
+    def check(self) -> None:
+        """Raise unless the present values are finite and do not conflict.
+
+        Raises:
+            ValueError: A value is not finite, or two conditions give a
+                dof different values.
+        """
+        if not self._bcs:
+            return
+        self._u.x.array[:] = np.nan
+        values = [self._u.x.array.copy() for _ in self._bcs] if self._shared else []
+        for bc, value in zip(self._bcs, values, strict=False):
+            bc.set(value)
+        text = ""
+        for i, value in enumerate(values):
+            for j, other in enumerate(values[:i]):
+                a, b = other[self._fixed], value[self._fixed]
+                wrong = np.abs(a - b) > 1e-12 * np.maximum(np.abs(a), np.abs(b))
+                if wrong.any() and not text:
+                    k = int(np.argmax(wrong))
+                    dof = self._fixed[k]
+                    text = (
+                        f"expected one displacement per dof, given {a[k]:g} m by bcs[{j}] and "
+                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % 3]} near "
+                        f"{np.round(self._X[dof // 3], 6)}"
+                    )
+        bad = ~np.isfinite(self.applied(self._u.x.array)[self._fixed])
+        if bad.any():
+            text = f"expected finite displacements in bcs, given {bad.sum()} that are not"
+        for text in filter(None, self._comm.allgather(text)):
+            raise ValueError(text)
+
+    def applied(self, values: Floats) -> Floats:
+        """Displacements of the local nodes, given where they are given.
+
+        Args:
+            values: Any displacements, owned then ghost, shape ``(3 l,)``
+                [m].
+
+        Returns:
+            A copy with the values of the conditions.
+        """
+        self._u.x.array[:] = values
+        for bc in self._bcs:
+            bc.set(self._u.x.array)
+        if self._bcs:
+            # The user may have located owned dofs only.
+            self._u.x.scatter_forward()
+        copy: Floats = self._u.x.array.copy()
+        return copy
+
+
+def _instances(kind: type, items: Iterable[Any]) -> tuple[Any, ...]:
+    """Raise unless all items are of a kind."""
+    items = tuple(items)
+    for item in items:
+        if not isinstance(item, kind):
+            raise TypeError(f"expected a {kind.__name__}, given {type(item).__name__}")
+    return items
+
+
+def _ds(surface: Surface) -> ufl.Measure:
+    """Measure of a surface; exact for a constant pressure on it."""
+    return ufl.Measure(
+        "ds",
+        domain=surface.V.mesh,
+        subdomain_data=surface._facets,
+        subdomain_id=int(surface._tag),
+        metadata={"quadrature_degree": QUADRATURE_DEGREE},
+    )
+
+
+def _cofactor(A: Any) -> Any:
+    """Cofactor of a (3, 3) tensor, also where it is singular."""
+    a, b, c = (A[:, i] for i in range(3))
+    columns = ufl.cross(b, c), ufl.cross(c, a), ufl.cross(a, b)
+    return ufl.as_matrix([[column[i] for column in columns] for i in range(3)])
