@@ -11,6 +11,7 @@ from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
+from dolfinx_nts.statics import QuasiStatic
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
@@ -27,6 +28,7 @@ __all__ = [
     "MeshData",
     "Midpoint",
     "Penalty",
+    "QuasiStatic",
     "Recorder",
     "RigidCylinder",
     "RigidPlane",

@@ -129,6 +129,10 @@ class ContactStep:
         self.comm: MPI.Comm = pair.nodes.V.mesh.comm
         nodes, history = pair.nodes.nodes, pair.history
         self._stiffness = stiffness[nodes]
+        # Elastic impact holds gaps; in statics there is no impact.
+        law = pair.enforcement
+        elastic = isinstance(law, LagrangeMultiplier) and law.impact == "elastic"
+        self._holds = elastic and scheme != "static"
         pair.fix_stiffness(self._stiffness)
 
         step = np.linalg.norm(x_trial - x_n, axis=1).max(initial=0.0)
@@ -151,9 +155,9 @@ class ContactStep:
         moved = np.flatnonzero((segment >= 0) & (segment != at_n[0])).astype(np.int32)
         gap_n[moved] = here.gap(self._x_n, nodes[moved], segment[moved])
         eligible = segment >= 0
-        if isinstance(pair.enforcement, LagrangeMultiplier):
+        if isinstance(law, LagrangeMultiplier) and self._holds:
             size = here.size[segment] if len(here.size) else np.ones(len(nodes))
-            eligible &= pair.enforcement.eligible(gap_n, at_trial[1], size, history.active)
+            eligible &= law.eligible(gap_n, at_trial[1], size, history.active)
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self._segment: Ints = at_n[0]
         self._gap: Floats = at_n[1]
@@ -302,8 +306,7 @@ class ContactStep:
         if iteration:
             self._moves[node] += segment != previous
         near = segment >= 0
-        enforcement = self.pair.enforcement
-        if isinstance(enforcement, LagrangeMultiplier) and enforcement.impact == "plastic":
+        if isinstance(self.pair.enforcement, LagrangeMultiplier) and not self._holds:
             # All others are open and stay inactive.
             near &= self.active[node] | (self._gap[node] < 0)
         lost = node[~near & self.active[node]]
@@ -324,7 +327,7 @@ class ContactStep:
             rows.add_slip(here.slip(self._x_n, x, nodes, segment))
         self._gap[node] = rows.gap
         if isinstance(self.pair.enforcement, LagrangeMultiplier):
-            rows.excess[:, 0] = rows.gap - self.pair.enforcement.reference(rows.gap_n)
+            rows.excess[:, 0] = rows.gap - (rows.gap_n if self._holds else 0.0)
         return rows
 
     def _offset(self, rows: "_Rows") -> Floats:

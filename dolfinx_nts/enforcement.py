@@ -48,7 +48,7 @@ class LagrangeMultiplier:
         self.impact = impact
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
-        """Nodes that may be active in the step; decided once per step.
+        """Nodes that elastic impact may hold; decided once per step.
 
         Args:
             gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
@@ -59,20 +59,10 @@ class LagrangeMultiplier:
         Returns:
             Flags, shape ``(n,)``.
         """
-        if self.impact == "plastic":
-            return np.ones(len(gap_n), dtype=bool)
         # Nearer to the surface before than after the step: stop before.
         passes = (gap_n > 0) & (gap_trial < -gap_n)
         flags: Flags = (gap_n <= 0) | passes | (active & (gap_n < _NEAR * size))
         return flags
-
-    def reference(self, gap_n: Floats) -> Floats:
-        """Gap that an active node must have at the end of the step [m].
-
-        Args:
-            gap_n: Gap at t_n to the segment used in the step [m].
-        """
-        return gap_n if self.impact == "elastic" else np.zeros_like(gap_n)
 
     def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:
         """Primal-dual active set.

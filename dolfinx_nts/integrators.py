@@ -32,7 +32,7 @@ from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.timing import Timings
 
-__all__ = ["EnergyMomentum", "Midpoint", "StepReport"]
+__all__ = ["EnergyMomentum", "Midpoint", "StepReport", "Stepper", "right_cauchy_green"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class StepReport:
     solver_work: float
 
 
-class _Stepper:
+class Stepper:
     """Owns the accepted state (t, u, v, contact) and advances it.
 
     Collective, as all its methods.
@@ -94,6 +94,7 @@ class _Stepper:
     """
 
     _contact: ClassVar[str]  # contact kernel
+    _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
 
     def __init__(
         self,
@@ -205,22 +206,13 @@ class _Stepper:
             ValueError: The state is not finite.
         """
         self._check_state()
-        u, u_n, v = self.u.x.array, self._u_n.x.array, self.v.x.array
+        u, u_n = self.u.x.array, self._u_n.x.array
         u_n[:] = u
-        dt, x_n = self.dt, self.x
-        ballistic = u_n + dt * v
-        x_trial = self._X + ballistic.reshape(-1, 3)
+        dt, x_n, starts = self.dt, self.x, self._starts()
+        x_trial = self._X + starts[self._trial].reshape(-1, 3)
         stiffness = self._bulk.nodal_stiffness()
 
         attempts: list[newton.NewtonReport] = []
-        # Contact makes velocities alternate from step to step; their mean
-        # over the last step is free of that, and where it fails (the first
-        # contact of a fast body) the others may not.
-        starts = {
-            "coasting": u_n + dt * self._mean_velocity,
-            "ballistic": ballistic,
-            "last": u_n,
-        }
         for start in starts.values():
             u[:] = start
             for bc in self._bcs:
@@ -265,7 +257,7 @@ class _Stepper:
             work = work + step.work(state, history)
             pair.history = history
         self._mean_velocity = (u - u_n) / dt
-        v[:] = 2 * self._mean_velocity - v
+        self._update_velocity()
         self.t += dt
         self.step += 1
         report = StepReport(
@@ -288,6 +280,23 @@ class _Stepper:
                 report.num_active,
             )
         return report
+
+    def _starts(self) -> dict[str, Floats]:
+        """Displacements from which Newton's method is tried, in turn."""
+        # Contact makes velocities alternate from step to step; their mean
+        # over the last step is free of that, and where it fails (the first
+        # contact of a fast body) the others may not.
+        u_n = self._u_n.x.array
+        return {
+            "coasting": u_n + self.dt * self._mean_velocity,
+            "ballistic": u_n + self.dt * self.v.x.array,
+            "last": u_n,
+        }
+
+    def _update_velocity(self) -> None:
+        """Velocity at the end of the step just solved."""
+        v = self.v.x.array
+        v[:] = 2 * self._mean_velocity - v
 
     def run(self, until: float) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.
@@ -328,7 +337,7 @@ class _Stepper:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
 
 
-class Midpoint(_Stepper):
+class Midpoint(Stepper):
     """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
 
     Conserves momenta; energy is not conserved (eqs. 47-52).
@@ -337,10 +346,10 @@ class Midpoint(_Stepper):
     _contact = "midpoint"
 
     def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        return material.stress(_right_cauchy_green((F_n + F) / 2), **parameters)
+        return material.stress(right_cauchy_green((F_n + F) / 2), **parameters)
 
 
-class EnergyMomentum(_Stepper):
+class EnergyMomentum(Stepper):
     """Energy-momentum scheme: conserving stress and discrete gradient.
 
     Conserves linear and angular momentum and, with elastic impact, the
@@ -350,9 +359,10 @@ class EnergyMomentum(_Stepper):
     _contact = "conserving"
 
     def _stress(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        C_n, C = _right_cauchy_green(F_n), _right_cauchy_green(F)
+        C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
         return material.conserving_stress(C_n, C, **parameters)
 
 
-def _right_cauchy_green(F: Any) -> Any:
+def right_cauchy_green(F: Any) -> Any:
+    """C = F^T F, UFL (3, 3)."""
     return F.T * F
