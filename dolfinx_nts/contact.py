@@ -185,6 +185,33 @@ class ContactPair:
             given = self.friction.eps_T
             self.eps_T = stiffness.copy() if given is None else np.full_like(stiffness, given)
 
+    def check_start(self, x: Floats) -> None:
+        """Raise on all ranks if nodes lie inside a rigid obstacle.
+
+        Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, shape ``(l, 3)``
+                [m].
+
+        Raises:
+            ValueError: Nodes are deeper than a millionth of the size of
+                the surface's facets.
+        """
+        if not isinstance(self.segments, Obstacle):
+            return
+        depth = -self.gap(x)
+        comm = self.nodes.V.mesh.comm
+        inside = self.nodes.node_ids[depth > 1e-6 * self.nodes.size]
+        nodes = np.concatenate(comm.allgather(inside))
+        if len(nodes):
+            deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
+            raise ValueError(
+                f"expected bodies outside a {type(self.segments).__name__}, given {len(nodes)} "
+                f"nodes up to {deepest:.3g} inside: {', '.join(map(str, np.sort(nodes)[:5]))}"
+                + (", ..." if len(nodes) > 5 else "")
+            )
+
     @property
     def pressure(self) -> Floats:
         """Contact pressure of the last step at the nodes, ``(n,)`` [Pa]."""

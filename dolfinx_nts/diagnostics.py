@@ -49,6 +49,8 @@ class Balance:
         angular_momentum: The same about the origin [kg m^2/s].
         contact_force: Resultant of the last step on the nodes of all
             pairs, shape ``(3,)`` [N].
+        pairs: Force [N] and torque about the origin [N m] of the last
+            step on the nodes of each pair, shape ``(p, 2, 3)``.
         active_nodes: Nodes that transmit force.
         min_gap: Least gap [m], NaN if no node faces a segment.
     """
@@ -60,6 +62,7 @@ class Balance:
     linear_momentum: Floats
     angular_momentum: Floats
     contact_force: Floats
+    pairs: Floats
     active_nodes: int
     min_gap: float
 
@@ -75,7 +78,12 @@ class Balance:
         names.insert(names.index("contact_energy") + 1, "total_energy")
         for name in names:
             value = getattr(self, name)
-            if isinstance(value, np.ndarray):
+            if name == "pairs":
+                for number, pair in enumerate(value, start=1):
+                    for kind, vector in zip(("force", "torque"), pair, strict=True):
+                        for axis, v in zip("xyz", vector, strict=True):
+                            columns[f"pair_{number}_{kind}_{axis}"] = float(v)
+            elif isinstance(value, np.ndarray):
                 columns |= {
                     f"{name}_{axis}": float(v) for axis, v in zip("xyz", value, strict=True)
                 }
@@ -101,7 +109,7 @@ class Diagnostics:
         if not isinstance(stepper, Midpoint | EnergyMomentum):
             raise TypeError(f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}")
         self._stepper = stepper
-        u, u_n, v = stepper.u, stepper._u_n, stepper.v
+        u, u_n, v = stepper.u, stepper.u_n, stepper.v
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
         self._num_owned = V.dofmap.index_map.size_local
@@ -155,9 +163,23 @@ class Diagnostics:
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on all nodes, shape ``(3,)`` [N]."""
-        forces = [pair.history.force.sum(axis=0) for pair in self._stepper.pairs]
-        force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
+        force: Floats = self.pair_resultants()[:, 0].sum(axis=0)
         return force
+
+    def pair_resultants(self) -> Floats:
+        """Force [N] and torque [N m] of the last step, ``(p, 2, 3)``.
+
+        On the nodes of each pair; the torque is about the origin, with
+        the positions in the middle of the step.
+        """
+        stepper = self._stepper
+        x_m = stepper.x - (stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3) / 2
+        parts = np.zeros((len(stepper.pairs), 2, 3))
+        for part, pair in zip(parts, stepper.pairs, strict=True):
+            force = pair.history.force
+            part[:] = force.sum(axis=0), np.cross(x_m[pair.nodes.nodes], force).sum(axis=0)
+        resultants: Floats = self._sum(parts)
+        return resultants
 
     def active_nodes(self) -> int:
         """Nodes that transmit force, on all ranks."""
@@ -190,6 +212,7 @@ class Diagnostics:
             linear_momentum=linear_momentum,
             angular_momentum=angular_momentum,
             contact_force=self.contact_force(),
+            pairs=self.pair_resultants(),
             active_nodes=self.active_nodes(),
             min_gap=self.min_gap(),
         )

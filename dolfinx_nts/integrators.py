@@ -117,7 +117,7 @@ class Stepper:
         self._bcs = tuple(bcs)
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
-        self.u, self.v, self._u_n = (fem.Function(V) for _ in range(3))
+        self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
@@ -136,7 +136,7 @@ class Stepper:
         raise NotImplementedError
 
     def _residual(self) -> ufl.Form:
-        u, u_n, v, dt = self.u, self._u_n, self.v, self._dt
+        u, u_n, v, dt = self.u, self.u_n, self.v, self._dt
         eta = ufl.TestFunction(u.function_space)
         F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
 
@@ -203,10 +203,14 @@ class Stepper:
         Raises:
             ConvergenceError: The step could not be solved. The state is
                 as before the call.
-            ValueError: The state is not finite.
+            ValueError: The state is not finite, or the first step starts
+                inside a rigid obstacle.
         """
         self._check_state()
-        u, u_n = self.u.x.array, self._u_n.x.array
+        if self.step == 0:
+            for pair in self.pairs:
+                pair.check_start(self.x)
+        u, u_n = self.u.x.array, self.u_n.x.array
         u_n[:] = u
         dt, x_n, starts = self.dt, self.x, self._starts()
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
@@ -286,7 +290,7 @@ class Stepper:
         # Contact makes velocities alternate from step to step; their mean
         # over the last step is free of that, and where it fails (the first
         # contact of a fast body) the others may not.
-        u_n = self._u_n.x.array
+        u_n = self.u_n.x.array
         return {
             "coasting": u_n + self.dt * self._mean_velocity,
             "ballistic": u_n + self.dt * self.v.x.array,

@@ -43,7 +43,7 @@ class QuasiStatic(Stepper):
         return bulk_form(self.bodies, integrand)
 
     def _starts(self) -> dict[str, Floats]:
-        u_n = self._u_n.x.array
+        u_n = self.u_n.x.array
         return {"extrapolated": u_n + self.dt * self._mean_velocity, "last": u_n}
 
     def _update_velocity(self) -> None:

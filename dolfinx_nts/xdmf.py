@@ -17,9 +17,11 @@ __all__ = ["FieldFile"]
 class FieldFile:
     """Displacement, velocity, contact fields and number of the body.
 
-    At the contact nodes: gap, contact pressure and active, summed, least
-    or largest if a node belongs to several pairs. The gap is NaN at other
-    nodes and where a node faces no segment, the others are 0 there.
+    At the contact nodes: gap [m], contact pressure [Pa], active, and with
+    friction slip state (0 open, 1 stick, 2 slip), accumulated slip [m] and
+    traction [Pa]; least, summed or largest if a node belongs to several
+    pairs. The gap is NaN at other nodes and where a node faces no segment,
+    the others are 0 there.
 
     Collective, as all its methods.
 
@@ -36,8 +38,12 @@ class FieldFile:
         self._comm: MPI.Comm = mesh.comm
         Q, dofs = V.sub(0).collapse()
         self._nodes = np.asarray(dofs) // 3
-        names = ("gap", "contact_pressure", "active") if stepper.pairs else ()
+        names = ["gap", "contact_pressure", "active"] if stepper.pairs else []
+        self._rubs = any(pair.friction is not None for pair in stepper.pairs)
+        if self._rubs:
+            names += ["slip_state", "accumulated_slip"]
         self._contact = [fem.Function(Q, name=name) for name in names]
+        self._traction = fem.Function(V, name="friction_traction")
         self._body = fem.Function(fem.functionspace(mesh, ("DG", 0)), name="body")
         for number, body in enumerate(stepper.bodies):
             self._body.x.array[body.cells] = number
@@ -51,16 +57,25 @@ class FieldFile:
         stepper, t = self._stepper, self._stepper.t
         if t == self._written:
             return
-        values = np.zeros((3, len(stepper.x)))
+        values = np.zeros((5, len(stepper.x)))
         values[0] = np.nan
+        traction = self._traction.x.array.reshape(-1, 3)
+        traction[:] = 0
         for pair in stepper.pairs:
             at = pair.nodes.nodes
             values[0, at] = np.fmin(values[0, at], pair.gap(stepper.x))
             values[1, at] += pair.pressure
-            values[2, at] = np.maximum(values[2, at], pair.history.active)
+            history = pair.history
+            values[2, at] = np.maximum(values[2, at], history.active)
+            if pair.friction is not None:
+                state = history.active + 1.0 * history.sliding
+                values[3, at] = np.maximum(values[3, at], state)
+                values[4, at] += history.slip
+                traction[at] -= history.traction / pair.nodes.area[:, None]
         for function, value in zip(self._contact, values, strict=False):
             function.x.array[:] = value[self._nodes]
-        for function in (stepper.u, stepper.v, *self._contact):
+        vectors = [stepper.u, stepper.v, *([self._traction] if self._rubs else [])]
+        for function in (*vectors, *self._contact):
             self._file.write_function(function, t)
         self._written = t
 

@@ -20,7 +20,9 @@ FIRST_COLUMNS = (
     "step,time,dt,kinetic_energy,strain_energy,contact_energy,total_energy,"
     "linear_momentum_x,linear_momentum_y,linear_momentum_z,"
     "angular_momentum_x,angular_momentum_y,angular_momentum_z,"
-    "contact_force_x,contact_force_y,contact_force_z,active_nodes,min_gap,newton_iterations"
+    "contact_force_x,contact_force_y,contact_force_z,"
+    "pair_1_force_x,pair_1_force_y,pair_1_force_z,"
+    "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations"
 )
 LEDGER = "bulk,persistent_contact,activation,facet_change,friction,solver,unaccounted"
 
