@@ -80,8 +80,10 @@ class Bulk:
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self._matrix: Any = None
-        owned = [bc.dof_indices()[0][: bc.dof_indices()[1]] for bc in self.bcs]
-        self.fixed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *owned]))
+        # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
+        given = [bc.dof_indices()[0] for bc in self.bcs]
+        fixed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *given]))
+        self.fixed = fixed[fixed < self.num_owned]
         mesh = V.mesh
         cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
         smallest = mesh.h(3, cells).min(initial=np.inf)

@@ -1,0 +1,126 @@
+"""Bad input: all ranks raise one error that says what was expected and given."""
+
+import re
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+import scenes
+
+schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+
+
+def test_missing_file_is_named(comm, refused, tmp_path):
+    with refused(OSError, "no such file.msh|No such file"):
+        nts.read_mesh("/nowhere/no such file.msh", comm)
+
+
+def test_unknown_name_of_a_region_lists_those_that_exist(comm, refused):
+    _, _, _, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    with refused(ValueError, r"out of \['ball', 'ball_inner', .*\], given 'bal'"):
+        tag["bal"]
+
+
+def test_wrong_tags_of_bodies_and_surfaces_are_named(comm, refused):
+    mesh, cells, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(1.0, 0.3, 1.0)
+    with refused(ValueError, r"tag out of \[.*\] in cells, given 77"):
+        nts.Body(V, cells, 77, rubber)
+    with refused(ValueError, r"tag out of \[.*\] in facets, given 77"):
+        nts.Surface(V, facets, 77)
+    with refused(TypeError, "expected an integer tag, given 'ball'"):
+        nts.Body(V, cells, "ball", rubber)
+    with refused(ValueError, "expected facets of dimension 2, given dimension 3"):
+        nts.Surface(V, cells, tag["ball"])
+    with refused(ValueError, "expected cells of dimension 3, given dimension 2"):
+        nts.Body(V, facets, tag["ball_outer"], rubber)
+
+
+def test_surface_in_a_space_of_another_degree_is_refused(comm, refused):
+    mesh, _, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    with refused(ValueError, r"\('Lagrange', 1, \(3,\)\).*given .*block size 3"):
+        nts.Surface(V, facets, tag["ball_outer"])
+
+
+def test_node_on_both_sides_of_a_pair_is_refused(comm, refused):
+    mesh, _, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    top, side = (nts.Surface(V, facets, tag[f"plate_{name}"]) for name in ("top", "left"))
+    with refused(ValueError, "given 11 nodes on both sides"):
+        nts.ContactPair(side, top)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["displacement", "velocity"])
+def test_state_that_is_no_number_is_refused(comm, bad, name, refused, agree):
+    scene = scenes.blocks(comm)
+    scene.run(1)
+    stepper = scene.stepper
+    values = {"displacement": stepper.u, "velocity": stepper.v}[name].x.array
+    # One dof of one node, which one rank owns.
+    values.reshape(-1, 3)[scenes.input_ids(stepper.u.function_space) == 33, 1] = bad
+    before = stepper.u.x.array.copy(), stepper.v.x.array.copy(), stepper.pairs[0].history
+    with refused(ValueError, f"expected a finite {name}, given 1 dofs that are not"):
+        stepper.advance()
+    assert agree(np.array_equal(stepper.u.x.array, before[0], equal_nan=True))
+    assert agree(np.array_equal(stepper.v.x.array, before[1], equal_nan=True))
+    assert agree(stepper.pairs[0].history is before[2])
+    assert (stepper.t, stepper.step) == (scenes.BLOCK_STEP, 1)
+
+
+@schemes
+def test_element_that_inverts_is_named_with_its_place_and_time(comm, scheme, refused, agree):
+    # Reflected, the body has C = 1 and no stress: all equations hold.
+    scene = scenes.blocks(comm, scheme)
+    stepper, body = scene.stepper, scene.bodies["body 0"]
+    stepper.set_displacement(body, lambda X: np.array([0 * X[0], 0 * X[0], -4.0 - 2 * X[2]]))
+    before = stepper.u.x.array.copy()
+    message = r"step 1 from t = 0 to 0\.02 .*cell \d+ near \[.*\] is inverted, det F = -1\b"
+    with refused(nts.ConvergenceError, message):
+        stepper.advance()
+    assert agree(np.array_equal(stepper.u.x.array, before))
+    with pytest.raises(nts.ConvergenceError) as caught:
+        stepper.advance()
+    found = {int(number) for number in re.findall(r"cell (\d+) ", str(caught.value))}
+    assert found <= set(range(9))  # cells of the lower body
+
+
+def test_element_that_inverts_on_one_rank_is_named_on_all(comm, refused):
+    # Only the first cell: its rank alone can see it.
+    data = scenes.boxes([(4, 1, 1)], [(4.0, 1.0, 1.0)])
+    mesh, cells, _, tag = scenes.distribute(
+        comm, data, owner=lambda middle: np.arange(len(middle)) % comm.size
+    )
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(1.0, 0.0, 1.0))
+    stepper = nts.Midpoint([body], dt=1e-6)
+    stepper.set_displacement(body, lambda X: np.array([3.0 * (X[0] < 0.5), 0 * X[0], 0 * X[0]]))
+    with refused(nts.ConvergenceError, r"cell 0 near .* is inverted, det F = -2\b"):
+        stepper.advance()
+
+
+def test_empty_surface_of_a_file_is_no_tag(comm, refused):
+    # A named surface without a facet is missing in the mesh file.
+    data = scenes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
+    data.surfaces["nothing"] = np.array([0])
+    mesh, _, facets, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    with refused(ValueError, rf"expected a tag out of \[1, 2\] in facets, given {tag['nothing']}"):
+        nts.Surface(V, facets, tag["nothing"])
+
+
+@schemes
+def test_unreachable_convergence_is_reported_on_all_ranks(comm, scheme, refused):
+    # A block thrown through another one by ten times its size in a step.
+    scene = scenes.blocks(comm, scheme)
+    scene.stepper.set_velocity(scene.bodies["body 1"], lambda X: 1e4 * X[[1, 2, 0]])
+    with refused(nts.ConvergenceError, r"step 1 from t = 0 to 0\.02 failed .*\|R\|"):
+        scene.stepper.advance()
+    assert scene.stepper.t == 0
+    assert comm.allreduce(float(np.abs(scene.stepper.u.x.array).max()), op=MPI.MAX) == 0

@@ -1,0 +1,101 @@
+"""The result does not depend on the numbering or on the partition."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+import scenes
+
+# Relative, of energies: scenes without ties, so that only rounding and
+# Newton's tolerance differ.
+ENERGY_TOLERANCE = 1e-10
+# Of positions, lengths of about one: impacts amplify these.
+POSITION_TOLERANCE = 1e-9
+
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+
+
+def compare(one, other, num_steps, numbers=None):
+    """Run two scenes and compare energies and positions on all ranks."""
+    first, second = one.run(num_steps), other.run(num_steps)
+    difference = max(
+        np.abs(second.energy / first.energy - 1).max(),
+        np.abs(second.kinetic / first.kinetic - 1).max(),
+    )
+    positions = other.positions()
+    if numbers is not None:
+        positions = scenes.in_numbers(positions, numbers)
+    moved = np.abs(positions - one.positions()).max()
+    active = first.num_active == second.num_active
+    comm = MPI.COMM_WORLD
+    assert comm.allreduce(difference, op=MPI.MAX) <= ENERGY_TOLERANCE
+    assert comm.allreduce(moved, op=MPI.MAX) <= POSITION_TOLERANCE
+    assert comm.allreduce(active, op=MPI.LAND)
+    assert max(first.num_active) >= 3
+
+
+@cells_
+@schemes
+@pytest.mark.parametrize("num_bodies", [2, 3])
+def test_blocks_on_all_ranks_and_on_each_alone_agree(comm, cell, scheme, num_bodies):
+    together = scenes.blocks(comm, scheme, cell=cell, num_bodies=num_bodies)
+    alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, num_bodies=num_bodies)
+    compare(together, alone, 10)
+
+
+def test_ball_and_plate_on_all_ranks_and_on_each_alone_agree(comm):
+    together = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    alone = scenes.ball_plate(MPI.COMM_SELF, shift=scenes.NO_TIES)
+    compare(together, alone, 15)
+
+
+@cells_
+@schemes
+def test_renumbered_nodes_and_cells_give_the_same_result(comm, cell, scheme):
+    # The renumbering is that of a seed: draw it twice.
+    plain = scenes.blocks(comm, scheme, cell=cell)
+    data = scenes.block_input(cell, 2)[0].permuted(np.random.default_rng(5))
+    shuffled = scenes.blocks(comm, scheme, cell=cell, permute=np.random.default_rng(5))
+    assert not np.array_equal(data.numbers, np.arange(len(data.X)))
+    compare(plain, shuffled, 10, data.numbers)
+
+
+def one_rank_idle(middle):
+    """Last rank: only the outermost cells of the lower block, no contact."""
+    size = MPI.COMM_WORLD.size
+    owner = np.arange(len(middle)) % max(size - 1, 1)
+    return np.where(np.arange(len(middle)) == 0, size - 1, owner)
+
+
+def body_by_rank(middle):
+    """Every rank owns whole bodies or nothing."""
+    return np.minimum((middle[:, 2] > 0.5).astype(int), MPI.COMM_WORLD.size - 1)
+
+
+def scattered(middle):
+    """Neighbouring cells on different ranks."""
+    return np.random.default_rng(3).integers(MPI.COMM_WORLD.size, size=len(middle))
+
+
+@cells_
+@pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
+def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, owner):
+    special = scenes.blocks(comm, cell=cell, owner=owner)
+    alone = scenes.blocks(MPI.COMM_SELF, cell=cell)
+    compare(special, alone, 10)
+
+
+def test_ranks_without_surfaces_take_part(comm):
+    # Two thirds of a tall lower body are far from its top.
+    def owner(middle):
+        return np.where(middle[:, 2] > 0.35, 0, comm.size - 1)
+
+    scene = scenes.tower(comm, owner=owner)
+    (pair,) = scene.stepper.pairs
+    entities = [len(a) for a in (pair.nodes.nodes, pair.nodes.segments, pair.segments.segments)]
+    if comm.size > 1:
+        assert comm.allgather(sum(entities))[-1] == 0
+    compare(scene, scenes.tower(MPI.COMM_SELF), 10)

@@ -1,0 +1,189 @@
+"""Strain energy, stress and conserving stress, evaluated by compiled code."""
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import create_unit_cube
+
+import dolfinx_nts as nts
+from reference.bulk import rotation, taylor_order
+
+EPS = np.finfo(float).eps
+MU, LMBDA = 3.0, 5.0
+
+# Where no correction is made, three Gauss points leave a defect of 3e-14 mu
+# for each |dC| at |dC| = 0.01 (7th order of a smooth energy), theory of the
+# average; measured with this energy, ten times as much is allowed.
+DEFECT = 3e-13 * MU
+# Energies are sums of about ten terms of the size of mu.
+ENERGY_ROUNDING = 20 * EPS * MU
+
+
+def neo_hookean(C: Any, mu: Any, lmbda: Any) -> Any:
+    """Compressible neo-Hookean energy, not a polynomial of C."""
+    J2 = ufl.det(C)
+    return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + lmbda / 8 * ufl.ln(J2) ** 2
+
+
+def young(lmbda: float, mu: float) -> tuple[float, float]:
+    """Young's modulus and Poisson's ratio of Lame's numbers."""
+    return mu * (3 * lmbda + 2 * mu) / (lmbda + mu), lmbda / (2 * (lmbda + mu))
+
+
+MATERIALS = {
+    "svk": nts.SaintVenantKirchhoff(*young(LMBDA, MU), rho=1.0),
+    "neo-hookean": nts.Hyperelastic(neo_hookean, rho=1.0, mu=MU, lmbda=LMBDA),
+}
+materials = pytest.mark.parametrize("name", MATERIALS)
+
+Evaluate = Callable[[str, str, np.ndarray, np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def evaluate() -> Evaluate:
+    """Evaluate a quantity of a material at C_n, C; compiled once."""
+    mesh = create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
+    C_n, C = (fem.Constant(mesh, np.eye(3)) for _ in range(2))
+    point = np.full((1, 3), 0.25)
+    compiled = {}
+    for name, material in MATERIALS.items():
+        numbers = material.parameters
+        quantities = {
+            "psi": ufl.as_vector([material.psi(C, **numbers)]),
+            "stress": material.stress(C, **numbers),
+            "conserving": material.conserving_stress(C_n, C, **numbers),
+        }
+        for quantity, expression in quantities.items():
+            compiled[name, quantity] = fem.Expression(expression, point)
+
+    def at(name: str, quantity: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        C_n.value[:], C.value[:] = before, after
+        value = compiled[name, quantity].eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
+        return value[0] if value.size == 1 else value.reshape(3, 3)
+
+    return at
+
+
+def tensor(rng: np.random.Generator) -> np.ndarray:
+    """Random right Cauchy-Green tensor with stretches from 0.7 to 1.4."""
+    Q = rotation(rng.normal(size=3), rng.uniform(0, 3))
+    return Q @ np.diag(rng.uniform(0.7, 1.4, 3) ** 2) @ Q.T
+
+
+def symmetric(rng: np.random.Generator) -> np.ndarray:
+    """Random symmetric direction of norm one."""
+    A = rng.normal(size=(3, 3))
+    return (A + A.T) / np.linalg.norm(A + A.T)
+
+
+@materials
+def test_stress_is_twice_the_derivative_of_the_energy(name, evaluate, rng):
+    for _ in range(3):
+        C, D = tensor(rng), symmetric(rng)
+        S = evaluate(name, "stress", C, C)
+        np.testing.assert_allclose(S, S.T, atol=1e2 * EPS * LMBDA)
+        slope = np.sum(S * D) / 2
+        order = taylor_order(lambda at: evaluate(name, "psi", at, at), C, 2 * D, 2 * slope)
+        assert order > 1.9
+
+
+def test_svk_stress_agrees_with_the_closed_form(evaluate, rng):
+    C = tensor(rng)
+    E = (C - np.eye(3)) / 2
+    expected = LMBDA * np.trace(E) * np.eye(3) + 2 * MU * E
+    np.testing.assert_allclose(evaluate("svk", "stress", C, C), expected, rtol=1e2 * EPS)
+
+
+@pytest.mark.parametrize(("E", "nu"), [(2.0e3, 0.3), (1.0, 0.0), (5.0, -0.5), (1.0e5, 0.49)])
+def test_young_and_poisson_are_those_of_uniaxial_stress(E, nu):
+    # Strain (e, -nu e, -nu e) has the stress (E e, 0, 0) in Hooke's law.
+    material = nts.SaintVenantKirchhoff(E, nu, rho=1.0)
+    strain = 0.1 * np.array([1.0, -nu, -nu])
+    C = ufl.as_matrix(np.diag(1 + 2 * strain).tolist())
+    S = material.stress(C, **material.parameters)
+    stress = [float(S[i, i](())) for i in range(3)]
+    rounding = 1e2 * EPS * E / (1 - 2 * nu)
+    np.testing.assert_allclose(stress, [0.1 * E, 0, 0], atol=rounding)
+
+
+@materials
+@pytest.mark.parametrize(
+    "size", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.0099, 0.0101, 0.03, 0.1, 0.5], ids=str
+)
+def test_work_of_the_conserving_stress_is_the_change_of_energy(name, size, evaluate, rng):
+    for _ in range(4):
+        C_n, D = tensor(rng), symmetric(rng)
+        C = C_n + size * D
+        if np.linalg.eigvalsh(C).min() < 0.1:
+            C = C_n - size * D
+        S = evaluate(name, "conserving", C_n, C)
+        change = evaluate(name, "psi", C, C) - evaluate(name, "psi", C_n, C_n)
+        work = np.sum(S * (C - C_n)) / 2
+        assert abs(work - change) <= DEFECT * size + ENERGY_ROUNDING
+
+
+@materials
+@pytest.mark.parametrize("size", [0.0, 1e-14, 1e-12, 1e-10, 1e-8], ids=str)
+def test_conserving_stress_of_a_body_at_rest_is_the_stress_without_noise(name, size, evaluate, rng):
+    # Differs by half of dC times the second derivatives, of order mu.
+    for _ in range(4):
+        C_n = tensor(rng)
+        C = C_n + size * symmetric(rng)
+        noise = evaluate(name, "conserving", C_n, C) - evaluate(name, "stress", C_n, C_n)
+        assert np.abs(noise).max() <= 1e2 * (EPS + size) * LMBDA
+
+
+@materials
+@pytest.mark.parametrize("size", [1e-3, 0.3], ids=str)
+def test_conserving_stress_is_the_same_backwards_in_time(name, size, evaluate, rng):
+    C_n = tensor(rng)
+    C = C_n + size * symmetric(rng)
+    S = evaluate(name, "conserving", C_n, C)
+    # The correction divides rounding of the energy by |dC|.
+    rounding = 1e2 * EPS * LMBDA / size
+    np.testing.assert_allclose(evaluate(name, "conserving", C, C_n), S, atol=rounding)
+
+
+def test_conserving_stress_has_no_jump_where_the_correction_starts(evaluate, rng):
+    C_n, D = tensor(rng), symmetric(rng)
+    below, above = (
+        evaluate("neo-hookean", "conserving", C_n, C_n + (1e-2 + shift) * D)
+        for shift in (-1e-13, 1e-13)
+    )
+    assert np.abs(above - below).max() <= DEFECT + ENERGY_ROUNDING / 1e-2
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"E": 0.0}, "Young's modulus E > 0, given 0"),
+        ({"E": -1.0}, "Young's modulus E > 0, given -1"),
+        ({"E": np.nan}, "Young's modulus E > 0, given nan"),
+        ({"E": np.inf}, "Young's modulus E > 0, given inf"),
+        ({"nu": 0.5}, r"-1 < nu < 0.5, given 0.5"),
+        ({"nu": -1.0}, r"-1 < nu < 0.5, given -1"),
+        ({"nu": np.nan}, r"-1 < nu < 0.5, given nan"),
+        ({"rho": 0.0}, "rho > 0, given 0"),
+        ({"rho": -2.0}, "rho > 0, given -2"),
+        ({"rho": np.nan}, "finite number for rho, given nan"),
+        ({"rho": np.inf}, "finite number for rho, given inf"),
+    ],
+)
+def test_svk_refuses_impossible_numbers(numbers, message):
+    with pytest.raises(ValueError, match=message):
+        nts.SaintVenantKirchhoff(**({"E": 1.0, "nu": 0.3, "rho": 1.0} | numbers))
+
+
+def test_hyperelastic_refuses_bad_numbers_and_energies():
+    with pytest.raises(ValueError, match="rho > 0, given -1"):
+        nts.Hyperelastic(neo_hookean, rho=-1.0, mu=MU, lmbda=LMBDA)
+    with pytest.raises(ValueError, match="finite number for mu, given nan"):
+        nts.Hyperelastic(neo_hookean, rho=1.0, mu=np.nan, lmbda=LMBDA)
+    with pytest.raises(ValueError, match=r"scalar strain energy psi\(C\), given shape \(3, 3\)"):
+        nts.Hyperelastic(lambda C: C, rho=1.0)

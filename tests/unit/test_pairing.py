@@ -1,0 +1,206 @@
+"""Local search: the segment of a node, against looking at all of them."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+from reference import nts
+from reference.bulk import rotation
+
+EPS = np.finfo(float).eps
+# Of lengths of about one.
+ROUNDING = 1e3 * EPS
+# Sampling of a segment on a grid of 1/64 finds distances to its square
+# over the distance, segments of size 0.3.
+SAMPLING = 1e-3
+
+# Of the pairing rule, all in reference coordinates or segment diameters.
+HYSTERESIS, OVERHANG, DEPTH = 0.01, 0.15, 0.5
+
+# Nodes that are clearly over the sheet, and on both sides of it.
+LOWER, UPPER = (0.15, 0.15, -0.1), (0.85, 0.85, 0.15)
+
+segments_ = pytest.mark.parametrize("k", [3, 4], ids=["triangle", "quadrilateral"])
+
+
+def bumpy_surface(k, n=6, height=0.08):
+    """Curved sheet over [0, 1]^2: vertices (s, k, 3), orientation."""
+    t = np.linspace(0, 1, n + 1)
+    a, b = np.meshgrid(t, t, indexing="ij")
+    c = height * np.sin(2 * np.pi * a) * np.cos(np.pi * b + 0.3)
+    grid = np.stack([a, b, c], axis=-1)
+    corners = [grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]]
+    quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
+    if k == 4:
+        return quads, np.ones(len(quads))
+    # The second triangle runs clockwise.
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [3, 1, 2]]]), np.repeat([1.0, -1.0], n * n)
+
+
+def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None):
+    nodes = np.atleast_2d(np.asarray(nodes, dtype=np.float64))
+    current = np.full(len(nodes), -1) if current is None else np.atleast_1d(current)
+    key = np.arange(len(segments)) if key is None else np.asarray(key)
+    return _kernels.pair_nodes(
+        nodes,
+        current.astype(np.int32),
+        reach,
+        np.ascontiguousarray(segments),
+        np.asarray(orientation, dtype=np.float64),
+        key.astype(np.int64),
+    )
+
+
+def distances(node, segments):
+    """Distance of a node to each segment, from many points of each."""
+    t = np.linspace(0, 1, 65)
+    r, s = (v.ravel() for v in np.meshgrid(t, t))
+    if segments.shape[1] == 3:
+        inside = r + s <= 1 + EPS
+        r, s = r[inside], s[inside]
+    if segments.shape[1] == 3:
+        phi = np.array([1 - r - s, r, s])
+    else:
+        phi = np.array([(1 - r) * (1 - s), r * (1 - s), (1 - r) * s, r * s])
+    points = np.einsum("kp,skc->spc", phi, segments)
+    return np.linalg.norm(node - points, axis=2).min(axis=1)
+
+
+@segments_
+def test_node_gets_the_nearest_of_all_segments(k, rng):
+    segments, orientation = bumpy_surface(k)
+    turn = rotation([1, 2, 3], 0.8)
+    nodes = rng.uniform(LOWER, UPPER, (60, 3)) @ turn.T
+    segments = segments @ turn.T
+    found = find(nodes, segments, orientation)
+    assert np.all(found[0] >= 0)
+    for node, segment in zip(nodes, found[0], strict=True):
+        all_distances = distances(node, segments)
+        assert all_distances[segment] <= all_distances.min() + SAMPLING
+
+
+@segments_
+def test_xi_gap_and_normal_are_those_of_the_projection(k, rng):
+    segments, orientation = bumpy_surface(k)
+    nodes = rng.uniform(LOWER, UPPER, (60, 3))
+    for node, segment, xi, gap, normal in zip(
+        nodes, *find(nodes, segments, orientation), strict=True
+    ):
+        pair = np.vstack((node, segments[segment]))
+        expected = nts.project(pair, orientation[segment])
+        np.testing.assert_allclose(xi, expected[0], atol=ROUNDING)
+        np.testing.assert_allclose(gap, expected[1], atol=ROUNDING)
+        np.testing.assert_allclose(normal, expected[2], atol=ROUNDING)
+
+
+@segments_
+@pytest.mark.parametrize("reach", [0.02, 0.05, 0.1])
+def test_only_segments_within_reach_are_found(k, reach, rng):
+    segments, orientation = bumpy_surface(k)
+    nodes = rng.uniform(LOWER, UPPER, (60, 3))
+    found = find(nodes, segments, orientation, reach=reach)[0]
+    nearest = np.array([distances(node, segments).min() for node in nodes])
+    assert np.all(found[nearest > reach + SAMPLING] == -1)
+    assert np.all(found[nearest < reach - SAMPLING] >= 0)
+    assert 0 < np.count_nonzero(found >= 0) < 60
+
+
+@segments_
+def test_order_and_vertex_order_of_the_segments_do_not_matter(k, rng):
+    segments, orientation = bumpy_surface(k)
+    nodes = rng.uniform(LOWER, UPPER, (60, 3))
+    order = rng.permutation(len(segments))
+    swap = [0, 2, 1, 3][:k]
+    plain = find(nodes, segments, orientation)
+    mixed = find(nodes, segments[order][:, swap], -orientation[order], key=order)
+    np.testing.assert_array_equal(order[mixed[0]], plain[0])
+    np.testing.assert_allclose(mixed[1][:, ::-1], plain[1], atol=ROUNDING)
+    for i in (2, 3):
+        np.testing.assert_allclose(mixed[i], plain[i], atol=ROUNDING)
+
+
+def two_squares():
+    """Unit squares side by side along x, normals up."""
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    return np.stack([square, square + np.array([1.0, 0, 0])]), np.ones(2)
+
+
+@pytest.mark.parametrize("current", [0, 1])
+def test_node_keeps_its_segment_until_it_is_clearly_off_it(current):
+    segments, orientation = two_squares()
+    outwards = 1 - 2 * current
+    for part, kept in ((0.9, True), (1.1, False)):
+        node = [1 + outwards * part * HYSTERESIS, 0.4, 0.1]
+        (segment,) = find(node, segments, orientation, current=current)[0]
+        assert segment == (current if kept else 1 - current)
+        (segment,) = find(node, segments, orientation)[0]
+        assert segment == 1 - current
+
+
+@pytest.mark.parametrize("key", [[0, 1], [1, 0], [7, 3]])
+@pytest.mark.parametrize("height", [0.2, -0.2])
+def test_lowest_key_wins_a_tie(key, height):
+    # Above the common edge both squares are equally near.
+    segments, orientation = two_squares()
+    (segment,) = find([1.0, 0.4, height], segments, orientation, key=key)[0]
+    assert segment == int(np.argmin(key))
+
+
+def test_node_beyond_the_rim_has_no_segment():
+    segments, orientation = two_squares()
+    for part, has in ((0.9, True), (1.1, False)):
+        for node in ([-part * OVERHANG, 0.5, 0.1], [1.5, 1 + part * OVERHANG, -0.1]):
+            for current in (-1, 0):
+                (segment,), xi, gap, normal = find(node, segments, orientation, current=current)
+                assert (segment >= 0) == has
+                assert np.isfinite(gap[0]) == has
+                assert np.all(np.isfinite(xi)) == np.all(np.isfinite(normal)) == has
+
+
+def test_node_far_below_the_surface_belongs_to_another_side():
+    segments, orientation = two_squares()
+    diameter = np.sqrt(2)
+    for part, has in ((0.9, True), (1.1, False)):
+        for current in (-1, 0):
+            node = [0.5, 0.5, -part * DEPTH * diameter]
+            (segment,), _, gap, _ = find(node, segments, orientation, current=current)
+            assert (segment >= 0) == has
+            assert not has or abs(gap[0] - node[2]) <= ROUNDING
+    # As deep on the open side is nothing special.
+    assert find([0.5, 0.5, 1.1 * DEPTH * diameter], segments, orientation)[0][0] == 0
+
+
+def test_segment_out_of_reach_is_not_kept():
+    segments, orientation = two_squares()
+    assert find([0.5, 0.5, 0.3], segments, orientation, current=0, reach=0.4)[0][0] == 0
+    assert find([0.5, 0.5, 0.5], segments, orientation, current=0, reach=0.4)[0][0] == -1
+
+
+@segments_
+def test_no_segments_or_no_nodes_give_empty_results(k):
+    none = np.empty((0, k, 3))
+    segment, xi, gap, normal = find([[0.0, 0, 0]], none, [])
+    assert segment.tolist() == [-1]
+    assert np.isnan(gap).all() and np.isnan(xi).all() and np.isnan(normal).all()
+    segments, orientation = bumpy_surface(k)
+    found = find(np.empty((0, 3)), segments, orientation)
+    assert [len(array) for array in found] == [0, 0, 0, 0]
+
+
+@segments_
+def test_node_at_no_number_has_no_segment(k):
+    segments, orientation = bumpy_surface(k)
+    assert find([np.nan, 0.5, 0.1], segments, orientation)[0][0] == -1
+    assert find([np.nan, 0.5, 0.1], segments, orientation, current=3)[0][0] == -1
+
+
+def test_wrong_shapes_are_refused():
+    segments, orientation = two_squares()
+    with pytest.raises(ValueError, match="orientation"):
+        find([0.5, 0.5, 0.1], segments, orientation[:1])
+    with pytest.raises(ValueError, match="key"):
+        find([0.5, 0.5, 0.1], segments, orientation, key=[0])
+    with pytest.raises(ValueError, match="current: expected -1 or a segment index"):
+        find([0.5, 0.5, 0.1], segments, orientation, current=2)
+    with pytest.raises(ValueError, match="x_node"):
+        find([0.5, 0.5], segments, orientation)
