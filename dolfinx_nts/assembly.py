@@ -23,7 +23,9 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.contact_step import ContactState, ContactStep
+from dolfinx_nts.contact_rows import ContactState
+from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.loads import Supports
 
 __all__ = ["JIT_OPTIONS", "Bulk", "SaddleSystem", "contact_residual"]
 
@@ -54,6 +56,7 @@ class Bulk:
 
     Attributes:
         u: The unknown.
+        supports: The conditions.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
         cell_size: Smallest cell diameter of the mesh [m].
         num_residuals: Assembled residuals.
@@ -72,6 +75,9 @@ class Bulk:
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
         self.u, self.bcs = u, list(bcs)
+        self.supports = Supports(V, bcs)
+        self.supports.check()
+        self.fixed = self.supports.fixed
         self._direction = fem.Function(V)
         forms = [residual, *(-load for load in loads)]
         self._residual = _compile(forms)
@@ -80,10 +86,6 @@ class Bulk:
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self._matrix: Any = None
-        # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
-        given = [bc.dof_indices()[0] for bc in self.bcs]
-        fixed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *given]))
-        self.fixed = fixed[fixed < self.num_owned]
         mesh = V.mesh
         cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
         smallest = mesh.h(3, cells).min(initial=np.inf)

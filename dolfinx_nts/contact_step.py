@@ -1,12 +1,8 @@
 """One attempt at a step of a contact pair: pairing, forces, active set.
 
 A `ContactStep` never touches the pair. Evaluating it gives a
-`ContactState`, the arrays from which residual and tangent are assembled.
-No PETSc here.
+`ContactState`, from which residual and tangent are assembled. No PETSc here.
 """
-
-from dataclasses import dataclass
-from typing import Any
 
 from mpi4py import MPI
 
@@ -14,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
+from dolfinx_nts.contact_rows import ContactState, Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
-__all__ = ["ContactState", "ContactStep"]
+__all__ = ["ContactStep"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -27,66 +24,6 @@ Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _PATIENCE = 3  # iterations without fewer changes until one node changes at a time
-
-
-@dataclass(frozen=True)
-class ContactState:
-    """Pairs that may transmit force, evaluated between x_n and x.
-
-    ``d`` stands for the 3(1+k) coordinates of a pair; rows and columns of
-    given displacements are 0 unless noted otherwise.
-
-    Attributes:
-        node: Position in the surface's nodes, shape ``(m,)``.
-        segment: Segment in the neighbourhood, shape ``(m,)``.
-        dofs: Nodes of the pair in the neighbourhood's index map, shape
-            ``(m, 1+k)``.
-        active: Whether the pair transmits force, shape ``(m,)``.
-        rank: Number of constraints: 0 inactive or penalty, 1 normal, 3
-            normal and stick, shape ``(m,)``.
-        excess: What the constraints should make zero: gap minus its
-            reference, slip; shape ``(m, 3)`` [m].
-        gradients: Gradients of gap and slip at x, shape ``(m, 3, d)``.
-        columns: Force per multiplier, shape ``(m, 3, d)``; that of the
-            normal includes the friction which scales with it.
-        residual: Contact forces of the pair, ``(m, d)`` [N].
-        tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
-        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
-        eliminable: Whether the node can give up what the constraints
-            determine, shape ``(m,)``.
-        force: All of ``residual``, given displacements or not.
-        changed: Pairs that became active, inactive or changed segment.
-        failed: Pairs that could not be evaluated, or whose normal has
-            turned by more than 90 degrees.
-    """
-
-    node: Ints
-    segment: Ints
-    dofs: Ints
-    active: Flags
-    rank: Ints
-    excess: Floats
-    gradients: Floats
-    columns: Floats
-    residual: Floats
-    tangent: Floats
-    normal: Floats
-    eliminable: Flags
-    force: Floats
-    changed: int
-    failed: int
-
-    @property
-    def constraint_error(self) -> float:
-        """Largest violation of a constraint on this rank [m]."""
-        rows = np.arange(3) < self.rank[:, None]
-        return float(np.abs(self.excess[rows]).max(initial=0.0))
-
-    def nodal_forces(self, num_nodes: int) -> Floats:
-        """Sum of ``residual`` on the index map's nodes, ``(n, 3)`` [N]."""
-        forces = np.zeros((num_nodes, 3))
-        np.add.at(forces, self.dofs.ravel(), self.residual.reshape(-1, 3))
-        return forces
 
 
 class ContactStep:
@@ -316,13 +253,13 @@ class ContactStep:
         moved = int(np.count_nonzero(segment[near] != previous[near]))
         return node[near], moved + len(lost)
 
-    def _rows(self, x: Floats, node: Ints) -> "_Rows":
+    def _rows(self, x: Floats, node: Ints) -> Rows:
         """Kernels of nodes on their present segments."""
         here, segment, nodes = self.neighbourhood, self._segment[node], self.pair.nodes.nodes[node]
         dofs = here.dofs(nodes, segment)
         values = here.contact(self._scheme, self._x_n, x, nodes, segment)
         free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
-        rows = _Rows(node, segment, dofs, free.reshape(values[2].shape), values)
+        rows = Rows(node, segment, dofs, free.reshape(values[2].shape), values)
         if self.pair.friction is not None:
             rows.add_slip(here.slip(self._x_n, x, nodes, segment))
         self._gap[node] = rows.gap
@@ -330,7 +267,7 @@ class ContactStep:
             rows.excess[:, 0] = rows.gap - (rows.gap_n if self._holds else 0.0)
         return rows
 
-    def _offset(self, rows: "_Rows") -> Floats:
+    def _offset(self, rows: Rows) -> Floats:
         """Gap at which springs start on the present segments.
 
         On a new segment it moves by the difference of the gaps at t_n, so
@@ -342,7 +279,7 @@ class ContactStep:
         offset: Floats = old.offset[rows.node] + shift
         return offset
 
-    def _push(self, rows: "_Rows") -> Floats:
+    def _push(self, rows: Rows) -> Floats:
         """Normal forces of springs; returns their derivatives by the gap."""
         assert isinstance(self.pair.enforcement, Penalty) and self.pair.eps_N is not None
         offset = self._offset(rows)
@@ -352,7 +289,7 @@ class ContactStep:
         self.active[rows.node] = lambda_N < 0
         return slope
 
-    def _rub(self, rows: "_Rows", iteration: int) -> int:
+    def _rub(self, rows: Rows, iteration: int) -> int:
         """Stick or slip and the model of the traction; returns changes."""
         friction, node = self.pair.friction, rows.node
         if friction is None:
@@ -396,7 +333,7 @@ class ContactStep:
         flags: Flags = self.active[node] & ~self.sliding[node] & exact
         return flags
 
-    def _balance(self, rows: "_Rows", R: Floats | None) -> None:
+    def _balance(self, rows: Rows, R: Floats | None) -> None:
         """Multipliers that balance the residual at the nodes."""
         if R is None:
             return
@@ -426,7 +363,7 @@ class ContactStep:
             self.traction[node] = np.where(active[:, None], traction, 0.0)
         self.lambda_N[node] = np.where(active, lambda_N, 0.0)
 
-    def _update_active(self, rows: "_Rows", iteration: int) -> int:
+    def _update_active(self, rows: Rows, iteration: int) -> int:
         """Active set of this iteration; returns how many nodes changed."""
         assert isinstance(self.pair.enforcement, LagrangeMultiplier)
         node, excess = rows.node, rows.excess[:, 0]
@@ -455,7 +392,7 @@ class ContactStep:
         self.sliding[node[changes & ~before]] = True
         return int(np.count_nonzero(changes))
 
-    def _state(self, rows: "_Rows", slope: Floats, changed: int) -> ContactState:
+    def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""
         node, columns, gradients = rows.node, rows.columns, rows.gradients
         active = self.active[node]
@@ -500,59 +437,3 @@ class ContactStep:
             changed=changed,
             failed=int(np.count_nonzero(active & ~rows.valid)),
         )
-
-
-class _Slip:
-    """Slip of pairs, see `cpp/nts/slip.h`."""
-
-    def __init__(self, values: tuple[npt.NDArray[Any], ...]) -> None:
-        self.value, self.force, self.gradient, self._w, self._b = values[:5]
-        self.frame_n, self.frame, orientation = values[5:]
-        self.normal_n, self.normal = (
-            orientation[:, None] * np.cross(frame[:, 0], frame[:, 1])
-            for frame in (self.frame_n, self.frame)
-        )
-
-    def hessian(self, t: Floats) -> Floats:
-        """Second derivative of t . slip by the pair's coordinates."""
-        outer = np.einsum("ma,mi,mib->mab", self._w, t, self._b)
-        blocks = outer + outer.transpose(0, 2, 1)
-        m, k, _ = blocks.shape
-        hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
-        return hessian.reshape(m, 3 * k, 3 * k)
-
-
-class _Rows:
-    """Kernel values of pairs, before multipliers are known."""
-
-    slip: _Slip
-
-    def __init__(
-        self,
-        node: Ints,
-        segment: Ints,
-        dofs: Ints,
-        free: Floats,
-        values: tuple[npt.NDArray[Any], ...],
-    ) -> None:
-        self.node, self.segment, self.dofs, self.free = node, segment, dofs, free
-        self.gap_n, self.gap, F, G, self.tangent, turn, status = values
-        m, d = F.shape
-        self.force, self.columns, self.gradients = np.zeros((3, m, 3, d))
-        self.excess = np.zeros((m, 3))
-        self.valid: Flags = (status == 0) & (turn >= 0)
-        self.force[:, 0], self.gradients[:, 0] = F, G * free
-        self.columns[:, 0] = F * free
-        normal = self.gradients[:, 0, :3]
-        length = np.linalg.norm(normal, axis=1)
-        self.normal: Floats = normal / np.where(length > 0, length, 1.0)[:, None]
-        self.eliminable: Flags = length > 0.5
-
-    def add_slip(self, values: tuple[npt.NDArray[Any], ...]) -> None:
-        self.slip = _Slip(values)
-        self.excess[:, 1:] = self.slip.value
-        self.force[:, 1:] = self.slip.force
-        self.columns[:, 1:] = self.slip.force * self.free[:, None]
-        self.gradients[:, 1:] = self.slip.gradient * self.free[:, None]
-        # A sticking node gives up all its displacements.
-        self.eliminable &= np.all(self.free[:, :3] == 1, axis=1)

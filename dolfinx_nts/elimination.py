@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact_step import ContactState, ContactStep
+from dolfinx_nts.contact_rows import ContactState
+from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk, SaddleSystem
-from dolfinx_nts.contact_step import ContactState, ContactStep
+from dolfinx_nts.contact_rows import ContactState
+from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood

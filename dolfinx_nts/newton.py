@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk, contact_residual
-from dolfinx_nts.contact_step import ContactState, ContactStep
+from dolfinx_nts.contact_rows import ContactState
+from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.timing import Timings
 

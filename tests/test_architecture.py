@@ -16,7 +16,7 @@ LAYERS = [
     {"bodies"},
     {"loads"},
     {"search", "enforcement", "friction", "obstacles"},
-    {"contact"},
+    {"contact", "contact_rows"},
     {"contact_step"},
     {"elimination", "assembly"},
     {"linear"},
@@ -94,6 +94,7 @@ def test_arrays_of_contact_know_no_forms():
         "friction",
         "obstacles",
         "contact",
+        "contact_rows",
         "contact_step",
         "elimination",
     ):

@@ -1,0 +1,169 @@
+"""Pairs that may transmit force: kernel values, residual, tangent.
+
+Arrays over the pairs of one contact pair on one rank; d stands for the
+3(1+k) coordinates of a pair, its node first.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["ContactState", "Rows"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """Pairs that may transmit force, evaluated between x_n and x.
+
+    ``d`` stands for the 3(1+k) coordinates of a pair; rows and columns of
+    given displacements are 0 unless noted otherwise.
+
+    Attributes:
+        node: Position in the surface's nodes, shape ``(m,)``.
+        segment: Segment in the neighbourhood, shape ``(m,)``.
+        dofs: Nodes of the pair in the neighbourhood's index map, shape
+            ``(m, 1+k)``.
+        active: Whether the pair transmits force, shape ``(m,)``.
+        rank: Number of constraints: 0 inactive or penalty, 1 normal, 3
+            normal and stick, shape ``(m,)``.
+        excess: What the constraints should make zero: gap minus its
+            reference, slip; shape ``(m, 3)`` [m].
+        gradients: Gradients of gap and slip at x, shape ``(m, 3, d)``.
+        columns: Force per multiplier, shape ``(m, 3, d)``; that of the
+            normal includes the friction which scales with it.
+        residual: Contact forces of the pair, ``(m, d)`` [N].
+        tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
+        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
+        eliminable: Whether the node can give up what the constraints
+            determine, shape ``(m,)``.
+        force: All of ``residual``, given displacements or not.
+        changed: Pairs that became active, inactive or changed segment.
+        failed: Pairs that could not be evaluated, or whose normal has
+            turned by more than 90 degrees.
+    """
+
+    node: Ints
+    segment: Ints
+    dofs: Ints
+    active: Flags
+    rank: Ints
+    excess: Floats
+    gradients: Floats
+    columns: Floats
+    residual: Floats
+    tangent: Floats
+    normal: Floats
+    eliminable: Flags
+    force: Floats
+    changed: int
+    failed: int
+
+    @property
+    def constraint_error(self) -> float:
+        """Largest violation of a constraint on this rank [m]."""
+        rows = np.arange(3) < self.rank[:, None]
+        return float(np.abs(self.excess[rows]).max(initial=0.0))
+
+    def nodal_forces(self, num_nodes: int) -> Floats:
+        """Sum of ``residual`` on the index map's nodes, ``(n, 3)`` [N]."""
+        forces = np.zeros((num_nodes, 3))
+        np.add.at(forces, self.dofs.ravel(), self.residual.reshape(-1, 3))
+        return forces
+
+
+class Slip:
+    """Slip of pairs, see `cpp/nts/slip.h`.
+
+    Args:
+        values: What `Neighbourhood.slip` gives.
+
+    Attributes:
+        value: Slip of the step, shape ``(m, 2)`` [m].
+        force: Force per traction, of the step, shape ``(m, 2, d)``.
+        gradient: Gradient of the slip at x, shape ``(m, 2, d)``.
+        frame_n, frame: Orthonormal tangents at t_n and x, ``(m, 2, 3)``.
+        normal_n, normal: Outward normals with them, shape ``(m, 3)``.
+    """
+
+    def __init__(self, values: tuple[npt.NDArray[Any], ...]) -> None:
+        """Name the values."""
+        self.value, self.force, self.gradient, self._w, self._b = values[:5]
+        self.frame_n, self.frame, orientation = values[5:]
+        self.normal_n, self.normal = (
+            orientation[:, None] * np.cross(frame[:, 0], frame[:, 1])
+            for frame in (self.frame_n, self.frame)
+        )
+
+    def hessian(self, t: Floats) -> Floats:
+        """Second derivative of t . slip by the pair's coordinates."""
+        outer = np.einsum("ma,mi,mib->mab", self._w, t, self._b)
+        blocks = outer + outer.transpose(0, 2, 1)
+        m, k, _ = blocks.shape
+        hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
+        return hessian.reshape(m, 3 * k, 3 * k)
+
+
+class Rows:
+    """Kernel values of pairs, before multipliers are known.
+
+    Args:
+        node: Position in the surface's nodes, shape ``(m,)``.
+        segment: Segment in the neighbourhood, shape ``(m,)``.
+        dofs: Nodes of the pair in the index map, shape ``(m, 1+k)``.
+        free: 1 where the displacement is unknown, shape ``(m, d)``.
+        values: What `Neighbourhood.contact` gives.
+
+    Attributes:
+        gap_n, gap: Gap at t_n and at x [m].
+        tangent: Derivative of the normal force, shape ``(m, d, d)``.
+        force: Normal and tangential force per multiplier, ``(m, 3, d)``.
+        columns: The same, 0 where the displacement is given.
+        gradients: Of gap and slip at x, 0 where it is given, ``(m, 3, d)``.
+        excess: What constraints make zero, shape ``(m, 3)`` [m].
+        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
+        valid: Whether the kernel could be evaluated and the normal has
+            turned by less than 90 degrees, shape ``(m,)``.
+        eliminable: Whether the node can give up what constraints
+            determine, shape ``(m,)``.
+        slip: Slip of the pairs, with friction only.
+    """
+
+    slip: Slip
+
+    def __init__(
+        self,
+        node: Ints,
+        segment: Ints,
+        dofs: Ints,
+        free: Floats,
+        values: tuple[npt.NDArray[Any], ...],
+    ) -> None:
+        """Complete the normal parts; the tangential ones are zero."""
+        self.node, self.segment, self.dofs, self.free = node, segment, dofs, free
+        self.gap_n, self.gap, F, G, self.tangent, turn, status = values
+        m, d = F.shape
+        self.force, self.columns, self.gradients = np.zeros((3, m, 3, d))
+        self.excess = np.zeros((m, 3))
+        self.valid: Flags = (status == 0) & (turn >= 0)
+        self.force[:, 0], self.gradients[:, 0] = F, G * free
+        self.columns[:, 0] = F * free
+        normal = self.gradients[:, 0, :3]
+        length = np.linalg.norm(normal, axis=1)
+        self.normal: Floats = normal / np.where(length > 0, length, 1.0)[:, None]
+        self.eliminable: Flags = length > 0.5
+
+    def add_slip(self, values: tuple[npt.NDArray[Any], ...]) -> None:
+        """Fill the tangential parts from what `Neighbourhood.slip` gives."""
+        self.slip = Slip(values)
+        self.excess[:, 1:] = self.slip.value
+        self.force[:, 1:] = self.slip.force
+        self.columns[:, 1:] = self.slip.force * self.free[:, None]
+        self.gradients[:, 1:] = self.slip.gradient * self.free[:, None]
+        # A sticking node gives up all its displacements.
+        self.eliminable &= np.all(self.free[:, :3] == 1, axis=1)
