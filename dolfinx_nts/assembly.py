@@ -234,7 +234,8 @@ class SaddleSystem:
         for step, state in zip(steps, states, strict=True):
             active = np.flatnonzero(state.active)
             nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
-            dofs = saddle((3 * nodes[:, None] + np.arange(3)).reshape(len(active), -1))
+            dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+            dofs = dofs.reshape(len(active), state.residual.shape[1])
             for i, pair_dofs in zip(active, dofs, strict=True):
                 A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
                 for a in range(state.rank[i]):

@@ -1,0 +1,92 @@
+"""Projections that eliminate multipliers, against dense matrices."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+
+ROUNDING = 1e4 * np.finfo(float).eps
+NODES = 30
+
+
+def pairs(k, rng):
+    """Return five uncoupled pairs with 0, 1 or 3 constraints, as arrays."""
+    rank = np.array([0, 1, 3, 1, 3], dtype=np.int32)
+    vertices = rng.integers(5, NODES, size=(5, k)).astype(np.int32)
+    dofs = np.column_stack([np.arange(5, dtype=np.int32), vertices])
+    d = 3 * (1 + k)
+    normal = rng.normal(size=(5, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    gradients, columns = (0.2 * rng.normal(size=(5, 3, d)) for _ in range(2))
+    gradients[:, 0, :3] += normal
+    columns[:, 0, :3] += normal
+    for a in (1, 2):
+        tangent = np.cross(normal, np.eye(3)[a])
+        gradients[:, a, :3] += tangent
+        columns[:, a, :3] += tangent
+    return dofs, rank, normal, gradients, columns, rng.normal(size=(5, d, d))
+
+
+def dense(dofs, rank, normal, gradients, columns, tangent):
+    """Return E, G, F with one column a constraint, and the contact tangent."""
+    E, G, F, C = [], [], [], np.zeros((3 * NODES, 3 * NODES))
+    for i, nodes in enumerate(dofs):
+        place = np.zeros((3 * NODES, tangent.shape[1]))
+        for a, node in enumerate(nodes):
+            place[3 * node : 3 * node + 3, 3 * a : 3 * a + 3] += np.eye(3)
+        C += place @ tangent[i] @ place.T
+        for a in range(rank[i]):
+            G.append(place @ gradients[i, a])
+            F.append(place @ columns[i, a])
+            E.append(place[:, :3] @ (normal[i] if rank[i] == 1 else np.eye(3)[a]))
+    return np.array(E).T, np.array(G).T, np.array(F).T, C
+
+
+kinds = pytest.mark.parametrize("k", [0, 3, 4])
+
+
+@kinds
+def test_constrain_is_the_projection_on_the_constraints(k, rng):
+    arrays = pairs(k, rng)
+    dofs, rank, normal, gradients, _, _ = arrays
+    E, G, _, _ = dense(*arrays)
+    x = rng.normal(size=(NODES, 3))
+    z = x.copy()
+    _kernels.constrain(dofs, rank, normal, gradients, np.empty(0), z)
+    expected = x.ravel() - E @ np.linalg.solve(G.T @ E, G.T @ x.ravel())
+    np.testing.assert_allclose(z.ravel(), expected, atol=ROUNDING)
+    assert np.abs(G.T @ z.ravel()).max() < ROUNDING
+
+
+@kinds
+def test_constrain_reaches_given_values(k, rng):
+    arrays = pairs(k, rng)
+    dofs, rank, normal, gradients, _, _ = arrays
+    _, G, _, _ = dense(*arrays)
+    values = rng.normal(size=(5, 3))
+    x = np.zeros((NODES, 3))
+    _kernels.constrain(dofs, rank, normal, gradients, values, x)
+    wanted = values[np.arange(3) < rank[:, None]]
+    np.testing.assert_allclose(G.T @ x.ravel(), wanted, atol=ROUNDING)
+
+
+@kinds
+def test_act_adds_the_tangent_and_removes_multipliers(k, rng):
+    arrays = pairs(k, rng)
+    dofs, rank, normal, _, columns, tangent = arrays
+    E, _, F, C = dense(*arrays)
+    x, y = rng.normal(size=(2, NODES, 3))
+    # Vertices are no contact nodes, so rows of the tangent at a contact
+    # node come from its own pair alone.
+    result = y.copy()
+    _kernels.act(dofs, rank, normal, columns, tangent, x, result)
+    total = y.ravel() + C @ x.ravel()
+    expected = total - F @ np.linalg.solve(E.T @ F, E.T @ total)
+    np.testing.assert_allclose(result.ravel(), expected, atol=ROUNDING)
+    assert np.abs(E.T @ result.ravel()).max() < ROUNDING
+
+
+def test_dofs_outside_the_vector_are_refused(rng):
+    dofs, rank, normal, gradients, _, _ = pairs(3, rng)
+    with pytest.raises(ValueError, match="rows of x"):
+        _kernels.constrain(dofs, rank, normal, gradients, np.empty(0), np.zeros((4, 3)))

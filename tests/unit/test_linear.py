@@ -1,0 +1,98 @@
+"""Krylov solver on the projected tangent against the whole saddle system."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+import scenes
+from dolfinx_nts.assembly import SaddleSystem
+
+# Of a Krylov solution asked for 1e-11, relative to the largest increment.
+AGREEMENT = 1e-8
+
+
+def compare(monkeypatch, scene, num_steps):
+    """Advance; solve every linear system of contact both ways."""
+    differences, ranks = [], set()
+    solver = scene.stepper._solver
+    saddle, solve = SaddleSystem(scene.stepper._bulk), solver.solve
+
+    def both(R, steps, states, rtol):
+        du, multipliers = solve(R, steps, states, 1e-11)
+        if any(step.num_active for step in steps):
+            ranks.update(np.concatenate([state.rank for state in states]).tolist())
+            direct, _ = saddle.solve(R, steps, states)
+            comm = scene.comm
+            largest = comm.allreduce(np.abs(direct).max(initial=0.0), op=scenes.MPI.MAX)
+            error = comm.allreduce(np.abs(du - direct).max(initial=0.0), op=scenes.MPI.MAX)
+            differences.append(error / largest)
+        return du, multipliers
+
+    monkeypatch.setattr(solver, "solve", both)
+    for _ in range(num_steps):
+        scene.stepper.advance()
+    return differences, set().union(*scene.comm.allgather(ranks)), solver
+
+
+LAWS = {
+    "multiplier": (nts.LagrangeMultiplier(), None, {1}),
+    "penalty": (nts.Penalty(), nts.Coulomb(0.3), {0}),
+    "spring": (nts.LagrangeMultiplier(), nts.Coulomb(0.3, 1e2), {1}),
+    "stick and slip": (nts.LagrangeMultiplier(), nts.Coulomb(0.6), {1, 3}),
+}
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("law", LAWS)
+def test_increments_are_those_of_the_saddle_system(comm, monkeypatch, cell, law):
+    enforcement, friction, expected = LAWS[law]
+    scene = scenes.blocks(comm, nts.EnergyMomentum, enforcement, cell=cell)
+    scene.stepper.pairs[0].friction = friction
+    differences, ranks, solver = compare(monkeypatch, scene, 10)
+    assert expected <= ranks
+    assert len(differences) > 3 and max(differences) < AGREEMENT
+    assert solver.num_direct == 0 and solver.num_iterations > 0
+
+
+def test_three_bodies_and_two_pairs_are_solved_together(comm, monkeypatch):
+    scene = scenes.blocks(comm, num_bodies=3)
+    differences, _, _ = compare(monkeypatch, scene, 10)
+    assert len(differences) > 3 and max(differences) < AGREEMENT
+
+
+def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch):
+    ends = []
+    for direct in (False, True):
+        scene = scenes.blocks(comm)
+        if direct:
+            monkeypatch.setattr("dolfinx_nts.linear.coupled", lambda steps, states: True)
+        for _ in range(10):
+            scene.stepper.advance()
+        ends.append(scene.positions())
+        assert (scene.stepper._solver.num_direct > 0) == direct
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-10)
+
+
+def test_one_preconditioner_lasts_for_many_steps(comm):
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    stepper = scene.stepper
+    for _ in range(15):
+        stepper.advance()
+    assert comm.allreduce(int(stepper.pairs[0].history.active.sum())) > 3
+    assert stepper._solver._preconditioner.num_builds <= 3
+    # One assembly for the stiffness of the nodes, one for each build.
+    assert stepper._bulk.num_tangents <= 4
+
+
+def test_failing_krylov_method_falls_back_on_stronger_preconditioners(comm, monkeypatch):
+    # One iteration never reaches the tolerance with an incomplete
+    # factorisation; what follows must give the same steps.
+    reference, limited = scenes.blocks(comm), scenes.blocks(comm)
+    for _ in range(8):
+        reference.stepper.advance()
+    monkeypatch.setattr("dolfinx_nts.linear._MAX_ITERATIONS", 1)
+    for _ in range(8):
+        limited.stepper.advance()
+    solver = limited.stepper._solver
+    assert solver._preconditioner.is_strong and solver.num_direct > 0
+    np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
