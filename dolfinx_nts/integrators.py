@@ -5,7 +5,7 @@ The unknown of a step is u_{n+1}; the velocity follows from it,
 of a step, divided by its length, is
 
 .. math:: M \frac{2}{\Delta t} \left( \frac{u_{n+1} - u_n}{\Delta t} - v_n
-   \right) + f_{int} + \sum \lambda_N F = 0.
+   \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
 
 The schemes differ in the stress of f_int and in the kernel of the contact
 force F, in nothing else.
@@ -13,9 +13,12 @@ force F, in nothing else.
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +27,13 @@ from dolfinx import fem
 from tqdm import tqdm
 
 from dolfinx_nts import newton
-from dolfinx_nts.assembly import Bulk
+from dolfinx_nts.assembly import JIT_OPTIONS, Bulk, contact_residual
 from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
 from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.linear import LinearSolver
+from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.timing import Timings
 
@@ -43,6 +48,10 @@ _logger = logging.getLogger("dolfinx_nts")
 class StepReport:
     """What happened in an accepted step.
 
+    The works are energy given to the bodies; with that of the bulk,
+    `Diagnostics.bulk_defect`, they add up to the change of kinetic and
+    strain energy.
+
     Attributes:
         step: Number of the step, from 1.
         t: Time at its end [s].
@@ -51,8 +60,11 @@ class StepReport:
         active_set_changes: Pairs that changed during the iteration.
         residual_norms: Norms before each linear solve, and the last [N].
         num_active: Active pairs on all ranks.
-        contact_work: Energy that contact gave to the bodies, by cause.
-        solver_work: Energy given by the residual that Newton left [J].
+        contact_work: Work of contact, by cause.
+        load_work: Work of the loads [J].
+        support_work: Work of the reactions at moving supports [J].
+        damping_work: Work of damping, never positive [J].
+        solver_work: Work of the residual that Newton left [J].
     """
 
     step: int
@@ -63,6 +75,9 @@ class StepReport:
     residual_norms: tuple[float, ...]
     num_active: int
     contact_work: ContactWork
+    load_work: float
+    support_work: float
+    damping_work: float
     solver_work: float
 
 
@@ -75,11 +90,17 @@ class Stepper:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs of these bodies.
         dt: Length of a step [s].
-        bcs: Dirichlet conditions on the displacement.
+        bcs: Dirichlet conditions on the displacement at the end of a
+            step. Nodes of a moving support should start with its
+            velocity: as of any node, it follows from the displacements.
+        loads: Loads on the bodies.
+        update: Called before each step with the time at its end [s], to
+            set the functions and constants in ``bcs`` and ``loads``.
 
     Attributes:
         bodies: The bodies.
         pairs: The contact pairs with their accepted contact.
+        loads: The loads.
         t: Time [s].
         dt: Length of the next step [s].
         step: Number of accepted steps.
@@ -89,12 +110,14 @@ class Stepper:
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: Bodies overlap, do not fill the mesh or belong to
-            different spaces; ``dt`` is not positive.
+        ValueError: Bodies overlap or do not fill the mesh; something
+            belongs to another space; ``dt`` is not positive; conditions
+            conflict.
     """
 
     _contact: ClassVar[str]  # contact kernel
     _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
+    _load_point: ClassVar[float] = 0.5  # where in a step the loads are taken
 
     def __init__(
         self,
@@ -103,6 +126,8 @@ class Stepper:
         *,
         dt: float,
         bcs: Sequence[fem.DirichletBC] = (),
+        loads: Sequence[Load] = (),
+        update: Callable[[float], None] | None = None,
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
         V = check_bodies(bodies)
@@ -111,22 +136,28 @@ class Stepper:
                 raise TypeError(f"expected a ContactPair, given {type(pair).__name__}")
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
-        self.bodies, self.pairs = tuple(bodies), tuple(pairs)
+        for load in loads:
+            if not isinstance(load, Load):
+                raise TypeError(f"expected a load, given {type(load).__name__}")
+            if load.V != V:
+                raise ValueError("expected bodies and loads in one function space, given two")
+        self.bodies, self.pairs, self.loads = tuple(bodies), tuple(pairs), tuple(loads)
         self.t, self.step = 0.0, 0
         self.timings = Timings()
-        self._bcs = tuple(bcs)
+        self._update = update
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
-        self._bulk = Bulk(self._residual(), self.u, self._bcs)
+        self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
         self._solver = LinearSolver(self._bulk)
         self._free: Floats | None = None
-        if self._bcs:
+        if bcs:
             self._free = np.ones((self._num_owned, 3))
             self._free.ravel()[self._bulk.fixed] = 0
+        self._dissipation = self._dissipation_form()
         self._volume_ratio = VolumeRatio(self.u)
         self._force_scale = 0.0
         self._mean_velocity: Floats = self.v.x.array.copy()
@@ -143,9 +174,37 @@ class Stepper:
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
             momentum_rate = rho * 2 / dt * ((u - u_n) / dt - v)
             P = (F_n + F) / 2 * self._stress(material, parameters, F_n, F)
-            return ufl.inner(momentum_rate, eta) + ufl.inner(P, ufl.grad(eta))
+            work = ufl.inner(momentum_rate, eta) + ufl.inner(P, ufl.grad(eta))
+            return work + self._damping(material, parameters, rho, eta)
 
         return bulk_form(self.bodies, integrand)
+
+    def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
+        """Virtual work of damping per reference volume, >= 0 for u - u_n."""
+        u, u_n, dt = self.u, self.u_n, self._dt
+        mesh, work = u.function_space.mesh, 0
+        if material.mass_damping > 0:
+            alpha = fem.Constant(mesh, material.mass_damping)
+            work += alpha * rho / dt * ufl.inner(u - u_n, eta)
+        if material.stiffness_damping > 0:
+            beta = fem.Constant(mesh, material.stiffness_damping)
+            F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
+            strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
+            P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
+            work += beta / dt * ufl.inner(P, ufl.grad(eta))
+        return work
+
+    def _dissipation_form(self) -> fem.Form | None:
+        """Energy that damping takes in a step; None without damping."""
+        damped = [body for body in self.bodies if body.material.is_damped]
+        if not damped:
+            return None
+        form = bulk_form(damped, partial(self._damping, eta=self.u - self.u_n))
+        return fem.form(form, jit_options=JIT_OPTIONS)
+
+    def _load_forms(self) -> list[ufl.Form]:
+        """Virtual work of each load in a step."""
+        return [load.form(self.u_n, self.u) for load in self.loads]
 
     @property
     def dt(self) -> float:
@@ -169,8 +228,9 @@ class Stepper:
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m], or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``.
+            value: Three numbers [m]; or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``; or
+                a Function.
         """
         self._set(self.u, body, value)
 
@@ -179,8 +239,9 @@ class Stepper:
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m/s], or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``.
+            value: Three numbers [m/s]; or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``; or
+                a Function.
         """
         self._set(self.v, body, value)
 
@@ -188,6 +249,10 @@ class Stepper:
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
         X = self._X[body.nodes].T
+        if isinstance(value, fem.Function):
+            if value.function_space != self.u.function_space:
+                raise ValueError("expected a Function of the bodies' space, given one of another")
+            value = value.x.array.reshape(-1, 3)[body.nodes].T
         values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
         if values.shape not in ((3,), X.shape):
             raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
@@ -203,24 +268,34 @@ class Stepper:
         Raises:
             ConvergenceError: The step could not be solved. The state is
                 as before the call.
-            ValueError: The state is not finite, or the first step starts
-                inside a rigid obstacle.
+            ValueError: The state, a load or a condition is not finite,
+                conditions conflict, or the first step starts inside a
+                rigid obstacle. The state is as before the call.
         """
         self._check_state()
         if self.step == 0:
             for pair in self.pairs:
                 pair.check_start(self.x)
+        dt, x_n = self.dt, self.x
+        if self._update is not None:
+            self._update(self.t + dt)
+        for load in self.loads:
+            load.update(self.t + self._load_point * dt)
+        self._bulk.supports.check()
         u, u_n = self.u.x.array, self.u_n.x.array
         u_n[:] = u
-        dt, x_n, starts = self.dt, self.x, self._starts()
+        starts = {
+            name: self._bulk.supports.applied(start) for name, start in self._starts().items()
+        }
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
         stiffness = self._bulk.nodal_stiffness()
+        force_scale = self._force_scale
+        if self.loads:
+            force_scale += self._norm(self._bulk.load())
 
         attempts: list[newton.NewtonReport] = []
         for start in starts.values():
             u[:] = start
-            for bc in self._bcs:
-                bc.set(u)
             with self.timings.phase("contact"):
                 steps = [
                     ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
@@ -231,7 +306,7 @@ class Stepper:
                 self._solver,
                 steps,
                 self._X[: self._num_owned],
-                force_scale=self._force_scale,
+                force_scale=force_scale,
                 timings=self.timings,
             )
             attempts.append(solution.report)
@@ -253,13 +328,18 @@ class Stepper:
             )
 
         comm = self.u.function_space.mesh.comm
-        self._force_scale = float(np.sqrt(comm.allreduce(solution.R_bulk @ solution.R_bulk)))
+        self._force_scale = self._norm(solution.R_bulk)
         n = 3 * self._num_owned
         work = ContactWork()
         for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
             history = step.accepted(state)
             work = work + step.work(state, history)
             pair.history = history
+        du = (u - u_n)[:n]
+        support_work = self._support_work(steps, solution.states, du)
+        lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
+        works = np.array([self._bulk.load() @ du if self.loads else 0.0, -lost, solution.R @ du])
+        load_work, damping_work, solver_work = (float(value) for value in comm.allreduce(works))
         self._mean_velocity = (u - u_n) / dt
         self._update_velocity()
         self.t += dt
@@ -273,7 +353,10 @@ class Stepper:
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
             contact_work=work,
-            solver_work=float(comm.allreduce(solution.R @ (u - u_n)[:n])),
+            load_work=load_work,
+            support_work=support_work,
+            damping_work=damping_work,
+            solver_work=solver_work,
         )
         if comm.rank == 0:
             _logger.info(
@@ -284,6 +367,10 @@ class Stepper:
                 report.num_active,
             )
         return report
+
+    def _norm(self, values: Floats) -> float:
+        """Euclidean norm of values on the owned dofs. Collective."""
+        return float(np.sqrt(self.u.function_space.mesh.comm.allreduce(values @ values)))
 
     def _starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried, in turn."""
@@ -301,6 +388,18 @@ class Stepper:
         """Velocity at the end of the step just solved."""
         v = self.v.x.array
         v[:] = 2 * self._mean_velocity - v
+
+    def _support_work(
+        self, steps: Sequence[ContactStep], states: Sequence[ContactState], du: Floats
+    ) -> float:
+        """Work of the reactions in a step with increment du [J]. Collective."""
+        comm, fixed = self.u.function_space.mesh.comm, self._bulk.fixed
+        if not comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
+            return 0.0
+        # States keep the forces on given displacements apart.
+        everywhere = [replace(state, residual=state.force) for state in states]
+        reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
+        return float(comm.allreduce(reaction[fixed] @ du[fixed]))
 
     def run(self, until: float) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.

@@ -6,7 +6,9 @@ numbers reach the forms as constants, so a change of a number compiles
 nothing.
 """
 
+import warnings
 from collections.abc import Callable
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -46,10 +48,9 @@ class Hyperelastic:
     Raises:
         TypeError: ``psi`` cannot be called.
         ValueError: A number is not finite or has the wrong sign; ``psi``
-            is no scalar, or not twice differentiable at C = 1; or with
-            stiffness damping its moduli there have a negative
-            eigenvalue, so that damping would add energy. An energy with
-            fields in it is not evaluated at C = 1.
+            is no scalar, or not twice differentiable at C = 1; stiffness
+            damping would add energy, as moduli at C = 1 are negative.
+            An energy with fields in it is not evaluated at C = 1.
     """
 
     def __init__(
@@ -133,10 +134,11 @@ class Hyperelastic:
         """
         C = ufl.variable(ufl.Identity(3))
         moduli = 2 * ufl.diff(self.stress(C, **parameters), C)
-        i, j, k, l = ufl.indices(4)
-        return ufl.as_tensor(moduli[i, j, k, l] * E_GL[k, l], (i, j))
+        i, j, m, n = ufl.indices(4)
+        return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def _check_energy(self) -> None:
+        """Evaluate the energy around C = 1 in a direction, and its moduli."""
         value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
         if (shape := value.ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -144,13 +146,11 @@ class Hyperelastic:
             return
         h = 1e-5
         try:
-            below, (slope, curvature), above = (self._along(_GENERIC, s) for s in (-h, 0.0, h))
-            if not np.isfinite([slope, curvature]).all():
-                raise ValueError(f"slope {slope} and curvature {curvature}")
-            sizes = np.abs([below, above, (slope, curvature)]).sum(axis=0)
+            below, at, above = (self._along(_GENERIC, s) for s in (-h, 0.0, h))
+            sizes = np.abs([below, at, above]).sum(axis=0)
             difference = (above[0] - below[0]) / (2 * h)
-            if not abs(difference - curvature) <= 1e-6 * sizes[0] + 1e-3 * sizes[1]:
-                raise ValueError(f"a curvature of {curvature} but differences of {difference}")
+            if not abs(difference - at[1]) <= 1e-6 * sizes[0] + 1e-3 * sizes[1] < np.inf:
+                raise ValueError(f"derivatives {at} and a difference of {difference}")
         except (ArithmeticError, TypeError, ValueError) as error:
             raise ValueError(
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
@@ -168,16 +168,16 @@ class Hyperelastic:
         at = ufl.variable(ufl.as_ufl(s))
         value = self.psi(ufl.Identity(3) + at * ufl.as_matrix(D.tolist()), **self.parameters)
         first = ufl.diff(value, at)
-        return float(first(())), float(ufl.diff(first, at)(()))
+        with warnings.catch_warnings():
+            # UFL warns before it raises.
+            warnings.simplefilter("ignore")
+            return float(first(())), float(ufl.diff(first, at)(()))
 
     def _moduli(self) -> npt.NDArray[np.float64]:
         """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa]."""
-        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        basis = []
-        for i, j in pairs:
-            D = np.zeros((3, 3))
+        basis = np.zeros((6, 3, 3))
+        for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
             D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            basis.append(D)
         curvature = np.array([[self._along(A + B)[1] for B in basis] for A in basis])
         diagonal = np.diag(curvature) / 4
         return 2 * (curvature - diagonal[:, None] - diagonal)
@@ -217,7 +217,7 @@ class NeoHookean(Hyperelastic):
 
     :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2`
     with :math:`U = \ln J` (``"log"``) or :math:`U = J - 1`
-    (``"quadratic"``, which does not soften under pressure).
+    (``"quadratic"``).
 
     Args:
         E: Young's modulus of small strains [Pa].
