@@ -5,29 +5,41 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
-from dolfinx_nts.materials import Hyperelastic, SaintVenantKirchhoff
+from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
+from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
+from dolfinx_nts.materials import (
+    Hyperelastic,
+    MooneyRivlin,
+    NeoHookean,
+    SaintVenantKirchhoff,
+    Yeoh,
+)
 from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
-from dolfinx_nts.statics import QuasiStatic
+from dolfinx_nts.stepper import StepReport
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Body",
+    "BodyForce",
     "ContactPair",
     "ConvergenceError",
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "Gravity",
     "Hyperelastic",
     "LagrangeMultiplier",
     "MeshData",
     "Midpoint",
+    "MooneyRivlin",
+    "NeoHookean",
     "Penalty",
+    "Pressure",
     "QuasiStatic",
     "Recorder",
     "RigidCylinder",
@@ -37,5 +49,7 @@ __all__ = [
     "SaintVenantKirchhoff",
     "StepReport",
     "Surface",
+    "Traction",
+    "Yeoh",
     "read_mesh",
 ]

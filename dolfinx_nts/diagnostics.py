@@ -27,7 +27,7 @@ from dolfinx import fem, la
 
 from dolfinx_nts.assembly import JIT_OPTIONS
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint
+from dolfinx_nts.stepper import Stepper
 
 __all__ = ["Balance", "Diagnostics"]
 
@@ -98,16 +98,16 @@ class Diagnostics:
     Collective, as all its methods.
 
     Args:
-        stepper: Midpoint or EnergyMomentum.
+        stepper: Midpoint, EnergyMomentum or QuasiStatic.
 
     Raises:
-        TypeError: It is neither.
+        TypeError: It is none of them.
     """
 
-    def __init__(self, stepper: Midpoint | EnergyMomentum) -> None:
+    def __init__(self, stepper: Stepper) -> None:
         """Compile the forms."""
-        if not isinstance(stepper, Midpoint | EnergyMomentum):
-            raise TypeError(f"expected Midpoint or EnergyMomentum, given {type(stepper).__name__}")
+        if not isinstance(stepper, Stepper):
+            raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         self._stepper = stepper
         u, u_n, v = stepper.u, stepper.u_n, stepper.v
         V = u.function_space
@@ -120,7 +120,7 @@ class Diagnostics:
             return material.psi(F.T * F, **parameters)
 
         def bulk_defect(material: Any, parameters: Any, rho: Any) -> Any:
-            P = (F_n + F) / 2 * stepper._stress(material, parameters, F_n, F)
+            P = stepper.first_piola(material, parameters, F_n, F)
             change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
             return change - ufl.inner(P, F - F_n)
 

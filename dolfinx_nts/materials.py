@@ -16,7 +16,14 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_domains
 
-__all__ = ["Hyperelastic", "MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
+__all__ = [
+    "Hyperelastic",
+    "MooneyRivlin",
+    "NeoHookean",
+    "SaintVenantKirchhoff",
+    "Yeoh",
+    "right_cauchy_green",
+]
 
 # Gauss points and weights of the average over [0, 1].
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -26,6 +33,11 @@ _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 _SMALL_STRAIN_INCREMENT = 1e-2
 # A direction in which no usual invariant is stationary at C = 1.
 _GENERIC = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
+
+
+def right_cauchy_green(F: Any) -> Any:
+    """C = F^T F, UFL (3, 3)."""
+    return F.T * F
 
 
 class Hyperelastic:

@@ -15,8 +15,8 @@ import numpy as np
 
 from dolfinx_nts.contact import ContactWork
 from dolfinx_nts.diagnostics import Diagnostics
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint, StepReport
 from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.stepper import Stepper, StepReport
 from dolfinx_nts.timing import Timings
 from dolfinx_nts.xdmf import FieldFile
 
@@ -42,14 +42,15 @@ class Recorder:
 
     Columns of the table, in SI units: ``step``, ``dt``, those of `Balance`,
     ``newton_iterations``, and the change of the total energy since the
-    first row by cause: ``energy_bulk``, ``energy_persistent_contact``,
-    ``energy_activation``, ``energy_facet_change``, ``energy_solver``. Each
-    is summed on its own; ``energy_unaccounted`` is the rest: round-off,
-    unless supports move or the state is set between steps.
+    first row by cause: ``energy_bulk``, ``energy_loads``,
+    ``energy_supports``, ``energy_damping``, ``energy_persistent_contact``,
+    ``energy_activation``, ``energy_facet_change``, ``energy_friction``,
+    ``energy_solver``. Each is summed on its own; ``energy_unaccounted``
+    is the rest: round-off, unless the state is set between steps.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
-        stepper: Midpoint or EnergyMomentum.
+        stepper: Midpoint, EnergyMomentum or QuasiStatic.
         every: Steps from one state of the fields to the next; the first
             and the last state are always there.
 
@@ -60,9 +61,7 @@ class Recorder:
         ValueError: ``every`` is less than 1.
     """
 
-    def __init__(
-        self, name: str | Path, stepper: Midpoint | EnergyMomentum, *, every: int = 1
-    ) -> None:
+    def __init__(self, name: str | Path, stepper: Stepper, *, every: int = 1) -> None:
         """Check the arguments; nothing is created yet."""
         if every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {every}")
@@ -85,7 +84,8 @@ class Recorder:
             self._first = self._last = self.diagnostics.balance()
             self._step = self._stepper.step
             self._iterations: list[int] = []
-            self._bulk, self._contact, self._solver = 0.0, ContactWork(), 0.0
+            self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
+            self._contact = ContactWork()
             self._drift = dict.fromkeys(_CONSERVED, 0.0)
             error: OSError | None = None
             if self._comm.rank == 0:
@@ -124,6 +124,9 @@ class Recorder:
         with self._timings.phase("output"):
             self._bulk += self.diagnostics.bulk_defect()
             self._contact += step.contact_work
+            self._loads += step.load_work
+            self._supports += step.support_work
+            self._damping += step.damping_work
             self._solver += step.solver_work
             self._step, self._last = step.step, self.diagnostics.balance()
             self._iterations.append(step.newton_iterations)
@@ -175,6 +178,9 @@ class Recorder:
             self._drift[name] = max(self._drift[name], change)
         causes = {
             "energy_bulk": self._bulk,
+            "energy_loads": self._loads,
+            "energy_supports": self._supports,
+            "energy_damping": self._damping,
             "energy_persistent_contact": contact.persistent,
             "energy_activation": contact.activation,
             "energy_facet_change": contact.facet_change,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint
+from dolfinx_nts.stepper import Stepper
 
 __all__ = ["energies", "energy_error", "momenta", "snapshot"]
 
@@ -27,7 +27,7 @@ _EPSILON = float(np.finfo(np.float64).eps)
 
 
 def snapshot(
-    stepper: Midpoint | EnergyMomentum,
+    stepper: Stepper,
     filename: str | Path,
     *,
     colour: Literal["stress", "displacement"] = "stress",
@@ -37,7 +37,7 @@ def snapshot(
     """Draw the deformed bodies in their present state. Collective.
 
     Args:
-        stepper: Midpoint or EnergyMomentum.
+        stepper: Midpoint, EnergyMomentum or QuasiStatic.
         filename: PNG file to write.
         colour: Von Mises stress, taken in the middle of the cells, or
             magnitude of the displacement.
@@ -121,7 +121,7 @@ def _draw(
         plotter.close()
 
 
-def _von_mises(stepper: Midpoint | EnergyMomentum) -> Floats:
+def _von_mises(stepper: Stepper) -> Floats:
     """Von Mises stress in the middle of the owned cells, body by body [Pa]."""
     mesh = stepper.u.function_space.mesh
     corners = basix.geometry(basix.CellType[mesh.topology.cell_name()])

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, io
 
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint
+from dolfinx_nts.stepper import Stepper
 
 __all__ = ["FieldFile"]
 
@@ -27,10 +27,10 @@ class FieldFile:
 
     Args:
         path: The file, ``.xdmf``; a file ``.h5`` comes with it.
-        stepper: Midpoint or EnergyMomentum.
+        stepper: Midpoint, EnergyMomentum or QuasiStatic.
     """
 
-    def __init__(self, path: Path, stepper: Midpoint | EnergyMomentum) -> None:
+    def __init__(self, path: Path, stepper: Stepper) -> None:
         """Open the files and write the mesh."""
         self._path, self._stepper = path, stepper
         V = stepper.u.function_space

@@ -24,7 +24,10 @@ FIRST_COLUMNS = (
     "pair_1_force_x,pair_1_force_y,pair_1_force_z,"
     "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations"
 )
-LEDGER = "bulk,persistent_contact,activation,facet_change,friction,solver,unaccounted"
+LEDGER = (
+    "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
+    "friction,solver,unaccounted"
+)
 
 
 @pytest.fixture
