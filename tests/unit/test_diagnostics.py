@@ -150,7 +150,7 @@ def test_balance_is_the_same_on_all_ranks_and_holds_every_number(comm):
 
 
 def test_wrong_arguments_are_refused(comm, refused):
-    with refused(TypeError, "expected Midpoint or EnergyMomentum, given NoneType"):
+    with refused(TypeError, "expected a stepper, given NoneType"):
         Diagnostics(None)
     body = two_boxes(MPI.COMM_WORLD).bodies[0]
     with refused(ValueError, "body of this stepper"):
