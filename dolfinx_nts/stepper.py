@@ -23,7 +23,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from tqdm import tqdm
 
 from dolfinx_nts import newton
@@ -160,7 +160,10 @@ class Stepper:
             self._free.ravel()[self._bulk.fixed] = 0
         self._dissipation = self._dissipation_form()
         self._volume_ratio = VolumeRatio(self.u)
-        self._force_scale = 0.0
+        self._internal_force = 0.0
+        eta = ufl.TestFunction(V)
+        momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
+        self._momentum_form = fem.form(momentum, jit_options=JIT_OPTIONS)
         self._mean_velocity: Floats = self.v.x.array.copy()
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
@@ -293,7 +296,9 @@ class Stepper:
         }
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
         stiffness = self._bulk.nodal_stiffness()
-        force_scale = self._force_scale
+        momentum = self._momentum()
+        # What the residual is compared with: forces that can be at work.
+        force_scale = self._internal_force + 1e-3 * self._norm(momentum) / dt
         if self.loads:
             force_scale += self._norm(self._bulk.load())
 
@@ -332,7 +337,6 @@ class Stepper:
             )
 
         comm = self.u.function_space.mesh.comm
-        self._force_scale = self._norm(solution.R_bulk)
         n = 3 * self._num_owned
         work = ContactWork()
         for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
@@ -346,6 +350,8 @@ class Stepper:
         load_work, damping_work, solver_work = (float(value) for value in comm.allreduce(works))
         self._mean_velocity = (u - u_n) / dt
         self._update_velocity()
+        rate = (self._momentum() - momentum) / dt if self._inertia else 0.0
+        self._internal_force = self._norm(solution.R_bulk - rate)
         self.t += dt
         self.step += 1
         report = StepReport(
@@ -375,6 +381,13 @@ class Stepper:
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""
         return float(np.sqrt(self.u.function_space.mesh.comm.allreduce(values @ values)))
+
+    def _momentum(self) -> Floats:
+        """Momentum of the owned nodes, shape ``(3 n,)`` [kg m/s]."""
+        vector = fem.assemble_vector(self._momentum_form)
+        vector.scatter_reverse(la.InsertMode.add)
+        momentum: Floats = vector.array[: 3 * self._num_owned]
+        return momentum
 
     def _starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried, in turn."""
