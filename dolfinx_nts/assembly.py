@@ -133,11 +133,14 @@ class Bulk:
     def nodal_stiffness(self) -> Floats:
         """Mean diagonal entry of the last tangent at each owned node [N/m].
 
+        At strongly deformed nodes it can be small or negative; a weight
+        must be neither, so it is at least a tenth of the global mean.
         Collective.
         """
         matrix = self.tangent() if self._matrix is None else self._matrix
         mean: Floats = matrix.getDiagonal().array.reshape(-1, 3).mean(axis=1)
-        return mean
+        total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
+        return np.maximum(mean, 0.1 * total / count)
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective."""

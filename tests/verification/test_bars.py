@@ -1,0 +1,463 @@
+"""Bars that strike a rigid wall or each other, against one-dimensional theory.
+
+A wave of speed c runs through a bar of length L that is stopped at its end
+with speed v: stress rho c v, contact for 2 L/c, no kinetic energy left after
+L/c, rebound at -v. The material is linear in the stretch, so that theory is
+exact at any strain; the front of the wave is a jump, which a mesh smears.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+import shapes
+from dolfinx_nts import meshing
+
+# Of the total energy at any step, relative to the start.
+ENERGY_TOLERANCE = 1e-10
+# Of mean force and duration on the finest mesh; other programs are content
+# with 10 % in the stress and 6-8 % in the energy (Norma.jl).
+FORCE_TOLERANCE = DURATION_TOLERANCE = 0.02
+# The solution is a jump that travels: the best approximation by elements of
+# degree 1 is of this order in the norm of the energy.
+JUMP_ORDER = 0.5
+REFINEMENT = (25, 50, 100)
+
+
+def linear_in_stretch(E: float, nu: float, rho: float) -> nts.Hyperelastic:
+    """Material whose stress is linear in stretches along the axes.
+
+    psi = lambda/2 tr(e)^2 + mu e:e with e_ii = sqrt(C_ii) - 1 and shear
+    as in linear elasticity; P = (lambda + 2 mu) (F_11 - 1) in uniaxial
+    strain, P = E (F_11 - 1) in uniaxial stress.
+    """
+
+    def psi(C: Any, lmbda: Any, mu: Any) -> Any:
+        e = [ufl.sqrt(C[i, i]) - 1 for i in range(3)]
+        # Products of both halves of C, so that the derivative is symmetric.
+        shear = C[0, 1] * C[1, 0] + C[1, 2] * C[2, 1] + C[0, 2] * C[2, 0]
+        return lmbda / 2 * sum(e) ** 2 + mu * sum(x**2 for x in e) + mu / 2 * shear
+
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    return nts.Hyperelastic(psi, rho=rho, lmbda=lmbda, mu=mu)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Data of an impact, SI units.
+
+    Attributes:
+        length: Length of a bar.
+        side: Edge of its square section.
+        modulus: Young's modulus, Poisson's ratio, density.
+        speed: Speed of a bar.
+        gap: Way of a bar to the contact.
+        two: Whether two bars meet, or one meets a wall.
+        uniaxial_strain: Whether all four sides are held on rollers, or
+            only two, so that the section may change.
+        courant: Cells that a wave passes in a step.
+    """
+
+    length: float
+    side: float
+    modulus: tuple[float, float, float]
+    speed: float
+    gap: float
+    two: bool
+    uniaxial_strain: bool
+    courant: float = 1.0
+
+    @property
+    def c(self) -> float:
+        """Speed of the wave."""
+        E, nu, rho = self.modulus
+        factor = (1 - nu) / ((1 + nu) * (1 - 2 * nu)) if self.uniaxial_strain else 1.0
+        return float(np.sqrt(E * factor / rho))
+
+    @property
+    def force(self) -> float:
+        """Contact force, rho c v times the section."""
+        return self.modulus[2] * self.c * self.speed * self.side**2
+
+    @property
+    def energy(self) -> float:
+        """Kinetic energy of a bar."""
+        return self.modulus[2] * self.length * self.side**2 * self.speed**2 / 2
+
+
+CASES = {
+    # Cirak and West (2005): 2 x 2 x 10, E = rho = 1, +-0.1; sigma = 0.1, contact for
+    # 20, energy 0.2 a bar; 100 elements along, step 0.05.
+    "wall": Case(10.0, 2.0, (1.0, 0.0, 1.0), 0.1, 0.0, False, True),
+    "two bars": Case(10.0, 2.0, (1.0, 0.0, 1.0), 0.1, 0.0, True, True),
+    # code_aster V5.03.100: c = 5801 m/s, touch at 2.0e-5 s, 6.895e-5 s, 1.856e6 N.
+    "SDNV100": Case(0.2, 0.02, (2e11, 0.3, 8e3), 100.0, 2e-3, False, True),
+    # Norma.jl, arXiv 2311.05643: c = 1000 m/s, 1e8 Pa, 5e-5 J a bar, 2e-6 s.
+    # A quarter of the section, so that the bars cannot buckle.
+    "Norma.jl": Case(1e-3, 5e-5, (1e9, 0.25, 1e3), 100.0, 0.0, True, False),
+    # The same with a quarter of the width.
+    "Norma.jl, slender": Case(1e-3, 1.25e-5, (1e9, 0.25, 1e3), 100.0, 0.0, True, False),
+}
+# One-dimensional theory is exact.
+EXACT = [name for name, case in CASES.items() if case.uniaxial_strain]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What came out, relative to theory.
+
+    Attributes:
+        energy_error: Largest change of the total energy.
+        touch: Time of the first contact [s].
+        step: Length of a step [s].
+        duration: Time from the first contact to the last.
+        force: Mean force over that time.
+        kinetic: Kinetic energy L/c after the first contact.
+        rebound: Speed of the centre of mass at the end.
+    """
+
+    energy_error: float
+    touch: float
+    step: float
+    duration: float
+    force: float
+    kinetic: float
+    rebound: float
+
+
+def rollers(V: fem.FunctionSpace, facets: Any, tags: list[int], axis: int) -> fem.DirichletBC:
+    """Hold a component of the displacement on surfaces. Collective."""
+    held = np.sort(np.concatenate([facets.find(tag) for tag in tags]))
+    dofs = fem.locate_dofs_topological(V.sub(axis), 2, held)
+    return fem.dirichletbc(np.float64(0.0), dofs, V.sub(axis))
+
+
+@cache
+def impact(name: str, cells: int) -> Impact:
+    """Run an impact until 1.5 times the contact time. Collective."""
+    case = CASES[name]
+    comm = MPI.COMM_WORLD
+    side, L, v = case.side, case.length, case.speed
+
+    def build(model: Any) -> None:
+        box = {"size": (L, side, side), "cells": (cells, 1, 1)}
+        meshing.add_box(model, "bar", corner=(case.gap, 0, 0), **box)
+        if case.two:
+            meshing.add_box(model, "other", corner=(-case.gap - L, 0, 0), **box)
+
+    mesh, tags, facets, tag = shapes.read(comm, build)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = linear_in_stretch(*case.modulus)
+    names = ["bar", "other"] if case.two else ["bar"]
+    bodies = {name: nts.Body(V, tags, tag[name], material) for name in names}
+    other = (
+        nts.Surface(V, facets, tag["other_right"])
+        if case.two
+        else nts.RigidPlane((0, 0, 0), (1, 0, 0))
+    )
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), other)
+    sides = [["front"], ["bottom"]]
+    if case.uniaxial_strain:
+        sides = [["front", "back"], ["bottom", "top"]]
+    bcs = [
+        rollers(V, facets, [tag[f"{name}_{s}"] for name in names for s in group], axis)
+        for axis, group in enumerate(sides, start=1)
+    ]
+    dt = case.courant * L / cells / case.c
+    stepper = nts.EnergyMomentum(list(bodies.values()), [pair], dt=dt, bcs=bcs)
+    stepper.set_velocity(bodies["bar"], (-v, 0, 0))
+    if case.two:
+        stepper.set_velocity(bodies["other"], (v, 0, 0))
+    diagnostics = nts.Diagnostics(stepper)
+    t, energy, kinetic, force, active = [], [diagnostics.balance().total_energy], [], [], []
+    for report in stepper.run(case.gap / v + 3 * L / case.c):
+        balance = diagnostics.balance()
+        t.append(report.t)
+        energy.append(balance.total_energy)
+        kinetic.append(balance.kinetic_energy)
+        force.append(balance.contact_force[0])
+        active.append(report.num_active > 0)
+    touching = np.flatnonzero(active)
+    touch, release = t[touching[0]] - dt, t[touching[-1]]
+    stopped = np.interp(touch + L / case.c, t, kinetic)
+    return Impact(
+        energy_error=float(np.abs(np.array(energy) / energy[0] - 1).max()),
+        touch=touch,
+        step=dt,
+        duration=(release - touch) / (2 * L / case.c),
+        force=float(np.sum(force)) * dt / (release - touch) / case.force,
+        kinetic=float(stopped) / energy[0],
+        rebound=float(diagnostics.body_velocity(bodies["bar"])[0]) / v,
+    )
+
+
+def order(errors: list[float]) -> float:
+    """Mean order of convergence of `REFINEMENT`."""
+    return float(np.log(errors[0] / errors[-1]) / np.log(REFINEMENT[-1] / REFINEMENT[0]))
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", CASES)
+def test_impact_of_a_bar_conserves_energy_on_any_mesh(name):
+    for cells in REFINEMENT:
+        assert impact(name, cells).energy_error <= ENERGY_TOLERANCE
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", EXACT)
+def test_mean_force_and_duration_converge_to_wave_theory(name):
+    """Rho c v times the section, for 2 L/c."""
+    forces = [abs(impact(name, cells).force - 1) for cells in REFINEMENT]
+    durations = [abs(impact(name, cells).duration - 1) for cells in REFINEMENT]
+    assert forces[-1] <= FORCE_TOLERANCE
+    assert durations[-1] <= DURATION_TOLERANCE
+    assert order(forces) >= JUMP_ORDER
+    # Contact begins and ends with a step, here that of a wave through a cell.
+    for cells, error in zip(REFINEMENT, durations, strict=True):
+        assert error <= (1 + 1e-6) * 2 / (2 * cells)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", EXACT)
+def test_bar_stops_and_rebounds_as_in_wave_theory(name):
+    """No kinetic energy L/c after the touch; in the end all speed is back."""
+    kinetic = [impact(name, cells).kinetic for cells in REFINEMENT]
+    rebound = [abs(impact(name, cells).rebound - 1) for cells in REFINEMENT]
+    assert kinetic[-1] <= 0.01
+    assert rebound[-1] <= 0.01
+    assert order(kinetic) >= JUMP_ORDER
+    assert order(rebound) >= JUMP_ORDER
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", CASES)
+def test_bar_touches_when_the_gap_is_passed(name):
+    """Free flight: gap / speed; for SDNV100 2.0e-5 s."""
+    for cells in REFINEMENT:
+        result = impact(name, cells)
+        assert abs(result.touch - CASES[name].gap / CASES[name].speed) <= result.step
+
+
+@pytest.mark.serial
+def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender():
+    """Norma.jl's bars, nu = 0.25: 1e8 Pa for 2e-6 s, up to lateral inertia.
+
+    The section swells behind the front. The time that this takes is that
+    of a wave across the section; a bar of finite width is no part of
+    one-dimensional theory, one of a quarter of the width nearly is.
+    """
+    thick, slender = (impact(name, 100) for name in ("Norma.jl", "Norma.jl, slender"))
+    assert abs(thick.force - 1) <= 0.05  # half of the error that Norma.jl accepts
+    assert abs(thick.duration - 1) <= 0.05
+    assert abs(slender.force - 1) <= FORCE_TOLERANCE
+    assert abs(slender.duration - 1) <= DURATION_TOLERANCE
+    assert abs(slender.force - 1) < 0.5 * abs(thick.force - 1)
+    assert slender.kinetic < thick.kinetic
+
+
+@pytest.mark.parametrize("name", ["wall", "SDNV100", "Norma.jl"])
+def test_data_of_the_case_lead_to_the_published_numbers(name):
+    """Speed of the wave, force, duration and energy as published, rounded."""
+    case = CASES[name]
+    found = (case.c, case.force, 2 * case.length / case.c, case.energy)
+    expected = {
+        "wall": (1.0, 0.1 * 4, 20.0, 0.2),
+        "SDNV100": (5801.0, 1.856e6, 6.895e-5, 3.2e3),
+        # A quarter of the section of 1e-4 x 1e-4.
+        "Norma.jl": (1e3, 1e8 * 1e-8 / 4, 2e-6, 5e-5 / 4),
+    }[name]
+    np.testing.assert_allclose(found, expected, rtol=5e-4)
+
+
+@pytest.mark.parametrize("name", ["wall", "two bars"])
+def test_impact_of_a_bar_is_the_same_on_any_number_of_ranks(name):
+    """Wave theory, as far as 25 cells resolve it."""
+    result = impact(name, 25)
+    assert result.energy_error <= ENERGY_TOLERANCE
+    assert result.duration == pytest.approx(1.02, rel=1e-6)
+    assert abs(result.force - 1) <= 0.03
+    assert abs(result.rebound - 1) <= 0.03
+
+
+# --- the clamped bar ---------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """Clamped unit bar over one period of 3.
+
+    Attributes:
+        energy: Total energy per section at the start.
+        energy_error: Its largest change, relative.
+        touch: Time of the first contact.
+        release: Time of the last contact.
+        stress: Mean contact stress between 1 and 2.
+        error: Root mean square of u(3) - u(0), relative to the largest u.
+    """
+
+    energy: float
+    energy_error: float
+    touch: float
+    release: float
+    stress: float
+    error: float
+
+
+@cache
+def oscillation(cells: int) -> Oscillation:
+    """Release the bar compressed by half. Collective."""
+    comm, side = MPI.COMM_WORLD, 0.25
+    box = {"corner": (0, 0, 0), "size": (1, side, side), "cells": (cells, 1, 1)}
+    mesh, tags, facets, tag = shapes.read(comm, lambda m: meshing.add_box(m, "bar", **box))
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bar = nts.Body(V, tags, tag["bar"], linear_in_stretch(1.0, 0.0, 1.0))
+    wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall)
+    held = (["right"], ["front", "back"], ["bottom", "top"])
+    bcs = [
+        rollers(V, facets, [tag[f"bar_{s}"] for s in sides], axis)
+        for axis, sides in enumerate(held)
+    ]
+    dt = 1 / cells
+    stepper = nts.EnergyMomentum([bar], [pair], dt=dt, bcs=bcs)
+    stepper.set_displacement(bar, lambda X: np.array([(1 - X[0]) / 2, 0 * X[0], 0 * X[0]]))
+    diagnostics = nts.Diagnostics(stepper)
+    u_0 = stepper.u.x.array.copy()
+    t, active, force, energy = [], [], [], [diagnostics.balance().total_energy]
+    for report in stepper.run(3.0):
+        balance = diagnostics.balance()
+        t.append(report.t)
+        active.append(report.num_active > 0)
+        force.append(balance.contact_force[0])
+        energy.append(balance.total_energy)
+    owned = 3 * V.dofmap.index_map.size_local
+    change = (stepper.u.x.array - u_0)[:owned:3]
+    squares = comm.allreduce(np.array([change @ change, len(change)]))
+    touching = np.flatnonzero(active)
+    return Oscillation(
+        energy=energy[0] / side**2,
+        energy_error=float(np.abs(np.array(energy) / energy[0] - 1).max()),
+        touch=t[touching[0]] - dt,
+        release=t[touching[-1]],
+        stress=-float(np.sum(force)) * dt / side**2,
+        error=float(np.sqrt(squares[0] / squares[1])) / 0.5,
+    )
+
+
+@pytest.mark.serial
+def test_clamped_bar_touches_and_parts_as_in_wave_theory():
+    """GetFEM's demo: contact from 1 to 2 with the stress -1/2, energy 1/8."""
+    for cells in REFINEMENT:
+        result = oscillation(cells)
+        assert result.energy == pytest.approx(1 / 8, rel=1e-12)
+        assert result.energy_error <= ENERGY_TOLERANCE
+        assert abs(result.touch - 1) <= 1.01 / cells
+        assert abs(result.release - 2) <= 1.01 / cells
+    stresses = [abs(oscillation(cells).stress + 0.5) for cells in REFINEMENT]
+    assert stresses[-1] <= 0.02 * 0.5
+    assert order(stresses) >= JUMP_ORDER
+
+
+@pytest.mark.serial
+def test_clamped_bar_is_compressed_again_after_a_period_of_three():
+    """GetFEM's demo: u(x, 3) = u(x, 0)."""
+    errors = [oscillation(cells).error for cells in REFINEMENT]
+    assert errors[-1] <= 0.02
+    assert order(errors) >= JUMP_ORDER
+
+
+# --- the bouncing bar --------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bouncing:
+    """Bar that bounces under gravity.
+
+    Attributes:
+        energy_error: Largest change of all energies, relative.
+        touch: Times at which a contact begins.
+        turn: Times at which the centre of mass turns upwards.
+    """
+
+    energy_error: float
+    touch: tuple[float, ...]
+    turn: tuple[float, ...]
+
+
+PERIOD = 16 / 3
+
+
+@cache
+def bouncing(cells: int, until: float) -> Bouncing:
+    """Drop a bar of length 10 from 5 (c = 30, g = 10). Collective."""
+    comm, length, height, g = MPI.COMM_WORLD, 10.0, 5.0, 10.0
+    box = {"corner": (height, 0, 0), "size": (length, 1, 1), "cells": (cells, 1, 1)}
+    mesh, tags, facets, tag = shapes.read(comm, lambda m: meshing.add_box(m, "bar", **box))
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bar = nts.Body(V, tags, tag["bar"], linear_in_stretch(900.0, 0.0, 1.0))
+    wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall)
+    held = (["front", "back"], ["bottom", "top"])
+    bcs = [
+        rollers(V, facets, [tag[f"bar_{s}"] for s in sides], axis)
+        for axis, sides in enumerate(held, start=1)
+    ]
+    dt = length / cells / 30
+    gravity = nts.Gravity([bar], (-g, 0, 0))
+    stepper = nts.EnergyMomentum([bar], [pair], dt=dt, bcs=bcs, loads=[gravity])
+    diagnostics = nts.Diagnostics(stepper)
+
+    def energy() -> float:
+        balance = diagnostics.balance()
+        weight = length * g * diagnostics.centre_of_mass(bar)[0]
+        return float(balance.kinetic_energy + balance.strain_energy + weight)
+
+    start, error = energy(), 0.0
+    t, velocity, contact = [0.0], [0.0], []
+    for report in stepper.run(until):
+        error = max(error, abs(energy() / start - 1))
+        t.append(report.t)
+        velocity.append(float(diagnostics.body_velocity(bar)[0]))
+        if report.num_active:
+            contact.append(report.t - dt)
+    first = [b for a, b in zip([-np.inf, *contact], contact, strict=False) if b - a > 1]
+    v = np.array(velocity)
+    up = np.flatnonzero((v[:-1] < 0) & (v[1:] >= 0))
+    turn = [float(np.interp(0, v[i : i + 2], t[i : i + 2])) for i in up]
+    return Bouncing(error, tuple(first), tuple(turn))
+
+
+@pytest.mark.serial
+def test_bouncing_bar_turns_in_the_period_of_theory():
+    """Doyen, Ern and Piperno (2011): period 16/3, touch at 1 and 11/3.
+
+    The contact stress is rho c (v + g t) in the first contact, so that
+    the centre of mass turns at 1 + (sqrt(10) - 2)/3; the second contact
+    is the first backwards.
+    """
+    meshes = (20, 40, 80)
+    runs = [bouncing(cells, 1.4 * PERIOD) for cells in meshes]
+    for run, cells in zip(runs, meshes, strict=True):
+        dt = 1 / (3 * cells)
+        assert run.energy_error <= ENERGY_TOLERANCE
+        assert abs(run.touch[0] - 1) <= 1.01 * dt
+        assert abs(run.touch[1] - 11 / 3) <= 2 * dt
+        assert abs(run.turn[0] - (1 + (np.sqrt(10) - 2) / 3)) <= dt
+    errors = [abs(run.turn[2] - run.turn[0] - PERIOD) / PERIOD for run in runs]
+    assert errors[-1] <= 0.005
+    assert np.log2(errors[0] / errors[-1]) / 2 >= JUMP_ORDER
+
+
+@pytest.mark.serial
+def test_bouncing_bar_keeps_its_energy_for_ten_periods():
+    run = bouncing(10, 10 * PERIOD)
+    assert run.energy_error <= ENERGY_TOLERANCE
+    assert len(run.touch) >= 10

@@ -1,0 +1,141 @@
+"""The ball on the plate with Coulomb friction, mu = 0.3.
+
+The scene of Franke, Hesch and Betsch (2011), ours in the dimensions: a hollow
+ball strikes a free plate with 1 m/s down and 1 m/s along. Energies at the end
+and total dissipations are those of an independent NumPy program with the
+same mesh, step and laws of friction (eps_N = eps_T = 1e5 N/m).
+"""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+import scenes
+
+END, STEP = 1.0, 0.01
+# Kinetic and strain energy at the end, and total dissipation [J].
+REFERENCE = {"multiplier": (1682.25, 301.35), "penalty": (1670.16, 311.21)}
+REFERENCE_TOLERANCE = 0.01
+# Of the energy and of its dissipation together, relative to the start.
+LEDGER_TOLERANCE = 1e-9
+# Round-off of sums over nodes, relative to the start.
+LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
+# A dissipation is a difference of products of the size of the energy of a
+# spring, some joules; their rounding errors may be negative [J].
+DISSIPATION_ROUND_OFF = 1e-11
+MEAN_ITERATIONS = 7.0
+
+
+def variants():
+    """Enforcement and friction by name; "exact" has no tangential spring."""
+    return {
+        "multiplier": (nts.LagrangeMultiplier(), nts.Coulomb(0.3, eps_T=1e5)),
+        "penalty": (nts.Penalty(1e5), nts.Coulomb(0.3, eps_T=1e5)),
+        "exact": (nts.LagrangeMultiplier(), nts.Coulomb(0.3)),
+    }
+
+
+@dataclass
+class Run:
+    """A run with friction, one entry for each step."""
+
+    history: scenes.History
+    stored: np.ndarray
+    dissipation: np.ndarray
+    least_dissipation: float
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Energy of bodies and springs, from the start on [J]."""
+        return self.history.energy + np.append(0.0, self.stored)
+
+    @property
+    def ledger_error(self) -> float:
+        """Largest error of energy + dissipation = start, relative."""
+        total = self.energy + np.append(0.0, np.cumsum(self.dissipation))
+        return float(np.abs(total / total[0] - 1).max())
+
+
+def run(name: str, until: float) -> Run:
+    """Run a variant; every step must be solved. Collective."""
+    comm = MPI.COMM_WORLD
+    enforcement, friction = variants()[name]
+    mesh, cells, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(*scenes.BALL_PLATE_RUBBER)
+    bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate")}
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["ball_outer"]),
+        nts.Surface(V, facets, tag["plate_top"]),
+        enforcement,
+        friction,
+    )
+    stepper = nts.EnergyMomentum(list(bodies.values()), [pair], dt=STEP)
+    stepper.set_velocity(bodies["ball"], (0.0, 1.0, -1.0))
+    scene = scenes.Scene(stepper, bodies, scenes.BALL_PLATE_RUBBER)
+    totals = scenes.Totals(scene)
+    history = scenes.History([totals.row()], [])
+    stored, dissipation, least = [], [], 0.0
+    for report in stepper.run(until):
+        history.reports.append(report)
+        history.rows.append(totals.row())
+        stored.append(comm.allreduce(pair.history.energy.sum()))
+        dissipation.append(comm.allreduce(pair.history.dissipation.sum()))
+        least = min(least, pair.history.dissipation.min(initial=0.0))
+    least = comm.allreduce(least, op=MPI.MIN)
+    return Run(history, np.array(stored), np.array(dissipation), least)
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, Run]:
+    """The variants to the end."""
+    return {name: run(name, END) for name in variants()}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", variants())
+def test_energy_is_that_of_the_start_less_the_dissipation(runs, name):
+    assert runs[name].ledger_error <= LEDGER_TOLERANCE
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", variants())
+def test_friction_never_gives_energy_at_any_node_in_any_step(runs, name):
+    assert runs[name].least_dissipation >= -DISSIPATION_ROUND_OFF
+    assert runs[name].dissipation.sum() > 0
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", variants())
+def test_friction_conserves_both_momenta(runs, name):
+    assert runs[name].history.linear_drift <= LINEAR_TOLERANCE
+    assert runs[name].history.angular_drift <= ANGULAR_TOLERANCE
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", REFERENCE)
+def test_end_agrees_with_the_reference_program(runs, name):
+    energy, dissipation = REFERENCE[name]
+    assert runs[name].history.energy[-1] == pytest.approx(energy, rel=REFERENCE_TOLERANCE)
+    assert runs[name].dissipation.sum() == pytest.approx(dissipation, rel=REFERENCE_TOLERANCE)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", variants())
+def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
+    assert len(runs[name].history.reports) == round(END / STEP)
+    assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS
+
+
+@pytest.mark.parametrize("name", variants())
+def test_first_slip_is_in_balance_on_any_number_of_ranks(name):
+    result = run(name, 0.15)
+    assert result.ledger_error <= LEDGER_TOLERANCE
+    assert result.least_dissipation >= -DISSIPATION_ROUND_OFF
+    assert result.dissipation.sum() > 0
+    assert result.history.linear_drift <= LINEAR_TOLERANCE
+    assert result.history.angular_drift <= ANGULAR_TOLERANCE

@@ -1,0 +1,101 @@
+"""Contact patch test (Taylor and Papadopoulos): an error that is to be known.
+
+Two blocks of the same section lie on each other and are compressed: the
+stress is the same everywhere. Node-to-segment contact with one pass does not
+transmit it where nodes do not match, and refinement does not help (Zavarise
+and De Lorenzis 2009; Hesch and Betsch 2011). The error is measured here, so
+that the README tells the truth, and so that a change of it is seen.
+"""
+
+from functools import cache
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+import shapes
+from dolfinx_nts import meshing
+
+E, COMPRESSION = 1.0, 1e-4
+# Strains are of the size of the compression, the theory is linear.
+EXACT = 10 * COMPRESSION
+
+
+@cache
+def stress_error(lower: int, upper: int) -> tuple[float, float]:
+    """Error of the stress of blocks with so many cells along an edge. Collective.
+
+    Returns:
+        Largest at a midpoint of a cell, and root mean square, relative.
+    """
+    comm = MPI.COMM_WORLD
+
+    def build(model: Any) -> None:
+        for name, z, n in (("lower", 0.0, lower), ("upper", 0.5, upper)):
+            box = {"corner": (0, 0, z), "size": (1, 1, 0.5), "cells": (n, n, n // 2)}
+            meshing.add_box(model, name, **box)
+
+    mesh, cells, facets, tag = shapes.read(comm, build)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E=E, nu=0.3, rho=1.0)
+    bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
+    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
+    way = fem.Constant(mesh, 0.0)
+
+    def support(axis: int, value: Any, *sides: str) -> fem.DirichletBC:
+        held = np.sort(np.concatenate([facets.find(tag[side]) for side in sides]))
+        return fem.dirichletbc(
+            value, fem.locate_dofs_topological(V.sub(axis), 2, held), V.sub(axis)
+        )
+
+    zero = np.float64(0.0)
+    bcs = [
+        support(0, zero, "lower_left", "upper_left"),
+        support(1, zero, "lower_front", "upper_front"),
+        support(2, zero, "lower_bottom"),
+        support(2, way, "upper_top"),
+    ]
+
+    def update(t: float) -> None:
+        way.value = -COMPRESSION * t
+
+    pair = nts.ContactPair(*surfaces)
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
+    stepper.advance()
+    F = ufl.Identity(3) + ufl.grad(stepper.u)
+    S = material.stress(F.T * F, **material.parameters)
+    point = np.full((1, 3), 0.5)
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    stress = fem.Expression(S[2, 2], point).eval(mesh, owned)
+    error = stress / (-E * COMPRESSION) - 1
+    largest = comm.allreduce(np.abs(error).max(initial=0.0), op=MPI.MAX)
+    sums = comm.allreduce(np.array([np.sum(error**2), error.size]))
+    return float(largest), float(np.sqrt(sums[0] / sums[1]))
+
+
+def test_matching_meshes_pass_the_patch_test():
+    """Uniform pressure, where every node has its fellow."""
+    assert stress_error(4, 4)[0] <= EXACT
+
+
+# Largest error of the stress: the finer surface as nodes, and the coarser.
+FINER_AS_NODES, COARSER_AS_NODES = 0.093, 0.315
+# Change of the largest error by refinement.
+CHANGE = 0.05
+
+
+@pytest.mark.parametrize("finer_as_nodes", [True, False])
+def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes):
+    """4 cells along an edge against 6, 8 against 12: no convergence at the contact."""
+    meshes = [(4, 6), (8, 12)] if finer_as_nodes else [(6, 4), (12, 8)]
+    (coarse, coarse_mean), (fine, fine_mean) = (stress_error(*mesh) for mesh in meshes)
+    expected = FINER_AS_NODES if finer_as_nodes else COARSER_AS_NODES
+    assert coarse == pytest.approx(expected, rel=CHANGE)
+    assert fine == pytest.approx(expected, rel=CHANGE)
+    # The layer of wrong cells gets thinner: order 1/2 in the mean.
+    assert np.log2(coarse_mean / fine_mean) == pytest.approx(0.5, abs=0.1)
