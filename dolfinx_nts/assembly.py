@@ -45,6 +45,10 @@ JIT_OPTIONS = {
 }
 
 
+# Compliance of a constraint, relative to that of the stiffest node.
+_DEPENDENT = 1e-10
+
+
 class Bulk:
     """Residual and tangent of the bodies for one step of a scheme.
 
@@ -210,6 +214,10 @@ class SaddleSystem:
         """
         comm = self._bulk.comm
         K = self._bulk.tangent()
+        # Constraints that given displacements make dependent stay solvable;
+        # multipliers converge with Newton's iteration, so nothing is lost.
+        compliance = _DEPENDENT / float(self._bulk.nodal_stiffness().max(initial=1e-300))
+        compliance = comm.allreduce(compliance, op=MPI.MIN)
         first, last = K.getOwnershipRange()
         counts = [int(state.rank.sum()) for state in states]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
@@ -244,7 +252,7 @@ class SaddleSystem:
                 for a in range(state.rank[i]):
                     A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
                     A.setValues(multiplier, pair_dofs, state.gradients[i, a], addv=True)
-                    A.setValue(multiplier, multiplier, 0.0, addv=True)
+                    A.setValue(multiplier, multiplier, -compliance, addv=True)
                     right[multiplier - first - shift[comm.rank]] = -state.excess[i, a]
                     multiplier += 1
         A.assemble()
