@@ -95,10 +95,10 @@ void contact(nb::module_& m)
       = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> gap_n (m,), gap (m,), force and "
         "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), status "
         "(m,): 0 valid, 1 not (NaN)";
-  m.def("contact_midpoint", &contact_batch<Scheme::midpoint>, nb::arg("x_pair_n"),
-        nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("contact_conserving", &contact_batch<Scheme::conserving>, nb::arg("x_pair_n"),
-        nb::arg("x_pair"), nb::arg("orientation"), doc);
+  m.def("contact_midpoint", &contact_batch<Scheme::midpoint>,
+        nb::arg("x_pair_n"), nb::arg("x_pair"), nb::arg("orientation"), doc);
+  m.def("contact_conserving", &contact_batch<Scheme::conserving>,
+        nb::arg("x_pair_n"), nb::arg("x_pair"), nb::arg("orientation"), doc);
   m.def("contact_static", &contact_batch<Scheme::statics>, nb::arg("x_pair_n"),
         nb::arg("x_pair"), nb::arg("orientation"), doc);
   m.def("slip", &slip_batch, nb::arg("x_pair_n"), nb::arg("x_pair"),

@@ -39,16 +39,16 @@ void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
   if (values.size())
     check("values", values, {m, 3});
   dispatch_pairs(k,
-           [&]<class S>()
-           {
-             constrain<S>({.dofs = view(dofs),
-                           .rank = view(rank),
-                           .normal = view(normal),
-                           .gradients = view(gradients),
-                           .columns = {},
-                           .tangent = {}},
-                          view(values), view(x));
-           });
+                 [&]<class S>()
+                 {
+                   constrain<S>({.dofs = view(dofs),
+                                 .rank = view(rank),
+                                 .normal = view(normal),
+                                 .gradients = view(gradients),
+                                 .columns = {},
+                                 .tangent = {}},
+                                view(values), view(x));
+                 });
 }
 
 void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
@@ -63,16 +63,16 @@ void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
   check("tangent", tangent, {m, n, n});
   check("x", x, {y.shape(0), 3});
   dispatch_pairs(k,
-           [&]<class S>()
-           {
-             act<S>({.dofs = view(dofs),
-                     .rank = view(rank),
-                     .normal = view(normal),
-                     .gradients = {},
-                     .columns = view(columns),
-                     .tangent = view(tangent)},
-                    view(x), view(y));
-           });
+                 [&]<class S>()
+                 {
+                   act<S>({.dofs = view(dofs),
+                           .rank = view(rank),
+                           .normal = view(normal),
+                           .gradients = {},
+                           .columns = view(columns),
+                           .tangent = view(tangent)},
+                          view(x), view(y));
+                 });
 }
 } // namespace
 

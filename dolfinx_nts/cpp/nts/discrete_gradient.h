@@ -5,8 +5,8 @@
 /// @brief Contact force of one step, its tangent and the gap at both ends,
 /// for the midpoint rule, the energy-momentum scheme and statics.
 ///
-/// All three functions have the same arguments and the same result: the force is
-/// lambda_N times `force`, the constraint acts on `gap`.
+/// All three functions have the same arguments and the same result: the force
+/// is lambda_N times `force`, the constraint acts on `gap`.
 namespace nts
 {
 /// @brief What a pair contributes to one step.
