@@ -144,7 +144,8 @@ class Bulk:
         matrix = self.tangent() if self._matrix is None else self._matrix
         mean: Floats = matrix.getDiagonal().array.reshape(-1, 3).mean(axis=1)
         total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
-        return np.maximum(mean, 0.1 * total / count)
+        stiffness: Floats = np.maximum(mean, 0.1 * total / count)
+        return stiffness
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective."""
