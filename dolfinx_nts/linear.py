@@ -7,6 +7,7 @@ and is kept over many steps. Where the Krylov method fails the whole system
 is factorised.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,6 +26,8 @@ from dolfinx_nts.search import Neighbourhood
 __all__ = ["LinearSolver"]
 
 Floats = npt.NDArray[np.float64]
+
+_number = itertools.count()  # of solvers, for their prefixes
 
 _MAX_ITERATIONS = 200
 # One assembly and factorisation cost about as much as this many iterations.
@@ -122,7 +125,8 @@ class LinearSolver:
 
     Args:
         bulk: Forms of the bodies.
-        options: PETSc options of the Krylov method, without prefix.
+        options: PETSc options without prefix: ``ksp_...`` for the Krylov
+            method, all others for the preconditioner of the bulk.
 
     Attributes:
         num_iterations: Krylov iterations so far.
@@ -131,7 +135,7 @@ class LinearSolver:
 
     def __init__(self, bulk: Bulk, options: Mapping[str, Any] | None = None) -> None:
         """Create the PETSc objects, which live as long as the solver."""
-        prefix = f"nts_{id(self)}_"
+        prefix = f"nts_{next(_number)}_"
         self._bulk = bulk
         self._operator = _Operator(bulk)
         n = bulk.num_owned
@@ -139,10 +143,9 @@ class LinearSolver:
         self._matrix.setPythonContext(self._operator)
         self._matrix.setUp()
         database = PETSc.Options()
-        options = {} if options is None else dict(options)
-        for key, value in options.items():
-            database[prefix + key] = value
-        self._preconditioner = _Preconditioner(self._operator, prefix)
+        for key, value in ({} if options is None else options).items():
+            database[f"{prefix}{'' if key.startswith('ksp_') else 'bulk_'}{key}"] = value
+        self._preconditioner = _Preconditioner(self._operator, f"{prefix}bulk_")
         self._ksp = PETSc.KSP().create(bulk.comm)
         self._ksp.setOptionsPrefix(prefix)
         self._ksp.setOperators(self._matrix)
@@ -154,18 +157,11 @@ class LinearSolver:
         pc.setType("python")
         pc.setPythonContext(self._preconditioner)
         self._ksp.setFromOptions()
-        for key in options:
-            database.delValue(prefix + key)
         self._x, self._b = self._matrix.createVecs()
         self._saddle = SaddleSystem(bulk)
         self._fresh_rate: float | None = None
         self._excess_iterations = 0.0
         self.num_iterations = self.num_direct = 0
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        for item in (self._ksp, self._matrix, self._x, self._b):
-            item.destroy()
 
     def solve(
         self,

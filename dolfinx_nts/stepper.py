@@ -13,7 +13,7 @@ force F, in nothing else.
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -96,6 +96,9 @@ class Stepper:
         loads: Loads on the bodies.
         update: Called before each step with the time at its end [s], to
             set the functions and constants in ``bcs`` and ``loads``.
+        petsc_options: Options of the linear solver: ``ksp_...`` for the
+            Krylov method, such as ``pc_type`` for the preconditioner of
+            the bulk. Tolerances are set by Newton's method.
 
     Attributes:
         bodies: The bodies.
@@ -129,6 +132,7 @@ class Stepper:
         bcs: Sequence[fem.DirichletBC] = (),
         loads: Sequence[Load] = (),
         update: Callable[[float], None] | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
         V = check_bodies(bodies)
@@ -153,7 +157,7 @@ class Stepper:
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
         self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
-        self._solver = LinearSolver(self._bulk)
+        self._solver = LinearSolver(self._bulk, petsc_options)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((self._num_owned, 3))

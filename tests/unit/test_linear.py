@@ -84,6 +84,23 @@ def test_one_preconditioner_lasts_for_many_steps(comm):
     assert stepper._bulk.num_tangents <= 4
 
 
+def test_petsc_options_change_the_solver_and_not_the_solution(comm):
+    ends, iterations = [], []
+    for options in ({}, {"pc_type": "jacobi"}, {"ksp_type": "fgmres"}):
+        scene = scenes.blocks(comm)
+        old = scene.stepper
+        stepper = type(old)(old.bodies, old.pairs, dt=old.dt, petsc_options=options)
+        stepper.v.x.array[:] = old.v.x.array
+        for _ in range(8):
+            stepper.advance()
+        ends.append(stepper.x[: stepper.u.function_space.dofmap.index_map.size_local])
+        iterations.append(stepper._solver.num_iterations)
+        assert stepper._solver._ksp.getType() == options.get("ksp_type", "gmres")
+    assert iterations[1] > 1.5 * iterations[0]
+    for end in ends[1:]:
+        np.testing.assert_allclose(end, ends[0], atol=1e-10)
+
+
 def test_failing_krylov_method_falls_back_on_stronger_preconditioners(comm, monkeypatch):
     # One iteration never reaches the tolerance with an incomplete
     # factorisation; what follows must give the same steps.
