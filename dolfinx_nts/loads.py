@@ -5,6 +5,7 @@ work in the step is the form at u_{n+1} - u_n. Values that are functions of
 time are taken at the middle of the step.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ __all__ = ["BodyForce", "Gravity", "Load", "Pressure", "Supports", "Traction"]
 Floats = npt.NDArray[np.float64]
 
 
-class Load:
+class Load(ABC):
     """A load with its value; use one of the classes below.
 
     Args:
@@ -61,9 +62,9 @@ class Load:
         if self._in_time is not None:
             self._set(self._in_time(t))
 
+    @abstractmethod
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step from u_n to u, linear in the test function."""
-        raise NotImplementedError
 
     def _set(self, value: Any) -> None:
         value = np.asarray(value, dtype=np.float64)

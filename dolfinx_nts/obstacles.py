@@ -6,6 +6,7 @@ of the energy-momentum scheme is a discrete gradient,
 :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,22 +23,19 @@ Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
 Contact = tuple[npt.NDArray[Any], ...]
 
-_DEPTH = 0.5  # a node deeper than this part of its segment is not found
 
-
-class Obstacle:
+class Obstacle(ABC):
     """One rigid surface, seen from the nodes of one rank. Local.
 
-    It offers what a `search.Neighbourhood` offers; its pairs consist of
-    the node alone.
+    Its pairs consist of the node alone, d = 3.
+
+    Attributes:
+        key: Number of each facet, shape ``(f,)``.
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
 
-    def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap [m] and outward unit normal of points, (m,) and (m, 3)."""
-        raise NotImplementedError
-
+    @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
         """Contact of nodes, as the kernels give it for pairs with d = 3.
 
@@ -50,6 +48,47 @@ class Obstacle:
         Returns:
             gap_n, gap, force, gradient, tangent, turn, status.
         """
+
+    @abstractmethod
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Slip of nodes, as the kernel gives it, and orientations.
+
+        Args:
+            x_n: Positions at t_n, shape ``(m, 3)`` [m].
+            x: Positions at t_{n+1}, shape ``(m, 3)`` [m].
+            segment: Facet of each node, shape ``(m,)``.
+
+        Returns:
+            value, force, gradient, w, b, frame_n, frame, orientation.
+        """
+
+    @abstractmethod
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet of each node or -1, and gap.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+            current: Last facets or -1, shape ``(m,)``.
+            reach: Largest gap of interest [m].
+
+        Returns:
+            Facet and gap [m], shape ``(m,)``.
+        """
+
+
+class _Exact(Obstacle):
+    """Obstacle given by its distance."""
+
+    @abstractmethod
+    def distance(self, x: Floats) -> tuple[Floats, Floats]:
+        """Gap [m] and outward unit normal of points, (m,) and (m, 3)."""
+
+    @abstractmethod
+    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Force per multiplier (m, 3) and its derivative (m, 3, 3)."""
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Contact of nodes, see `Obstacle.contact`."""
         gap_n, normal_n = self.distance(x_n)
         gap, normal = self.distance(x)
         force, tangent = self._force(scheme, x_n, x)
@@ -58,32 +97,20 @@ class Obstacle:
         return gap_n, gap, force, normal, tangent, turn, status
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Slip of nodes, as the kernel gives it, and orientations."""
-        frame_n = _frame(self.normal(x_n, segment))
-        frame = _frame(self.normal(x, segment))
+        """Displacement in the tangent plane of t_n, see `Obstacle.slip`."""
+        frame_n, frame = (_frame(self.distance(y)[1]) for y in (x_n, x))
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
         m = len(x)
-        return (
-            *(value, frame_n, frame_n, np.ones((m, 1)), np.zeros((m, 2, 1)), frame_n, frame),
-            np.ones(m),
-        )
+        w, b, orientation = np.ones((m, 1)), np.zeros((m, 2, 1)), np.ones(m)
+        return value, frame_n, frame_n, w, b, frame_n, frame, orientation
 
-    def normal(self, x: Floats, segment: Ints) -> Floats:
-        """Normal at the facet of each node, shape ``(m, 3)``."""
-        return self.distance(x)[1]
-
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats, Floats]:
-        """Facet of each node or -1, gap and normal."""
-        gap, normal = self.distance(x)
-        found = np.where(gap <= reach, 0, -1).astype(np.int32)
-        return found, gap, normal
-
-    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Force per multiplier (m, 3) and its derivative (m, 3, 3)."""
-        raise NotImplementedError
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet 0 for all nodes in reach, see `Obstacle.find`."""
+        gap, _ = self.distance(x)
+        return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
 
-class RigidPlane(Obstacle):
+class RigidPlane(_Exact):
     """Half space that bodies cannot enter.
 
     Args:
@@ -104,7 +131,7 @@ class RigidPlane(Obstacle):
         return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
 
 
-class _Round(Obstacle):
+class _Round(_Exact):
     """Points at a given distance from a centre, in a subspace."""
 
     def __init__(
@@ -234,16 +261,12 @@ class RigidSurface(Obstacle):
         node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
         return value, *node, frame_n, frame, orientation
 
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats, Floats]:
-        """Facet of each node or -1, gap and normal."""
-        found, _, gap, normal = _kernels.pair_nodes(
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet of each node or -1, and gap, see `Obstacle.find`."""
+        found, _, gap, _ = _kernels.pair_nodes(
             x, current, reach, self._x, self._orientation, self.key
         )
-        return found, gap, normal
-
-    def normal(self, x: Floats, segment: Ints) -> Floats:
-        """Normal at the facet of each node."""
-        return _kernels.project(*self._pairs(x, segment))[2]
+        return found, gap
 
 
 class ObstacleNeighbourhood:
@@ -288,7 +311,7 @@ class ObstacleNeighbourhood:
 
     def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
         """Facet of each node or -1, and gap, NaN without."""
-        found, gap, _ = self.obstacle.find(x[nodes], current, reach)
+        found, gap = self.obstacle.find(x[nodes], current, reach)
         return found, np.where(found >= 0, gap, np.nan)
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:

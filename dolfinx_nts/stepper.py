@@ -13,6 +13,7 @@ force F, in nothing else.
 
 import logging
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -81,7 +82,7 @@ class StepReport:
     solver_work: float
 
 
-class Stepper:
+class Stepper(ABC):
     """Owns the accepted state (t, u, v, contact) and advances it.
 
     Collective, as all its methods.
@@ -170,9 +171,9 @@ class Stepper:
         self._momentum_form = fem.form(momentum, jit_options=JIT_OPTIONS)
         self._mean_velocity: Floats = self.v.x.array.copy()
 
+    @abstractmethod
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """First Piola-Kirchhoff stress of a step from F_n to F, UFL (3, 3)."""
-        raise NotImplementedError
 
     def _residual(self) -> ufl.Form:
         u, u_n, v, dt = self.u, self.u_n, self.v, self._dt
