@@ -10,6 +10,7 @@ is factorised.
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from petsc4py import PETSc
 
@@ -69,7 +70,9 @@ class _Preconditioner:
         self._scalar: Any = None
         self.is_strong = False
         self._inverse_diagonal: Floats
-        self._ghosted: dict[int, Floats] = {}
+        # Neighbourhoods come and go; their addresses are used again.
+        self._ghosted: WeakKeyDictionary[Neighbourhood | ObstacleNeighbourhood, Floats]
+        self._ghosted = WeakKeyDictionary()
         self.num_builds = 0
 
     def build(self) -> None:
@@ -105,10 +108,10 @@ class _Preconditioner:
 
     def inverse_diagonal(self, here: Neighbourhood | ObstacleNeighbourhood) -> Floats:
         """Inverse diagonal blocks on the nodes of a neighbourhood."""
-        if id(here) not in self._ghosted:
+        if here not in self._ghosted:
             columns = [here.with_ghosts(self._inverse_diagonal[:, :, j]) for j in range(3)]
-            self._ghosted[id(here)] = np.stack(columns, axis=2)
-        return self._ghosted[id(here)]
+            self._ghosted[here] = np.stack(columns, axis=2)
+        return self._ghosted[here]
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
