@@ -89,7 +89,9 @@ class Bulk:
         self._action = _compile(ufl.derivative(form, u, self._direction) for form in forms)
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
+        self._rows: BlockRows | None = None
         self._matrix: Any = None
+        self._stiffness: Floats | None = None
         mesh = V.mesh
         cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
         smallest = mesh.h(3, cells).min(initial=np.inf)
@@ -141,24 +143,37 @@ class Bulk:
         must be neither, so it is at least a tenth of the global mean.
         Collective.
         """
-        matrix = self.tangent() if self._matrix is None else self._matrix
-        mean: Floats = matrix.getDiagonal().array.reshape(-1, 3).mean(axis=1)
-        total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
-        stiffness: Floats = np.maximum(mean, 0.1 * total / count)
-        return stiffness
+        if self._stiffness is None:
+            self.tangent()
+        assert self._stiffness is not None
+        return self._stiffness
 
     def tangent(self) -> Any:
-        """Tangent matrix at u, unit rows where u is given. Collective."""
-        if self._matrix is None:
+        """Tangent matrix at u, unit rows where u is given. Collective.
+
+        Returns:
+            PETSc matrix of 3 x 3 blocks; `rows` has the same values.
+        """
+        if self._rows is None:
+            self._rows = BlockRows(fem.create_matrix(self._tangent[0]))
             self._matrix = fem_petsc.create_matrix(self._tangent[0], "baij")
-        self._matrix.zeroEntries()
+        csr = self._rows.matrix
+        csr.set_value(0.0)
         for form in self._tangent:
-            # The last form has left unit rows, which are not added to.
-            self._matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
-            fem_petsc.assemble_matrix(self._matrix, form, bcs=self.bcs)
-        self._matrix.assemble()
+            fem.assemble_matrix(csr, form, self.bcs)
+        csr.scatter_reverse()
+        self._rows.insert(self._matrix)
+        mean = self._rows.diagonal().mean(axis=1)
+        total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
+        self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
         return self._matrix
+
+    @property
+    def rows(self) -> "BlockRows":
+        """Owned rows of the last tangent."""
+        assert self._rows is not None
+        return self._rows
 
     def _assembled(self, forms: Sequence[fem.Form]) -> Floats:
         """Sum of linear forms on the owned dofs, a copy."""
@@ -168,6 +183,57 @@ class Bulk:
         self._vector.scatter_reverse(la.InsertMode.add)
         values: Floats = self._vector.array[: self.num_owned].copy()
         return values
+
+
+class BlockRows:
+    """Owned rows of a matrix of 3 x 3 blocks, as DOLFINx stores it.
+
+    Args:
+        matrix: Matrix in compact blocks.
+
+    Attributes:
+        matrix: The matrix.
+        start: Where each row begins, and the end, shape ``(n + 1,)``.
+        column: Local column of each block, shape ``(b,)``.
+        value: Blocks by rows, shape ``(9 b,)``.
+    """
+
+    def __init__(self, matrix: la.MatrixCSR) -> None:
+        """Take views on the owned rows."""
+        self.matrix = matrix
+        n = matrix.index_map(0).size_local
+        self.start: npt.NDArray[np.int64] = matrix.indptr[: n + 1]
+        self.column: npt.NDArray[np.int32] = matrix.indices[: self.start[n]]
+        self.value: Floats = matrix.data[: 9 * self.start[n]]
+        columns = matrix.index_map(1)
+        self._global = columns.local_to_global(self.column).astype(PETSc.IntType)
+        row = np.repeat(np.arange(n), np.diff(self.start))
+        self._diagonal = np.flatnonzero(row == self.column)
+        self._ghosted = la.vector(columns, 3)
+
+    def diagonal(self) -> Floats:
+        """Entries on the diagonal, shape ``(n, 3)``. Local."""
+        return self.value.reshape(-1, 9)[self._diagonal, ::4]
+
+    def insert(self, matrix: Any) -> None:
+        """Copy the values to a PETSc matrix of the same pattern. Collective."""
+        start = self.start.astype(PETSc.IntType)
+        matrix.setValuesBlockedCSR(start, self._global, self.value)
+        matrix.assemble()
+
+    def with_ghosts(self, x: Floats) -> Floats:
+        """Values at all columns from those of the owned nodes. Collective.
+
+        Args:
+            x: Shape ``(n, 3)``.
+
+        Returns:
+            Shape ``(columns, 3)``, valid until the next call.
+        """
+        values: Floats = self._ghosted.array
+        values[: x.size] = x.ravel()
+        self._ghosted.scatter_forward()
+        return values.reshape(-1, 3)
 
 
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:

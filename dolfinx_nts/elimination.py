@@ -13,7 +13,7 @@ the increment is :math:`\Delta u = x_p + Z y` with a particular part
 the balance of normal forces at the nodes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,15 +47,7 @@ class _Block:
         self.columns: Floats = state.columns[active]
         self.tangent: Floats = state.tangent[active]
         self.excess: Floats = state.excess[active]
-        # Projector on the directions that the node gives up.
-        constrained = self.rank > 0
-        self.node: Ints = self.dofs[constrained, 0]
-        normal = self.normal[constrained]
-        self.given_up: Floats = np.where(
-            (self.rank[constrained] == 3)[:, None, None],
-            np.eye(3),
-            normal[:, :, None] * normal[:, None, :],
-        )
+        self.node: Ints = self.dofs[self.rank > 0, 0]
 
 
 class Elimination:
@@ -81,6 +73,11 @@ class Elimination:
     def empty(self) -> bool:
         """Whether no pair is active on any rank."""
         return not self._blocks
+
+    @property
+    def pairing(self) -> bytes:
+        """Tells the same nodes and constraints from others. Local."""
+        return b"".join(part.tobytes() for b in self._blocks for part in (b.dofs, b.rank))
 
     def particular(self, n: int) -> Floats:
         """Nodal vector x_p with G^T x_p = -(g - g_ref)."""
@@ -114,32 +111,32 @@ class Elimination:
         """Values with ghosts for each block."""
         return [b.here.with_ghosts(x) for b in self._blocks]
 
-    def given_up(self, x: Floats) -> Floats:
-        """Part of x in the directions that the nodes give up."""
-        part = np.zeros_like(x)
-        for b in self._blocks:
-            part[b.node] += np.einsum("mij,mj->mi", b.given_up, x[b.node])
-        return part
-
-    def compliance(
-        self, inverse_diagonal: Callable[[Neighbourhood | ObstacleNeighbourhood], Floats]
-    ) -> list[Floats]:
-        """Diagonal of G^T D^-1 F, normal constraints, for each block.
+    def fill(self, patch: _kernels.Patch) -> Flags:
+        """Add the pairs whose nodes this rank owns to a patch.
 
         Args:
-            inverse_diagonal: Inverses of the 3 x 3 diagonal blocks D on
-                the nodes of an index map, shape ``(l, 3, 3)``.
+            patch: Preconditioner of the nodes around the contacts.
+
+        Returns:
+            Owned nodes in pairs with nodes of other ranks, shape ``(n,)``.
         """
-        result = []
+        foreign: Any = False
         for b in self._blocks:
-            constrained = b.rank > 0
-            dofs = b.dofs[constrained]
-            D_inverse = inverse_diagonal(b.here)[dofs]
-            shape = (*dofs.shape, 3)
-            G = b.gradients[constrained, 0].reshape(shape)
-            F = b.columns[constrained, 0].reshape(shape)
-            result.append(np.einsum("mki,mkij,mkj->m", G, D_inverse, F))
-        return result
+            num_owned = b.here.index_map.size_local
+            own = np.all(b.dofs < num_owned, axis=1)
+            marks: Floats = np.zeros((b.here.num_local, 3))
+            marks[b.dofs[~own].ravel(), 0] = 1
+            foreign = foreign | (b.here.to_owners(marks)[:num_owned, 0] > 0)
+            patch.add(
+                b.dofs[own],
+                b.rank[own],
+                b.normal[own],
+                b.gradients[own],
+                b.columns[own],
+                b.tangent[own],
+            )
+        flags: Flags = foreign
+        return flags
 
 
 def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:

@@ -10,19 +10,18 @@ is factorised.
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.assembly import Bulk, SaddleSystem
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["LinearSolver"]
 
@@ -38,29 +37,37 @@ _REBUILD_COST = 15.0
 _SLOW = 15.0
 # Unknowns up to which the stronger one is a complete factorisation.
 _DIRECT_UP_TO = 50_000
+# Iterations per decade of fresh factors are taken over this many decades,
+# about those of a step.
+_DECADES = 12.0
+# Of the reduction asked for: what a right-hand side may leave out.
+_NEGLIGIBLE = 0.03
 
 
 class _Operator:
-    """Context of the shell matrix: projected tangent."""
+    """Context of the shell matrix: projected tangent.
+
+    Right-hand sides and products have no part in the directions that
+    nodes give up, and such a part of what is multiplied has no effect.
+    """
 
     def __init__(self, bulk: Bulk) -> None:
         self.bulk = bulk
         self.elimination = Elimination((), ())
-        self.weight = 1.0  # sigma, puts E E^T on the scale of the tangent
-
-    def apply(self, x: Floats) -> Floats:
-        """Z~^T (K + C) Z x + sigma E E^T x, shape (n, 3)."""
-        z = x.copy()
-        parts = self.elimination.constrain(z)
-        y = self.elimination.act(parts, self.bulk.action(z))
-        return y + self.weight * self.elimination.given_up(x)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        y.array[:] = self.apply(x.array_r.reshape(-1, 3)).ravel()
+        """Z~^T (K + C) Z x."""
+        z = x.array_r.reshape(-1, 3).copy()
+        parts = self.elimination.constrain(z)
+        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
 
 
 class _Preconditioner:
-    """Context of the shell preconditioner: kept factorisation of the bulk."""
+    """Context of the shell preconditioner: kept factors and a patch.
+
+    The factors are of the bulk and age slowly; the patch is of the
+    contacts of this Newton iteration (`cpp/nts/patch.h`).
+    """
 
     def __init__(self, operator: _Operator, prefix: str) -> None:
         self._operator = operator
@@ -68,12 +75,11 @@ class _Preconditioner:
         self._pc.setOptionsPrefix(prefix)
         self._matrix: Any = None
         self._scalar: Any = None
+        self._patch: Any = None
+        self._use_patch = False
+        self._patch_build, self._pairing = 0, b""
         self.is_strong = False
-        self._inverse_diagonal: Floats
-        # Neighbourhoods come and go; their addresses are used again.
-        self._ghosted: WeakKeyDictionary[Neighbourhood | ObstacleNeighbourhood, Floats]
-        self._ghosted = WeakKeyDictionary()
-        self.num_builds = 0
+        self.num_builds = self.num_patches = 0
 
     def build(self) -> None:
         """Assemble the bulk tangent at u and factorise it. Collective."""
@@ -92,8 +98,6 @@ class _Preconditioner:
         else:
             self._pc.setOperators(self._matrix)
         self._pc.setUp()
-        self._inverse_diagonal = self._matrix.invertBlockDiagonal().copy()
-        self._ghosted.clear()
         self.num_builds += 1
 
     def strengthen(self) -> None:
@@ -106,12 +110,20 @@ class _Preconditioner:
             self._pc.setType("gamg")
         self._pc.setFromOptions()
 
-    def inverse_diagonal(self, here: Neighbourhood | ObstacleNeighbourhood) -> Floats:
-        """Inverse diagonal blocks on the nodes of a neighbourhood."""
-        if here not in self._ghosted:
-            columns = [here.with_ghosts(self._inverse_diagonal[:, :, j]) for j in range(3)]
-            self._ghosted[here] = np.stack(columns, axis=2)
-        return self._ghosted[here]
+    def prepare(self) -> None:
+        """Factorise the patch, unless pairs and factors are the last. Collective."""
+        bulk, elimination = self._operator.bulk, self._operator.elimination
+        if self._patch is None:
+            rows = bulk.rows
+            self._patch = _kernels.Patch(rows.start, rows.column, rows.value)
+        is_new = self.num_builds != self._patch_build or elimination.pairing != self._pairing
+        if not bulk.comm.allreduce(is_new, op=MPI.LOR):
+            return
+        self._patch_build, self._pairing = self.num_builds, elimination.pairing
+        self._patch.reset()
+        foreign = elimination.fill(self._patch)
+        self._use_patch = self._patch.build(foreign.view(np.uint8))
+        self.num_patches += 1
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
@@ -120,7 +132,38 @@ class _Preconditioner:
             return
         x = z.array.reshape(-1, 3)
         elimination.constrain(x)
-        x += elimination.given_up(r.array_r.reshape(-1, 3) / self._operator.weight - x)
+        ghosted = self._operator.bulk.rows.with_ghosts(x)
+        if self._use_patch:
+            self._patch.correct(r.array_r.reshape(-1, 3), ghosted)
+            x[:] = ghosted[: len(x)]
+
+
+class _Age:
+    """What the age of factors costs.
+
+    Attributes:
+        rate: Iterations per decade so far.
+        excess: Iterations beyond those that fresh factors would need.
+    """
+
+    def __init__(self) -> None:
+        self._iterations = self._decades = 0.0
+        self._fresh: float | None = None
+        self.excess = 0.0
+
+    @property
+    def rate(self) -> float:
+        return self._iterations / max(self._decades, 0.3)
+
+    def count(self, iterations: int, decades: float) -> None:
+        """Add a solve."""
+        if self._fresh is None:
+            self._iterations += iterations
+            self._decades += decades
+            if self._decades >= _DECADES:
+                self._fresh = self.rate
+        else:
+            self.excess += iterations - self._fresh * decades
 
 
 class LinearSolver:
@@ -162,8 +205,7 @@ class LinearSolver:
         self._ksp.setFromOptions()
         self._x, self._b = self._matrix.createVecs()
         self._saddle = SaddleSystem(bulk)
-        self._fresh_rate: float | None = None
-        self._excess_iterations = 0.0
+        self._age = _Age()
         self.num_iterations = self.num_direct = 0
 
     def solve(
@@ -189,7 +231,7 @@ class LinearSolver:
             return self._solve_direct(R, steps, states)
         elimination = Elimination(steps, states)
         preconditioner = self._preconditioner
-        fresh = preconditioner.num_builds == 0 or self._is_old()
+        fresh = preconditioner.num_builds == 0 or self._age.excess > _REBUILD_COST
         if fresh:
             self._build()
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
@@ -200,17 +242,14 @@ class LinearSolver:
                 preconditioner.strengthen()
             self._build()
             fresh = True
-        if fresh and not preconditioner.is_strong and (self._fresh_rate or 0.0) > _SLOW:
+        if fresh and not preconditioner.is_strong and self._age.rate > _SLOW:
             preconditioner.strengthen()
             self._build()
         return du, None
 
     def _build(self) -> None:
         self._preconditioner.build()
-        self._fresh_rate, self._excess_iterations = None, 0.0
-
-    def _is_old(self) -> bool:
-        return self._excess_iterations > _REBUILD_COST
+        self._age = _Age()
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
         operator = self._operator
@@ -218,15 +257,16 @@ class LinearSolver:
         r: Floats = -R.reshape(-1, 3)
         particular: Floats = np.zeros_like(r)
         if not elimination.empty:
-            compliance = elimination.compliance(self._preconditioner.inverse_diagonal)
-            sums = operator.bulk.comm.allreduce(
-                np.array([sum(part.sum() for part in compliance), sum(map(len, compliance))])
-            )
-            if sums[1]:
-                operator.weight = float(sums[1] / sums[0])
+            self._preconditioner.prepare()
             particular = elimination.particular(len(r))
             parts = elimination.with_ghosts(particular)
-            r = -elimination.act(parts, R.reshape(-1, 3) + self._bulk.action(particular))
+            total: Floats = R.reshape(-1, 3)
+            # Close to the constraints their part is below what rtol leaves.
+            force = 3 * self._bulk.nodal_stiffness()[:, None] * particular
+            sums = self._bulk.comm.allreduce(np.array([np.vdot(force, force), R @ R]))
+            if sums[0] > (_NEGLIGIBLE * rtol) ** 2 * sums[1]:
+                total = total + self._bulk.action(particular)
+            r = -elimination.act(parts, total)
         self._b.array[:] = r.ravel()
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=1e6, max_it=_MAX_ITERATIONS)
         self._ksp.solve(self._b, self._x)
@@ -234,10 +274,7 @@ class LinearSolver:
         self.num_iterations += iterations
         if self._ksp.getConvergedReason() < 0:
             return None
-        rate = iterations / max(-np.log10(rtol), 0.3)
-        if self._fresh_rate is None:
-            self._fresh_rate = rate
-        self._excess_iterations += max(0.0, rate - self._fresh_rate) * -np.log10(rtol)
+        self._age.count(iterations, -np.log10(rtol))
         x = self._x.array.reshape(-1, 3)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()

@@ -181,5 +181,5 @@ def _forcing(norms: Sequence[float], target: float) -> float:
     if norms[-1] <= 0.3 * target:
         return 0.3
     rate = norms[-1] / norms[-2] if len(norms) > 1 and norms[-2] > 0 else 1.0
-    quadratic, last = min(1e-3, 0.9 * rate**1.6), 0.1 * target / norms[-1]
+    quadratic, last = min(3e-3, 0.9 * rate**1.6), 0.1 * target / norms[-1]
     return min(0.3, last if quadratic < 1e3 * last else quadratic)

@@ -113,22 +113,3 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(comm, monk
     solver = limited.stepper._solver
     assert solver._preconditioner.is_strong and solver.num_direct > 0
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
-
-
-def test_values_of_a_neighbourhood_are_not_those_of_one_that_is_gone(comm):
-    class Scaled:
-        """Stands for a neighbourhood; a new one often takes its address."""
-
-        def __init__(self, factor):
-            self.factor = factor
-
-        def with_ghosts(self, values):
-            return self.factor * values
-
-    scene = scenes.blocks(comm)
-    scene.stepper.advance()
-    preconditioner = scene.stepper._solver._preconditioner
-    preconditioner.build()
-    one = preconditioner.inverse_diagonal(Scaled(1.0)).copy()
-    for factor in range(2, 12):
-        np.testing.assert_array_equal(preconditioner.inverse_diagonal(Scaled(factor)), factor * one)

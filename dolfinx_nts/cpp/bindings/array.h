@@ -90,6 +90,16 @@ auto dispatch(std::size_t vertices, Function&& function)
   }
 }
 
+/// @brief Dispatch on segment vertices, 0 for rigid obstacles.
+template <class Function>
+void dispatch_pairs(std::size_t vertices, Function&& function)
+{
+  if (vertices == 0)
+    function.template operator()<NoSegment>();
+  else
+    dispatch(vertices, function);
+}
+
 /// @brief Number of segment vertices of pairs x, shape (m, 1 + k, 3).
 inline std::size_t segment_vertices(const char* name, const Doubles& x_pair)
 {

@@ -18,16 +18,6 @@ std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
   return dofs.shape(1) - 1;
 }
 
-/// @brief Dispatch on segment vertices, 0 for rigid obstacles.
-template <class Function>
-void dispatch_pairs(std::size_t vertices, Function&& function)
-{
-  if (vertices == 0)
-    function.template operator()<NoSegment>();
-  else
-    dispatch(vertices, function);
-}
-
 void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
                      const Doubles& gradients, const Doubles& values,
                      Out<double> x)

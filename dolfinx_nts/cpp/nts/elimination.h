@@ -20,12 +20,6 @@
 /// free of multipliers.
 namespace nts
 {
-/// @brief Stands for the segment of a pair with a rigid obstacle.
-struct NoSegment
-{
-  static constexpr std::size_t vertices = 0;
-};
-
 /// @brief Active pairs of one contact pair, n = 3(1+k).
 template <class S>
 struct Elimination

@@ -97,4 +97,10 @@ constexpr Vec3 combine(const std::array<double, K>& weights,
     sum += weights[i] * vertices[i];
   return sum;
 }
+
+/// @brief Stands for the segment of a pair with a rigid obstacle.
+struct NoSegment
+{
+  static constexpr std::size_t vertices = 0;
+};
 } // namespace nts

@@ -1,0 +1,429 @@
+#pragma once
+
+#include "elimination.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+/// @brief Patch preconditioner: incomplete factors of the projected tangent
+/// around the contacts.
+///
+/// A kept factorisation of the bulk knows nothing of contact. After it, the
+/// patch solves for what remains at the nodes of the active pairs and their
+/// neighbours in the matrix, with the rows of
+///
+///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
+///
+/// there; E E^T, scaled, fills the directions that are given up, in which
+/// neither right-hand sides nor results have a part.
+namespace nts
+{
+using Block = Matrix<3, 3>;
+
+inline void add_product(const Block& A, const Block& B, Block& C) noexcept
+{
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t j = 0; j < 3; ++j)
+        C[i][j] += A[i][k] * B[k][j];
+}
+
+inline void add_product(const Block& A, const double* x, double* y) noexcept
+{
+  for (std::size_t i = 0; i < 3; ++i)
+    y[i] += inner<3>(A[i].data(), x);
+}
+
+inline constexpr Block identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+
+/// @brief Rows of a sparse matrix with 3 x 3 blocks.
+struct BlockMatrix
+{
+  std::span<const std::int64_t> start;  ///< of each row, and the end
+  std::span<const std::int32_t> column; ///< of each block
+  std::span<const double> value;        ///< (blocks, 3, 3)
+};
+
+/// @brief Rows that are filled column by column in any order.
+class BlockRow
+{
+public:
+  explicit BlockRow(std::size_t size) : _place(size, -1) {}
+
+  Block& operator[](std::int32_t column)
+  {
+    std::int32_t& place = _place[column];
+    if (place < 0)
+    {
+      place = static_cast<std::int32_t>(columns.size());
+      columns.push_back(column);
+      blocks.push_back({});
+    }
+    return blocks[place];
+  }
+
+  void clear() noexcept
+  {
+    for (const std::int32_t column : columns)
+      _place[column] = -1;
+    columns.clear();
+    blocks.clear();
+  }
+
+  std::vector<std::int32_t> columns;
+  std::vector<Block> blocks;
+
+private:
+  std::vector<std::int32_t> _place;
+};
+
+/// @brief Incomplete LU factors in the pattern of the matrix, ILU(0).
+class IncompleteFactors
+{
+public:
+  /// @brief Forget the matrix.
+  void clear()
+  {
+    _start = {0};
+    _column.clear();
+    _value.clear();
+  }
+
+  /// @brief Add the next row, which must have a block on the diagonal.
+  void add(const BlockRow& row)
+  {
+    std::vector<std::size_t> order(row.columns.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::ranges::sort(order, {}, [&](std::size_t e) { return row.columns[e]; });
+    for (const std::size_t e : order)
+    {
+      _column.push_back(row.columns[e]);
+      _value.push_back(row.blocks[e]);
+    }
+    _start.push_back(_value.size());
+  }
+
+  /// @brief Overwrite the matrix by its factors.
+  /// @return False if a block on the diagonal is singular.
+  bool factorise()
+  {
+    const std::size_t n = _start.size() - 1;
+    _diagonal.resize(n);
+    std::vector<Block*> at(n, nullptr); // blocks of the present row
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      for (std::size_t e = _start[i]; e < _start[i + 1]; ++e)
+        at[_column[e]] = &_value[e];
+      std::size_t e = _start[i];
+      for (; static_cast<std::size_t>(_column[e]) < i; ++e)
+      {
+        const std::size_t k = _column[e];
+        // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
+        Block L = {};
+        add_product(_value[e], _value[_diagonal[k]], L);
+        _value[e] = L;
+        for (double& entry : std::span(L.front().data(), 9))
+          entry = -entry;
+        for (std::size_t u = _diagonal[k] + 1; u < _start[k + 1]; ++u)
+          if (Block* target = at[_column[u]])
+            add_product(L, _value[u], *target);
+      }
+      _diagonal[i] = e;
+      Block A = _value[e];
+      _value[e] = identity;
+      if (!solve(A, _value[e]))
+        return false;
+      for (std::size_t e = _start[i]; e < _start[i + 1]; ++e)
+        at[_column[e]] = nullptr;
+    }
+    return true;
+  }
+
+  /// @brief x <- (L U)^-1 x.
+  void apply(std::span<double> x) const noexcept
+  {
+    const std::size_t n = _start.size() - 1;
+    for (std::size_t i = 0; i < n; ++i)
+      subtract_products(i, _start[i], _diagonal[i], x);
+    for (std::size_t i = n; i-- > 0;)
+    {
+      subtract_products(i, _diagonal[i] + 1, _start[i + 1], x);
+      Vec3 y = {};
+      add_product(_value[_diagonal[i]], x.data() + 3 * i, y.data());
+      std::ranges::copy(y, x.begin() + 3 * i);
+    }
+  }
+
+private:
+  void subtract_products(std::size_t i, std::size_t first, std::size_t last,
+                         std::span<double> x) const noexcept
+  {
+    Vec3 sum = {};
+    for (std::size_t e = first; e < last; ++e)
+      add_product(_value[e], x.data() + 3 * _column[e], sum.data());
+    for (std::size_t c = 0; c < 3; ++c)
+      x[3 * i + c] -= sum[c];
+  }
+
+  std::vector<std::size_t> _start, _diagonal;
+  std::vector<std::int32_t> _column;
+  std::vector<Block> _value; // those on the diagonal inverted
+};
+
+/// @brief See the head of this file; nodes are those that this rank owns.
+class Patch
+{
+public:
+  /// @brief Begin anew.
+  /// @param[in] K Bulk tangent, one row for each node.
+  void reset(const BlockMatrix& K)
+  {
+    _K = K;
+    _number.assign(K.start.size() - 1, -1);
+    _pairs.clear();
+    _nodes.clear();
+  }
+
+  /// @brief Add the active pairs of a contact pair, all nodes own.
+  template <class S>
+  void add(const Elimination<S>& e)
+  {
+    constexpr std::size_t k = 1 + S::vertices, n = pair_size<S>;
+    for (std::size_t i = 0; i < e.rank.size(); ++i)
+    {
+      const auto dofs = e.dofs.subspan(k * i, k);
+      Pair& pair = _pairs.emplace_back();
+      pair.constrained = e.rank[i] > 0;
+      pair.nodes.assign(dofs.begin(), dofs.end());
+      pair.tangent.resize(k * k);
+      const double* C = e.tangent.data() + n * n * i;
+      for (std::size_t a = 0; a < k; ++a)
+        for (std::size_t b = 0; b < k; ++b)
+          for (std::size_t c = 0; c < 3; ++c)
+            std::copy_n(C + n * (3 * a + c) + 3 * b, 3,
+                        pair.tangent[k * a + b][c].begin());
+      if (pair.constrained)
+        project(e, i, pair);
+    }
+  }
+
+  /// @brief Choose the nodes and factorise.
+  /// @param[in] foreign Nodes in pairs that have nodes of other ranks, (n,).
+  /// @return False if the factors do not exist.
+  bool build(std::span<const std::uint8_t> foreign)
+  {
+    number_nodes(foreign);
+    const std::size_t n = _nodes.size();
+    // Pairs of each node, and its position in them.
+    std::vector<std::vector<std::pair<const Pair*, std::size_t>>> pairs(n);
+    for (const Pair& pair : _pairs)
+      for (std::size_t a = 0; a < pair.nodes.size(); ++a)
+        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
+          pairs[p].push_back({&pair, a});
+
+    // Rows of (K + C) Z.
+    BlockRow row(n);
+    std::vector<std::size_t> start = {0};
+    std::vector<std::int32_t> column;
+    std::vector<Block> value;
+    for (std::size_t p = 0; p < n; ++p)
+    {
+      row.clear();
+      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
+           ++e)
+        if (const std::int32_t j = number(_K.column[e]); j >= 0)
+          std::copy_n(_K.value.data() + 9 * e, 9, row[j].front().data());
+      for (const auto& [pair, a] : pairs[p])
+        for (std::size_t b = 0; b < pair->nodes.size(); ++b)
+          if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
+            add_product(pair->tangent[pair->nodes.size() * a + b], identity,
+                        row[j]);
+      const std::size_t size = row.columns.size();
+      for (std::size_t e = 0; e < size; ++e)
+        if (const Pair* pair = constrained_pair(pairs[row.columns[e]]))
+        {
+          const Block B = std::exchange(row.blocks[e], {});
+          for (std::size_t b = 0; b < pair->nodes.size(); ++b)
+            if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
+              add_product(B, pair->right[b], row[j]);
+        }
+      column.insert(column.end(), row.columns.begin(), row.columns.end());
+      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
+      start.push_back(value.size());
+    }
+
+    // Z~^T times these.
+    _factors.clear();
+    for (std::size_t p = 0; p < n; ++p)
+    {
+      row.clear();
+      const auto add_row = [&](const Block& factor, std::size_t q)
+      {
+        for (std::size_t e = start[q]; e < start[q + 1]; ++e)
+          add_product(factor, value[e], row[column[e]]);
+      };
+      const bool constrained = constrained_pair(pairs[p]);
+      if (!constrained)
+        add_row(identity, p);
+      for (const auto& [pair, a] : pairs[p])
+        if (const std::int32_t q = _number[pair->nodes[0]];
+            pair->constrained && q >= 0)
+          add_row(pair->left[a], q);
+      if (constrained)
+        add_product(pairs[p].front().first->given_up, stiffness(p),
+                    row[static_cast<std::int32_t>(p)]);
+      _factors.add(row);
+    }
+    return _factors.factorise();
+  }
+
+  /// @brief Correct z = B r at the nodes of the patch.
+  /// @param[in] r Right-hand side without a part in E, (n, 3).
+  /// @param[in,out] z Values at the columns of K, Z z = z.
+  void correct(std::span<const double> r, std::span<double> z)
+  {
+    const std::size_t n = _nodes.size();
+    _x.assign(3 * n, 0.0);
+    for (std::size_t p = 0; p < n; ++p)
+      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
+           ++e)
+        for (std::size_t c = 0; c < 3; ++c)
+          _x[3 * p + c] += inner<3>(_K.value.data() + 9 * e + 3 * c,
+                                    z.data() + 3 * _K.column[e]);
+    for (const Pair& pair : _pairs)
+      for (std::size_t a = 0, k = pair.nodes.size(); a < k; ++a)
+        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
+          for (std::size_t b = 0; b < k; ++b)
+            add_product(pair.tangent[k * a + b], z.data() + 3 * pair.nodes[b],
+                        _x.data() + 3 * p);
+    for (std::size_t p = 0; p < n; ++p)
+      for (std::size_t c = 0; c < 3; ++c)
+        _x[3 * p + c] = r[3 * _nodes[p] + c] - _x[3 * p + c];
+    for (const Pair& pair : _pairs)
+    {
+      const std::int32_t s = _number[pair.nodes[0]];
+      if (!pair.constrained || s < 0)
+        continue;
+      const Vec3 rest = {_x[3 * s], _x[3 * s + 1], _x[3 * s + 2]};
+      std::fill_n(_x.begin() + 3 * s, 3, 0.0);
+      for (std::size_t a = 0; a < pair.nodes.size(); ++a)
+        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
+          add_product(pair.left[a], rest.data(), _x.data() + 3 * p);
+    }
+    _factors.apply(_x);
+    for (std::size_t p = 0; p < n; ++p)
+      for (std::size_t c = 0; c < 3; ++c)
+        z[3 * _nodes[p] + c] += _x[3 * p + c];
+  }
+
+  /// @brief Number of nodes in the patch.
+  std::size_t size() const noexcept { return _nodes.size(); }
+
+private:
+  struct Pair
+  {
+    bool constrained;
+    std::vector<std::int32_t> nodes; // contact node first
+    std::vector<Block> tangent;      // C, (nodes, nodes)
+    std::vector<Block> right, left;  // Z_0a and (Z~^T)_a0
+    Block given_up;                  // E E^T at the contact node
+  };
+
+  /// @brief Blocks of the projections of pair i.
+  template <class S>
+  static void project(const Elimination<S>& e, std::size_t i, Pair& pair)
+  {
+    constexpr std::size_t n = pair_size<S>;
+    const double* G = e.gradients.data() + 3 * n * i;
+    const double* F = e.columns.data() + 3 * n * i;
+    const double* normal = e.normal.data() + 3 * i;
+    const auto constraints = static_cast<std::size_t>(e.rank[i]);
+    // Directions in rows, and the inverses of G^T E and E^T F.
+    Block E = identity, GE = identity, EF = identity;
+    if (constraints == 1)
+      std::copy_n(normal, 3, E[0].begin());
+    for (std::size_t a = 0; a < constraints; ++a)
+      for (std::size_t b = 0; b < constraints; ++b)
+      {
+        GE[a][b] = inner<3>(G + n * a, E[b].data());
+        EF[a][b] = inner<3>(E[a].data(), F + n * b);
+      }
+    Block GE_inverse = identity, EF_inverse = identity;
+    solve(GE, GE_inverse);
+    solve(EF, EF_inverse);
+    pair.given_up = {};
+    pair.right.assign(pair.nodes.size(), {});
+    pair.left.assign(pair.nodes.size(), {});
+    pair.right[0] = pair.left[0] = identity;
+    for (std::size_t a = 0; a < constraints; ++a)
+      for (std::size_t c = 0; c < 3; ++c)
+        for (std::size_t d = 0; d < 3; ++d)
+        {
+          pair.given_up[c][d] += E[a][c] * E[a][d];
+          for (std::size_t b = 0; b < constraints; ++b)
+            for (std::size_t K = 0; K < pair.nodes.size(); ++K)
+            {
+              pair.right[K][c][d]
+                  -= E[a][c] * GE_inverse[a][b] * G[n * b + 3 * K + d];
+              pair.left[K][c][d]
+                  -= F[n * a + 3 * K + c] * EF_inverse[a][b] * E[b][d];
+            }
+        }
+  }
+
+  /// @brief Number the nodes of pairs and their neighbours in K.
+  void number_nodes(std::span<const std::uint8_t> foreign)
+  {
+    std::vector<std::int32_t> contacts;
+    for (const Pair& pair : _pairs)
+      contacts.insert(contacts.end(), pair.nodes.begin(), pair.nodes.end());
+    for (const std::int32_t node : contacts)
+      for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
+        if (const auto j = static_cast<std::size_t>(_K.column[e]);
+            j < _number.size() && !foreign[j])
+          _nodes.push_back(_K.column[e]);
+    std::ranges::sort(_nodes);
+    _nodes.erase(std::unique(_nodes.begin(), _nodes.end()), _nodes.end());
+    for (std::size_t p = 0; p < _nodes.size(); ++p)
+      _number[_nodes[p]] = static_cast<std::int32_t>(p);
+  }
+
+  /// @brief Place of a column in the patch, -1 outside.
+  std::int32_t number(std::int32_t column) const noexcept
+  {
+    const auto j = static_cast<std::size_t>(column);
+    return j < _number.size() ? _number[j] : -1;
+  }
+
+  /// @brief The pair that constrains a node, if any.
+  static const Pair* constrained_pair(
+      const std::vector<std::pair<const Pair*, std::size_t>>& pairs) noexcept
+  {
+    for (const auto& [pair, a] : pairs)
+      if (a == 0 && pair->constrained)
+        return pair;
+    return nullptr;
+  }
+
+  /// @brief Mean entry on the diagonal of K at a node, on the diagonal.
+  Block stiffness(std::size_t p) const noexcept
+  {
+    Block result = {};
+    for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1]; ++e)
+      if (_K.column[e] == _nodes[p])
+        for (std::size_t c = 0; c < 3; ++c)
+          for (std::size_t d = 0; d < 3; ++d)
+            result[c][c] += std::abs(_K.value[9 * e + 4 * d]) / 3;
+    return result;
+  }
+
+  BlockMatrix _K;
+  std::vector<Pair> _pairs;
+  std::vector<std::int32_t> _nodes;  // of each row
+  std::vector<std::int32_t> _number; // of each node, -1 outside
+  IncompleteFactors _factors;
+  std::vector<double> _x;
+};
+} // namespace nts

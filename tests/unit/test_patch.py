@@ -1,0 +1,115 @@
+"""Patch preconditioner around the contacts, against dense matrices.
+
+Where every node neighbours every other, the incomplete factors are complete.
+"""
+
+import numpy as np
+import pytest
+from test_elimination import NODES, dense, kinds, pairs
+
+from dolfinx_nts import _kernels
+
+ROUNDING = 1e6 * np.finfo(float).eps
+FAR = 4  # nodes at the end that only neighbour each other
+
+
+def matrix(rng, far=0):
+    """Return a random block matrix as rows, and dense."""
+    near = NODES - far
+    start, column, value = [0], [], []
+    full = np.zeros((NODES, NODES, 3, 3))
+    for i in range(NODES):
+        columns = np.arange(near) if i < near else np.arange(near, NODES)
+        blocks = 0.1 * rng.normal(size=(len(columns), 3, 3))
+        blocks[columns == i] += 5 * np.eye(3)
+        full[i, columns] = blocks
+        column.append(columns)
+        value.append(blocks.ravel())
+        start.append(start[-1] + len(columns))
+    rows = np.array(start), np.concatenate(column).astype(np.int32), np.concatenate(value)
+    return rows, full.transpose(0, 2, 1, 3).reshape(3 * NODES, 3 * NODES)
+
+
+def projections(E, G, F):
+    """Return Z and Z~^T."""
+    one = np.eye(3 * NODES)
+    return one - E @ np.linalg.solve(G.T @ E, G.T), one - F @ np.linalg.solve(E.T @ F, E.T)
+
+
+@kinds
+def test_complete_factors_solve_the_projected_system(k, rng):
+    rows, K = matrix(rng)
+    arrays = pairs(k, rng)
+    E, G, F, C = dense(*arrays)
+    Z, Zt = projections(E, G, F)
+    patch = _kernels.Patch(*rows)
+    patch.add(*arrays)
+    assert patch.build(np.zeros(NODES, dtype=np.uint8))
+    assert patch.size == NODES
+    r = Zt @ rng.normal(size=3 * NODES)
+    start = Z @ rng.normal(size=3 * NODES)  # any guess that satisfies the constraints
+    z = start.reshape(-1, 3).copy()
+    patch.correct(r.reshape(-1, 3), z)
+    # Only the rows of the contact nodes in z are left to the projection.
+    residual = Zt @ (K + C) @ Z @ z.ravel() - r
+    assert np.abs(residual).max() < ROUNDING * np.abs(r).max()
+
+
+@kinds
+def test_nodes_far_from_contact_are_left_alone(k, rng):
+    rows, _ = matrix(rng, FAR)
+    arrays = list(pairs(k, rng))
+    arrays[0] = np.minimum(arrays[0], NODES - FAR - 1).astype(np.int32)
+    patch = _kernels.Patch(*rows)
+    patch.add(*arrays)
+    assert patch.build(np.zeros(NODES, dtype=np.uint8))
+    assert patch.size == NODES - FAR
+    r, z = rng.normal(size=(2, NODES, 3))
+    before = z.copy()
+    patch.correct(r, z)
+    np.testing.assert_array_equal(z[-FAR:], before[-FAR:])
+    assert np.all(np.any(z[:-FAR] != before[:-FAR], axis=1))
+
+
+def test_foreign_nodes_are_left_alone(rng):
+    rows, _ = matrix(rng)
+    patch = _kernels.Patch(*rows)
+    patch.add(*pairs(4, rng))
+    foreign = np.zeros(NODES, dtype=np.uint8)
+    foreign[[2, 7]] = 1
+    assert patch.build(foreign)
+    assert patch.size == NODES - 2
+    r, z = rng.normal(size=(2, NODES, 3))
+    before = z.copy()
+    patch.correct(r, z)
+    np.testing.assert_array_equal(z[[2, 7]], before[[2, 7]])
+
+
+def test_a_new_start_forgets_the_pairs(rng):
+    rows, _ = matrix(rng)
+    patch = _kernels.Patch(*rows)
+    patch.add(*pairs(4, rng))
+    assert patch.build(np.zeros(NODES, dtype=np.uint8)) and patch.size
+    patch.reset()
+    assert patch.build(np.zeros(NODES, dtype=np.uint8)) and patch.size == 0
+
+
+def test_singular_rows_are_reported(rng):
+    start, column, value = matrix(rng)[0]
+    patch = _kernels.Patch(start, column, 0 * value)
+    patch.add(*pairs(4, rng)[:5], np.zeros((5, 15, 15)))
+    assert not patch.build(np.zeros(NODES, dtype=np.uint8))
+
+
+def test_wrong_matrices_and_nodes_are_refused(rng):
+    start, column, value = matrix(rng)[0]
+    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+        _kernels.Patch(start[:-1], column, value)
+    with pytest.raises(ValueError, match=r"value: expected shape"):
+        _kernels.Patch(start, column, value[:-1])
+    patch = _kernels.Patch(start, column, value)
+    dofs, *rest = pairs(4, rng)
+    with pytest.raises(ValueError, match="expected rows of the matrix"):
+        patch.add(dofs + NODES, *rest)
+    with pytest.raises(ValueError, match="expected a row for each column"):
+        patch.correct(np.zeros((NODES, 3)), np.zeros((NODES - 1, 3)))
