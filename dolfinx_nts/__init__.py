@@ -18,7 +18,7 @@ from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
-from dolfinx_nts.stepper import StepReport
+from dolfinx_nts.report import StepReport
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"

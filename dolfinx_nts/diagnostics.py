@@ -109,11 +109,10 @@ class Diagnostics:
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         self._stepper = stepper
-        u, u_n, v = stepper.u, stepper.u_n, stepper.v
+        u, u_n = stepper.u, stepper.u_n
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
         self._num_owned = V.dofmap.index_map.size_local
-        eta = ufl.TestFunction(V)
         F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
 
         def strain_energy(material: Any, parameters: Any, rho: Any) -> Any:
@@ -124,12 +123,9 @@ class Diagnostics:
             change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
             return change - ufl.inner(P, F - F_n)
 
-        def momentum(material: Any, parameters: Any, rho: Any) -> Any:
-            return rho * ufl.inner(v, eta)
-
-        self._strain_energy, self._bulk_defect, self._momentum = (
+        self._strain_energy, self._bulk_defect = (
             _form(bulk_form(stepper.bodies, integrand))
-            for integrand in (strain_energy, bulk_defect, momentum)
+            for integrand in (strain_energy, bulk_defect)
         )
         self._nodal_mass: dict[Body, Floats] = {}
 
@@ -220,7 +216,7 @@ class Diagnostics:
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""
         n = self._num_owned
-        p = self._nodal(self._momentum)
+        p = self._stepper.nodal_momentum()
         v = self._stepper.v.x.array.reshape(-1, 3)[:n]
         parts = [[np.sum(v * p) / 2], p.sum(axis=0), np.cross(self._stepper.x[:n], p).sum(axis=0)]
         sums = self._sum(np.concatenate(parts))

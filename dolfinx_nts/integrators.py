@@ -1,7 +1,7 @@
 """Integrators: what is evaluated when within a step.
 
 They differ in the stress, in the kernel of the contact force, and in
-whether there is inertia; all else is `stepper.Stepper`.
+whether there is inertia; all else is `implicit.ImplicitStepper`.
 """
 
 from typing import Any
@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 
+from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 
 
-class Midpoint(Stepper):
+class Midpoint(ImplicitStepper):
     """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
 
     Conserves momenta; energy is not conserved (eqs. 47-52).
@@ -30,7 +30,7 @@ class Midpoint(Stepper):
         return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
 
-class EnergyMomentum(Stepper):
+class EnergyMomentum(ImplicitStepper):
     """Energy-momentum scheme: conserving stress and discrete gradient.
 
     Conserves linear and angular momentum and, with elastic impact, the
@@ -45,7 +45,7 @@ class EnergyMomentum(Stepper):
         return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
 
 
-class QuasiStatic(Stepper):
+class QuasiStatic(ImplicitStepper):
     """Equilibrium at the end of each step; time only counts the load.
 
     Contact is closed, g = 0 (there is no impact, so the kind of impact of

@@ -16,7 +16,8 @@ import numpy as np
 from dolfinx_nts.contact import ContactWork
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.newton import ConvergenceError
-from dolfinx_nts.stepper import Stepper, StepReport
+from dolfinx_nts.report import StepReport
+from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.timing import Timings
 from dolfinx_nts.xdmf import FieldFile
 

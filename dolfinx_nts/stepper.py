@@ -1,85 +1,33 @@
-r"""Stepper: owns the accepted state and advances it.
+"""Stepper: owns the accepted state and advances it.
 
-The unknown of a step is u_{n+1}; the velocity follows from it,
-:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum
-of a step, divided by its length, is
-
-.. math:: M \frac{2}{\Delta t} \left( \frac{u_{n+1} - u_n}{\Delta t} - v_n
-   \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
-
-The schemes differ in the stress of f_int and in the kernel of the contact
-force F, in nothing else.
+How a step is solved is up to `implicit.ImplicitStepper` and
+`explicit.ExplicitStepper`.
 """
 
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
-
-from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from tqdm import tqdm
 
-from dolfinx_nts import newton
-from dolfinx_nts.assembly import JIT_OPTIONS, Bulk, contact_residual
-from dolfinx_nts.bodies import Body, VolumeRatio, bulk_form, check_bodies
-from dolfinx_nts.contact import ContactPair, ContactWork
-from dolfinx_nts.contact_rows import ContactState
-from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.linear import LinearSolver
-from dolfinx_nts.loads import Load
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.loads import Load, Supports
+from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.report import StepReport
 from dolfinx_nts.timing import Timings
 
-__all__ = ["StepReport", "Stepper"]
+__all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """What happened in an accepted step.
-
-    The works are energy given to the bodies; with that of the bulk,
-    `Diagnostics.bulk_defect`, they add up to the change of kinetic and
-    strain energy.
-
-    Attributes:
-        step: Number of the step, from 1.
-        t: Time at its end [s].
-        dt: Its length [s].
-        newton_iterations: Linear systems solved, all attempts.
-        active_set_changes: Pairs that changed during the iteration.
-        residual_norms: Norms before each linear solve, and the last [N].
-        num_active: Active pairs on all ranks.
-        contact_work: Work of contact, by cause.
-        load_work: Work of the loads [J].
-        support_work: Work of the reactions at moving supports [J].
-        damping_work: Work of damping, never positive [J].
-        solver_work: Work of the residual that Newton left [J].
-    """
-
-    step: int
-    t: float
-    dt: float
-    newton_iterations: int
-    active_set_changes: int
-    residual_norms: tuple[float, ...]
-    num_active: int
-    contact_work: ContactWork
-    load_work: float
-    support_work: float
-    damping_work: float
-    solver_work: float
 
 
 class Stepper(ABC):
@@ -91,15 +39,8 @@ class Stepper(ABC):
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs of these bodies.
         dt: Length of a step [s].
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
         loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
-        petsc_options: Options of the linear solver: ``ksp_...`` for the
-            Krylov method, such as ``pc_type`` for the preconditioner of
-            the bulk. Tolerances are set by Newton's method.
+        update: Called before each step with the time at its end [s].
 
     Attributes:
         bodies: The bodies.
@@ -111,31 +52,24 @@ class Stepper(ABC):
         timings: Wall time by phase.
         u: Displacement at t.
         v: Velocity at t.
-
-    Raises:
-        TypeError: An argument has the wrong type.
-        ValueError: Bodies overlap or do not fill the mesh; something
-            belongs to another space; ``dt`` is not positive; conditions
-            conflict.
+        u_n: Displacement at the start of the last step.
+        inertia_defect: Kinetic energy gained in the last step less the
+            work of all forces in it [J].
     """
 
-    _contact: ClassVar[str]  # contact kernel
-    _inertia: ClassVar[bool] = True  # whether rates matter
-    _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
     _load_point: ClassVar[float] = 0.5  # where in a step the loads are taken
+    _supports: Supports
 
     def __init__(
         self,
         bodies: Sequence[Body],
-        pairs: Sequence[ContactPair] = (),
+        pairs: Sequence[ContactPair],
         *,
         dt: float,
-        bcs: Sequence[fem.DirichletBC] = (),
-        loads: Sequence[Load] = (),
-        update: Callable[[float], None] | None = None,
-        petsc_options: Mapping[str, Any] | None = None,
+        loads: Sequence[Load],
+        update: Callable[[float], None] | None,
     ) -> None:
-        """Compile the forms; the bodies are at rest and undeformed."""
+        """Check the arguments; the bodies are at rest and undeformed."""
         V = check_bodies(bodies)
         for pair in pairs:
             if not isinstance(pair, ContactPair):
@@ -149,6 +83,7 @@ class Stepper(ABC):
                 raise ValueError("expected bodies and loads in one function space, given two")
         self.bodies, self.pairs, self.loads = tuple(bodies), tuple(pairs), tuple(loads)
         self.t, self.step = 0.0, 0
+        self.inertia_defect = 0.0
         self.timings = Timings()
         self._update = update
         self._dt = fem.Constant(V.mesh, 0.0)
@@ -157,66 +92,22 @@ class Stepper(ABC):
         self.u.name, self.v.name = "displacement", "velocity"
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
-        self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
-        self._solver = LinearSolver(self._bulk, petsc_options)
-        self._free: Floats | None = None
-        if bcs:
-            self._free = np.ones((self._num_owned, 3))
-            self._free.ravel()[self._bulk.fixed] = 0
-        self._dissipation = self._dissipation_form()
         self._volume_ratio = VolumeRatio(self.u)
-        self._internal_force = 0.0
-        eta = ufl.TestFunction(V)
-        momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
-        self._momentum_form = fem.form(momentum, jit_options=JIT_OPTIONS)
-        self._mean_velocity: Floats = self.v.x.array.copy()
 
     @abstractmethod
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """First Piola-Kirchhoff stress of a step from F_n to F, UFL (3, 3)."""
 
-    def _residual(self) -> ufl.Form:
-        u, u_n, v, dt = self.u, self.u_n, self.v, self._dt
-        eta = ufl.TestFunction(u.function_space)
-        F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
+    @abstractmethod
+    def nodal_momentum(self) -> Floats:
+        """Momentum of the owned nodes at t, shape ``(n, 3)`` [kg m/s].
 
-        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
-            P = self.first_piola(material, parameters, F_n, F)
-            work = ufl.inner(P, ufl.grad(eta))
-            if self._inertia:
-                momentum_rate = rho * 2 / dt * ((u - u_n) / dt - v)
-                work += ufl.inner(momentum_rate, eta)
-                work += self._damping(material, parameters, rho, eta)
-            return work
+        Collective.
+        """
 
-        return bulk_form(self.bodies, integrand)
-
-    def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
-        """Virtual work of damping per reference volume, >= 0 for u - u_n."""
-        u, u_n, dt = self.u, self.u_n, self._dt
-        mesh, work = u.function_space.mesh, 0
-        if material.mass_damping > 0:
-            alpha = fem.Constant(mesh, material.mass_damping)
-            work += alpha * rho / dt * ufl.inner(u - u_n, eta)
-        if material.stiffness_damping > 0:
-            beta = fem.Constant(mesh, material.stiffness_damping)
-            F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
-            strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
-            P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
-            work += beta / dt * ufl.inner(P, ufl.grad(eta))
-        return work
-
-    def _dissipation_form(self) -> fem.Form | None:
-        """Energy that damping takes in a step; None without damping."""
-        damped = [body for body in self.bodies if body.material.is_damped]
-        if not (damped and self._inertia):
-            return None
-        form = bulk_form(damped, partial(self._damping, eta=self.u - self.u_n))
-        return fem.form(form, jit_options=JIT_OPTIONS)
-
-    def _load_forms(self) -> list[ufl.Form]:
-        """Virtual work of each load in a step."""
-        return [load.form(self.u_n, self.u) for load in self.loads]
+    @abstractmethod
+    def _step(self) -> StepReport:
+        """Solve a step from u_n, v to u, v and set the pairs' history."""
 
     @property
     def dt(self) -> float:
@@ -269,7 +160,11 @@ class Stepper(ABC):
         if values.shape not in ((3,), X.shape):
             raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
         function.x.array.reshape(-1, 3)[body.nodes] = values.T
-        self._mean_velocity = self.v.x.array.copy()
+        self._state_was_set()
+
+    @abstractmethod
+    def _state_was_set(self) -> None:
+        """Called after the displacement or the velocity has been set."""
 
     def advance(self) -> StepReport:
         """Advance by one step of length ``dt``.
@@ -288,92 +183,15 @@ class Stepper(ABC):
         if self.step == 0:
             for pair in self.pairs:
                 pair.check_start(self.x)
-        dt, x_n = self.dt, self.x
         if self._update is not None:
-            self._update(self.t + dt)
+            self._update(self.t + self.dt)
         for load in self.loads:
-            load.update(self.t + self._load_point * dt)
-        self._bulk.supports.check()
-        u, u_n = self.u.x.array, self.u_n.x.array
-        u_n[:] = u
-        starts = {
-            name: self._bulk.supports.applied(start) for name, start in self._starts().items()
-        }
-        x_trial = self._X + starts[self._trial].reshape(-1, 3)
-        stiffness = self._bulk.nodal_stiffness()
-        momentum = self._momentum()
-        # What the residual is compared with: forces that can be at work.
-        force_scale = self._internal_force + 1e-3 * self._norm(momentum) / dt
-        if self.loads:
-            force_scale += self._norm(self._bulk.load())
-
-        attempts: list[newton.NewtonReport] = []
-        for start in starts.values():
-            u[:] = start
-            with self.timings.phase("contact"):
-                steps = [
-                    ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
-                    for pair in self.pairs
-                ]
-            solution = newton.solve(
-                self._bulk,
-                self._solver,
-                steps,
-                self._X[: self._num_owned],
-                force_scale=force_scale,
-                timings=self.timings,
-            )
-            attempts.append(solution.report)
-            if solution.report.converged:
-                inverted = self._volume_ratio.inverted()
-                if not inverted:
-                    break
-                attempts[-1] = replace(solution.report, reason=inverted)
-        else:
-            u[:] = u_n
-            reasons = "; ".join(
-                f"from the {start} state: {attempt}"
-                for start, attempt in zip(starts, attempts, strict=True)
-            )
-            raise newton.ConvergenceError(
-                f"step {self.step + 1} from t = {self.t:g} to {self.t + dt:g} failed {reasons}; "
-                "the state is that of the last accepted step: a smaller dt may help",
-                attempts,
-            )
-
-        comm = self.u.function_space.mesh.comm
-        n = 3 * self._num_owned
-        work = ContactWork()
-        for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
-            history = step.accepted(state)
-            work = work + step.work(state, history)
-            pair.history = history
-        du = (u - u_n)[:n]
-        support_work = self._support_work(steps, solution.states, du)
-        lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
-        works = np.array([self._bulk.load() @ du if self.loads else 0.0, -lost, solution.R @ du])
-        load_work, damping_work, solver_work = (float(value) for value in comm.allreduce(works))
-        self._mean_velocity = (u - u_n) / dt
-        self._update_velocity()
-        rate = (self._momentum() - momentum) / dt if self._inertia else 0.0
-        self._internal_force = self._norm(solution.R_bulk - rate)
-        self.t += dt
-        self.step += 1
-        report = StepReport(
-            step=self.step,
-            t=self.t,
-            dt=dt,
-            newton_iterations=sum(attempt.iterations for attempt in attempts),
-            active_set_changes=solution.report.active_set_changes,
-            residual_norms=solution.report.residual_norms,
-            num_active=solution.report.num_active,
-            contact_work=work,
-            load_work=load_work,
-            support_work=support_work,
-            damping_work=damping_work,
-            solver_work=solver_work,
-        )
-        if comm.rank == 0:
+            load.update(self.t + self._load_point * self.dt)
+        self._supports.check()
+        self.u_n.x.array[:] = self.u.x.array
+        report = self._step()
+        self.t, self.step = report.t, report.step
+        if self.u.function_space.mesh.comm.rank == 0:
             _logger.info(
                 "step %d, t = %g: %d iterations, %d active",
                 report.step,
@@ -382,46 +200,6 @@ class Stepper(ABC):
                 report.num_active,
             )
         return report
-
-    def _norm(self, values: Floats) -> float:
-        """Euclidean norm of values on the owned dofs. Collective."""
-        return float(np.sqrt(self.u.function_space.mesh.comm.allreduce(values @ values)))
-
-    def _momentum(self) -> Floats:
-        """Momentum of the owned nodes, shape ``(3 n,)`` [kg m/s]."""
-        vector = fem.assemble_vector(self._momentum_form)
-        vector.scatter_reverse(la.InsertMode.add)
-        momentum: Floats = vector.array[: 3 * self._num_owned]
-        return momentum
-
-    def _starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn."""
-        # Contact makes velocities alternate from step to step; their mean
-        # over the last step is free of that, and where it fails (the first
-        # contact of a fast body) the others may not.
-        u_n = self.u_n.x.array
-        return {
-            "coasting": u_n + self.dt * self._mean_velocity,
-            "ballistic": u_n + self.dt * self.v.x.array,
-            "last": u_n,
-        }
-
-    def _update_velocity(self) -> None:
-        """Velocity at the end of the step just solved."""
-        v = self.v.x.array
-        v[:] = 2 * self._mean_velocity - v
-
-    def _support_work(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactState], du: Floats
-    ) -> float:
-        """Work of the reactions in a step with increment du [J]. Collective."""
-        comm, fixed = self.u.function_space.mesh.comm, self._bulk.fixed
-        if not comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
-            return 0.0
-        # States keep the forces on given displacements apart.
-        everywhere = [replace(state, residual=state.force) for state in states]
-        reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
-        return float(comm.allreduce(reaction[fixed] @ du[fixed]))
 
     def run(self, until: float) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.
