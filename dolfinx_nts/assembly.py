@@ -25,25 +25,12 @@ from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Supports
 
-__all__ = ["JIT_OPTIONS", "Bulk", "SaddleSystem", "contact_residual"]
+__all__ = ["Bulk", "SaddleSystem", "contact_residual"]
 
 Floats = npt.NDArray[np.float64]
-
-# As fast as -ffast-math but for the assumption that there are no NaNs.
-JIT_OPTIONS = {
-    "cffi_extra_compile_args": [
-        "-O3",
-        "-march=native",
-        "-ffp-contract=fast",
-        "-fno-math-errno",
-        "-fno-trapping-math",
-        "-fno-signed-zeros",
-        "-fassociative-math",
-    ]
-}
-
 
 # Compliance of a constraint, relative to that of the stiffest node.
 _DEPENDENT = 1e-10
@@ -239,7 +226,7 @@ class BlockRows:
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
     """Compile forms, leaving out those without integrals."""
     expanded = (expand_derivatives(form) for form in forms)
-    return [fem.form(form, jit_options=JIT_OPTIONS) for form in expanded if not form.empty()]
+    return [compile_form(form) for form in expanded if not form.empty()]
 
 
 def contact_residual(

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
@@ -143,8 +144,11 @@ class VolumeRatio:
         mesh = u.function_space.mesh
         cell = basix.CellType[mesh.topology.cell_name()]
         points, _ = basix.make_quadrature(cell, QUADRATURE_DEGREE)
+        ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
         self._u = u
-        self._expression = fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(u)), points)
+        self._expression = fem.Expression(ratio, points)
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
         num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
         self._cells = np.arange(num_cells, dtype=np.int32)
 
@@ -155,7 +159,7 @@ class VolumeRatio:
         """
         V = self._u.function_space
         mesh, worst, text = V.mesh, np.inf, ""
-        if len(self._cells):
+        if fem.assemble_scalar(self._inverted_volume) > 0:
             ratio = self._expression.eval(mesh, self._cells).min(axis=1)
             cell = int(np.argmin(ratio))
             worst = float(ratio[cell])

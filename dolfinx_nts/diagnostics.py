@@ -15,7 +15,6 @@ the residual left by Newton's method. `StepReport` has the last two.
 """
 
 from dataclasses import dataclass, fields
-from functools import partial
 from typing import Any
 
 from mpi4py import MPI
@@ -25,15 +24,13 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_nts.assembly import JIT_OPTIONS
 from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["Balance", "Diagnostics"]
 
 Floats = npt.NDArray[np.float64]
-
-_form = partial(fem.form, jit_options=JIT_OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ class Diagnostics:
             return change - ufl.inner(P, F - F_n)
 
         self._strain_energy, self._bulk_defect = (
-            _form(bulk_form(stepper.bodies, integrand))
+            compile_form(bulk_form(stepper.bodies, integrand))
             for integrand in (strain_energy, bulk_defect)
         )
         self._nodal_mass: dict[Body, Floats] = {}
@@ -229,7 +226,7 @@ class Diagnostics:
         if body not in self._nodal_mass:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            self._nodal_mass[body] = self._nodal(_form(form))[:, 0]
+            self._nodal_mass[body] = self._nodal(compile_form(form))[:, 0]
         mass = self._nodal_mass[body]
         sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
         mean: Floats = sums[:3] / sums[3]

@@ -24,11 +24,12 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts import newton
-from dolfinx_nts.assembly import JIT_OPTIONS, Bulk, contact_residual
+from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair, ContactWork
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
@@ -105,7 +106,11 @@ class ImplicitStepper(Stepper):
         self._internal_force = 0.0
         eta = ufl.TestFunction(self.u.function_space)
         momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
-        self._momentum_form = fem.form(momentum, jit_options=JIT_OPTIONS)
+        self._momentum_form = compile_form(momentum)
+        # Lumped mass, where only the size of a force counts.
+        self._mass: Floats = self._nodal_values(
+            compile_form(bulk_form(bodies, lambda m, parameters, rho: rho * sum(eta)))
+        )
         self._mean_velocity: Floats = self.v.x.array.copy()
 
     def nodal_momentum(self) -> Floats:
@@ -113,10 +118,14 @@ class ImplicitStepper(Stepper):
 
         That of the consistent mass. Collective.
         """
-        vector = fem.assemble_vector(self._momentum_form)
+        return self._nodal_values(self._momentum_form).reshape(-1, 3)
+
+    def _nodal_values(self, form: fem.Form) -> Floats:
+        """Linear form on the owned dofs. Collective."""
+        vector = fem.assemble_vector(form)
         vector.scatter_reverse(la.InsertMode.add)
-        momentum: Floats = vector.array[: 3 * self._num_owned].reshape(-1, 3)
-        return momentum
+        values: Floats = vector.array[: 3 * self._num_owned]
+        return values
 
     def _residual(self) -> ufl.Form:
         u, u_n, v, dt = self.u, self.u_n, self.v, self._dt
@@ -155,7 +164,7 @@ class ImplicitStepper(Stepper):
         if not (damped and self._inertia):
             return None
         form = bulk_form(damped, partial(self._damping, eta=self.u - self.u_n))
-        return fem.form(form, jit_options=JIT_OPTIONS)
+        return compile_form(form)
 
     def _load_forms(self) -> list[ufl.Form]:
         """Virtual work of each load in a step."""
@@ -168,9 +177,9 @@ class ImplicitStepper(Stepper):
         starts = {name: self._supports.applied(start) for name, start in self._starts().items()}
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
         stiffness = self._bulk.nodal_stiffness()
-        momentum = self.nodal_momentum().ravel()
+        v_n = self.v.x.array[: 3 * self._num_owned].copy()
         # What the residual is compared with: forces that can be at work.
-        force_scale = self._internal_force + 1e-3 * self._norm(momentum) / dt
+        force_scale = self._internal_force + 1e-3 * self._norm(self._mass * v_n) / dt
         if self.loads:
             force_scale += self._norm(self._bulk.load())
 
@@ -222,8 +231,8 @@ class ImplicitStepper(Stepper):
         load_work, damping_work, solver_work = (float(value) for value in comm.allreduce(works))
         self._mean_velocity = (u - u_n) / dt
         self._update_velocity()
-        rate = (self.nodal_momentum().ravel() - momentum) / dt if self._inertia else 0.0
-        self._internal_force = self._norm(solution.R_bulk - rate)
+        inertia = self._mass * (self.v.x.array[:n] - v_n) / dt
+        self._internal_force = self._norm(solution.R_bulk - inertia)
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
