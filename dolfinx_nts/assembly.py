@@ -156,6 +156,24 @@ class Bulk:
         self.num_tangents += 1
         return self._matrix
 
+    def rigid_modes(self) -> Any:
+        """Rigid motions of the present positions, a PETSc null space. Collective."""
+        V = self.u.function_space
+        n = self.num_owned // 3
+        x = V.tabulate_dof_coordinates()[:n] + self.u.x.array[: 3 * n].reshape(n, 3)
+        modes = np.concatenate(
+            [np.repeat(np.eye(3)[:, None], n, axis=1), np.cross(np.eye(3)[:, None], x)]
+        )
+        vectors: list[Any] = []
+        for mode in modes:
+            vector = self._matrix.createVecRight()
+            vector.array[:] = mode.ravel()
+            for other in vectors:
+                vector.axpy(-vector.dot(other), other)
+            vector.normalize()
+            vectors.append(vector)
+        return PETSc.NullSpace().create(vectors=vectors, comm=self.comm)
+
     @property
     def rows(self) -> "BlockRows":
         """Owned rows of the last tangent."""
@@ -180,6 +198,7 @@ class BlockRows:
 
     Attributes:
         matrix: The matrix.
+        index_map: Of the rows.
         start: Where each row begins, and the end, shape ``(n + 1,)``.
         column: Local column of each block, shape ``(b,)``.
         value: Blocks by rows, shape ``(9 b,)``.
@@ -188,7 +207,8 @@ class BlockRows:
     def __init__(self, matrix: la.MatrixCSR) -> None:
         """Take views on the owned rows."""
         self.matrix = matrix
-        n = matrix.index_map(0).size_local
+        self.index_map = matrix.index_map(0)
+        n = self.index_map.size_local
         self.start: npt.NDArray[np.int64] = matrix.indptr[: n + 1]
         self.column: npt.NDArray[np.int32] = matrix.indices[: self.start[n]]
         self.value: Floats = matrix.data[: 9 * self.start[n]]
@@ -196,7 +216,6 @@ class BlockRows:
         self._global = columns.local_to_global(self.column).astype(PETSc.IntType)
         row = np.repeat(np.arange(n), np.diff(self.start))
         self._diagonal = np.flatnonzero(row == self.column)
-        self._ghosted = la.vector(columns, 3)
 
     def diagonal(self) -> Floats:
         """Entries on the diagonal, shape ``(n, 3)``. Local."""
@@ -208,19 +227,32 @@ class BlockRows:
         matrix.setValuesBlockedCSR(start, self._global, self.value)
         matrix.assemble()
 
-    def with_ghosts(self, x: Floats) -> Floats:
-        """Values at all columns from those of the owned nodes. Collective.
+    def gather(
+        self, nodes: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
+        """Rows of any nodes. Collective.
 
         Args:
-            x: Shape ``(n, 3)``.
+            nodes: Global numbers, sorted, shape ``(m,)``.
+            ends: First number after those of each rank, shape ``(ranks,)``.
 
         Returns:
-            Shape ``(columns, 3)``, valid until the next call.
+            Where each row begins and the end, shape ``(m + 1,)``; global
+            columns, shape ``(b,)``; blocks, shape ``(9 b,)``.
         """
-        values: Floats = self._ghosted.array
-        values[: x.size] = x.ravel()
-        self._ghosted.scatter_forward()
-        return values.reshape(-1, 3)
+        comm = self.index_map.comm
+        asked = comm.alltoall(np.split(nodes, np.searchsorted(nodes, ends[:-1])))
+        answers = []
+        for wanted in asked:
+            row = wanted - self.index_map.local_range[0]
+            length = self.start[row + 1] - self.start[row]
+            begin = np.cumsum(length) - length
+            blocks = np.arange(length.sum()) + np.repeat(self.start[row] - begin, length)
+            answers.append((length, self._global[blocks], self.value.reshape(-1, 9)[blocks]))
+        parts = comm.alltoall(answers)
+        length, column, value = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        start = np.concatenate([[0], np.cumsum(length)])
+        return start, column.astype(np.int64), value.ravel()
 
 
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:

@@ -14,6 +14,7 @@ the balance of normal forces at the nodes.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
-__all__ = ["Elimination", "coupled"]
+__all__ = ["ActivePairs", "Elimination", "coupled"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -34,20 +35,38 @@ Ints = npt.NDArray[np.int32]
 _NONE = np.empty(0)
 
 
-class _Block:
-    """Active pairs of one contact pair."""
+@dataclass(frozen=True)
+class ActivePairs:
+    """Active pairs of one contact pair, see `ContactState`.
 
-    def __init__(self, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> None:
-        active = state.active
-        self.here = here
-        self.dofs: Ints = state.dofs[active]
-        self.rank: Ints = state.rank[active]
-        self.normal: Floats = state.normal[active]
-        self.gradients: Floats = state.gradients[active]
-        self.columns: Floats = state.columns[active]
-        self.tangent: Floats = state.tangent[active]
-        self.excess: Floats = state.excess[active]
-        self.node: Ints = self.dofs[self.rank > 0, 0]
+    Attributes:
+        here: Neighbourhood that carries their values between ranks.
+        dofs: Nodes in its index map, shape ``(m, 1+k)``.
+        rank: Number of constraints, shape ``(m,)``.
+        normal: Unit normal at the node, shape ``(m, 3)``.
+        gradients: Of the constraints, shape ``(m, 3, d)``.
+        columns: Force per multiplier, shape ``(m, 3, d)``.
+        tangent: Contact tangent, shape ``(m, d, d)``.
+    """
+
+    here: Neighbourhood | ObstacleNeighbourhood
+    dofs: npt.NDArray[Any]
+    rank: Ints
+    normal: Floats
+    gradients: Floats
+    columns: Floats
+    tangent: Floats
+
+    @classmethod
+    def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
+        """The active ones of a state."""
+        names = ("dofs", "rank", "normal", "gradients", "columns", "tangent")
+        return cls(here, *(getattr(state, name)[state.active] for name in names))
+
+    def global_dofs(self) -> npt.NDArray[np.int64]:
+        """Global numbers of the nodes, shape ``(m, 1+k)``."""
+        nodes = self.here.index_map.local_to_global(self.dofs.ravel())
+        return np.asarray(nodes).reshape(self.dofs.shape)
 
 
 class Elimination:
@@ -59,84 +78,63 @@ class Elimination:
     Args:
         steps: Contact attempts.
         states: Their pairs; no active node is a vertex of another.
+
+    Attributes:
+        pairs: Active pairs, one item for each contact pair that has any.
     """
 
     def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactState]) -> None:
         """Compress the arrays to the active pairs."""
-        blocks = [
-            _Block(step.neighbourhood, state) for step, state in zip(steps, states, strict=True)
-        ]
         # An exchange is collective: leave out what is empty on all ranks.
-        self._blocks = [b for b, step in zip(blocks, steps, strict=True) if step.num_active]
+        active = [
+            (step.neighbourhood, state)
+            for step, state in zip(steps, states, strict=True)
+            if step.num_active
+        ]
+        self.pairs = [ActivePairs.of(here, state) for here, state in active]
+        self._excess = [state.excess[state.active] for _, state in active]
+        self._node = [p.dofs[p.rank > 0, 0] for p in self.pairs]
 
     @property
     def empty(self) -> bool:
         """Whether no pair is active on any rank."""
-        return not self._blocks
+        return not self.pairs
 
     @property
     def pairing(self) -> bytes:
         """Tells the same nodes and constraints from others. Local."""
-        return b"".join(part.tobytes() for b in self._blocks for part in (b.dofs, b.rank))
+        parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
+        return b"".join(part.tobytes() for part in parts)
 
     def particular(self, n: int) -> Floats:
         """Nodal vector x_p with G^T x_p = -(g - g_ref)."""
         x = np.zeros((n, 3))
-        for b in self._blocks:
-            local = np.zeros((b.here.num_local, 3))
-            _kernels.constrain(b.dofs, b.rank, b.normal, b.gradients, -b.excess, local)
-            x[b.node] = local[b.node]
+        for p, excess, node in zip(self.pairs, self._excess, self._node, strict=True):
+            local = np.zeros((p.here.num_local, 3))
+            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, -excess, local)
+            x[node] = local[node]
         return x
 
     def constrain(self, x: Floats) -> list[Floats]:
-        """Replace x by Z x; returns Z x with ghosts for each block."""
-        parts = []
-        for b in self._blocks:
-            part = b.here.with_ghosts(x)
-            _kernels.constrain(b.dofs, b.rank, b.normal, b.gradients, _NONE, part)
-            parts.append(part)
-        for b, part in zip(self._blocks, parts, strict=True):
-            x[b.node] = part[b.node]
+        """Replace x by Z x; returns Z x with ghosts for each of `pairs`."""
+        parts = self.with_ghosts(x)
+        for p, part in zip(self.pairs, parts, strict=True):
+            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, _NONE, part)
+        for part, node in zip(parts, self._node, strict=True):
+            x[node] = part[node]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x given as by `constrain`."""
-        for b, x in zip(self._blocks, parts, strict=True):
-            local = b.here.with_room(y)
-            _kernels.act(b.dofs, b.rank, b.normal, b.columns, b.tangent, x, local)
-            y = b.here.to_owners(local)
+        for p, x in zip(self.pairs, parts, strict=True):
+            local = p.here.with_room(y)
+            _kernels.act(p.dofs, p.rank, p.normal, p.columns, p.tangent, x, local)
+            y = p.here.to_owners(local)
         return y
 
     def with_ghosts(self, x: Floats) -> list[Floats]:
-        """Values with ghosts for each block."""
-        return [b.here.with_ghosts(x) for b in self._blocks]
-
-    def fill(self, patch: _kernels.Patch) -> Flags:
-        """Add the pairs whose nodes this rank owns to a patch.
-
-        Args:
-            patch: Preconditioner of the nodes around the contacts.
-
-        Returns:
-            Owned nodes in pairs with nodes of other ranks, shape ``(n,)``.
-        """
-        foreign: Any = False
-        for b in self._blocks:
-            num_owned = b.here.index_map.size_local
-            own = np.all(b.dofs < num_owned, axis=1)
-            marks: Floats = np.zeros((b.here.num_local, 3))
-            marks[b.dofs[~own].ravel(), 0] = 1
-            foreign = foreign | (b.here.to_owners(marks)[:num_owned, 0] > 0)
-            patch.add(
-                b.dofs[own],
-                b.rank[own],
-                b.normal[own],
-                b.gradients[own],
-                b.columns[own],
-                b.tangent[own],
-            )
-        flags: Flags = foreign
-        return flags
+        """Values with ghosts for each of `pairs`."""
+        return [p.here.with_ghosts(x) for p in self.pairs]
 
 
 def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:

@@ -11,17 +11,16 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.assembly import Bulk, SaddleSystem
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
+from dolfinx_nts.patch import Patch
 
 __all__ = ["LinearSolver"]
 
@@ -37,6 +36,20 @@ _REBUILD_COST = 15.0
 _SLOW = 15.0
 # Unknowns up to which the stronger one is a complete factorisation.
 _DIRECT_UP_TO = 50_000
+# On several ranks the order of the unknowns decides: reverse Cuthill-McKee, the
+# order of DOLFINx on one rank, needs 7 iterations for 8 decades, without it 12.
+_ON_RANKS = {
+    "pc_asm_overlap": 1,
+    "sub_pc_type": "ilu",
+    "sub_pc_factor_mat_ordering_type": "rcm",
+}
+# One sweep with incomplete factors smooths best (elasticity of stiff bodies).
+_MULTIGRID = {
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_ksp_max_it": 1,
+    "mg_levels_pc_type": "asm",
+    "mg_levels_sub_pc_type": "ilu",
+}
 # Iterations per decade of fresh factors are taken over this many decades,
 # about those of a step.
 _DECADES = 12.0
@@ -75,11 +88,9 @@ class _Preconditioner:
         self._pc.setOptionsPrefix(prefix)
         self._matrix: Any = None
         self._scalar: Any = None
-        self._patch: Any = None
-        self._use_patch = False
-        self._patch_build, self._pairing = 0, b""
+        self._patch: Patch | None = None
         self.is_strong = False
-        self.num_builds = self.num_patches = 0
+        self.num_builds = 0
 
     def build(self) -> None:
         """Assemble the bulk tangent at u and factorise it. Collective."""
@@ -88,12 +99,15 @@ class _Preconditioner:
                 self._pc.setType("ilu")
             else:
                 self._pc.setType("asm")
-                self._pc.setASMOverlap(1)
+                self._set(_ON_RANKS)
             self._pc.setFromOptions()
         self._matrix = self._operator.bulk.tangent()
-        if self.is_strong and self._pc.getType() == "lu":
-            # MUMPS wants scalar entries.
+        if self.is_strong and self._pc.getType() in ("lu", "gamg"):
+            # They want scalar entries.
             self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
+            if self._pc.getType() == "gamg":
+                self._scalar.setBlockSize(3)
+                self._scalar.setNearNullSpace(self._operator.bulk.rigid_modes())
             self._pc.setOperators(self._scalar)
         else:
             self._pc.setOperators(self._matrix)
@@ -108,34 +122,31 @@ class _Preconditioner:
             self._pc.setFactorSolverType("mumps")
         else:
             self._pc.setType("gamg")
+            self._set(_MULTIGRID)
         self._pc.setFromOptions()
 
+    def _set(self, defaults: Mapping[str, Any]) -> None:
+        """Set options that the user has not set."""
+        options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
+        for key, value in defaults.items():
+            if not options.hasName(prefix + key):
+                options[prefix + key] = value
+
     def prepare(self) -> None:
-        """Factorise the patch, unless pairs and factors are the last. Collective."""
-        bulk, elimination = self._operator.bulk, self._operator.elimination
+        """Bring the patch up to the present pairs and factors. Collective."""
         if self._patch is None:
-            rows = bulk.rows
-            self._patch = _kernels.Patch(rows.start, rows.column, rows.value)
-        is_new = self.num_builds != self._patch_build or elimination.pairing != self._pairing
-        if not bulk.comm.allreduce(is_new, op=MPI.LOR):
-            return
-        self._patch_build, self._pairing = self.num_builds, elimination.pairing
-        self._patch.reset()
-        foreign = elimination.fill(self._patch)
-        self._use_patch = self._patch.build(foreign.view(np.uint8))
-        self.num_patches += 1
+            self._patch = Patch(self._operator.bulk.rows)
+        self._patch.update(self._operator.elimination, self.num_builds)
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
         elimination = self._operator.elimination
         if elimination.empty:
             return
+        assert self._patch is not None
         x = z.array.reshape(-1, 3)
         elimination.constrain(x)
-        ghosted = self._operator.bulk.rows.with_ghosts(x)
-        if self._use_patch:
-            self._patch.correct(r.array_r.reshape(-1, 3), ghosted)
-            x[:] = ghosted[: len(x)]
+        self._patch.correct(r.array_r.reshape(-1, 3), x)
 
 
 class _Age:

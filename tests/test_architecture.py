@@ -20,6 +20,7 @@ LAYERS = [
     {"contact_step", "report"},
     {"stepper"},
     {"elimination", "assembly"},
+    {"patch"},
     {"linear"},
     {"newton"},
     {"implicit"},

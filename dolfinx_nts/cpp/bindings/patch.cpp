@@ -1,6 +1,8 @@
 #include "nts/patch.h"
 #include "array.h"
 
+#include <optional>
+
 namespace nts::bindings
 {
 namespace
@@ -29,14 +31,8 @@ public:
       _num_columns
           = std::max(_num_columns, static_cast<std::size_t>(column) + 1);
     }
-    reset();
-  }
-
-  void reset()
-  {
-    _patch.reset({.start = view(_start),
-                  .column = view(_column),
-                  .value = view(_value)});
+    _patch.emplace(BlockMatrix{
+        .start = view(_start), .column = view(_column), .value = view(_value)});
   }
 
   void add(const In<std::int32_t>& dofs, const In<std::int32_t>& rank,
@@ -56,20 +52,16 @@ public:
     dispatch_pairs(dofs.shape(1) - 1,
                    [&]<class S>()
                    {
-                     _patch.add<S>({.dofs = view(dofs),
-                                    .rank = view(rank),
-                                    .normal = view(normal),
-                                    .gradients = view(gradients),
-                                    .columns = view(columns),
-                                    .tangent = view(tangent)});
+                     _patch->add<S>({.dofs = view(dofs),
+                                     .rank = view(rank),
+                                     .normal = view(normal),
+                                     .gradients = view(gradients),
+                                     .columns = view(columns),
+                                     .tangent = view(tangent)});
                    });
   }
 
-  bool build(const In<std::uint8_t>& foreign)
-  {
-    check("foreign", foreign, {num_rows()});
-    return _patch.build(view(foreign));
-  }
+  bool build() { return _patch->build(); }
 
   void correct(const Doubles& r, Out<double> z)
   {
@@ -77,10 +69,10 @@ public:
     check("z", z, {any, 3});
     if (z.shape(0) < _num_columns)
       throw nb::value_error("z: expected a row for each column of the matrix");
-    _patch.correct(view(r), view(z));
+    _patch->correct(view(r), view(z));
   }
 
-  std::size_t size() const { return _patch.size(); }
+  std::size_t size() const { return _patch->size(); }
 
 private:
   std::size_t num_rows() const { return _start.size() - 1; }
@@ -89,7 +81,7 @@ private:
   In<std::int32_t> _column;
   Doubles _value;
   std::size_t _num_columns = 0;
-  Patch _patch;
+  std::optional<Patch> _patch;
 };
 } // namespace
 
@@ -102,14 +94,12 @@ void patch(nb::module_& m)
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
-      .def("reset", &KeptPatch::reset, "Forget the pairs")
       .def("add", &KeptPatch::add, nb::arg("dofs"), nb::arg("rank"),
            nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
            nb::arg("tangent"),
            "Active pairs: (m, 1+k), (m,) of 0, 1, 3, (m, 3), (m, 3, 3(1+k)), "
            "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k))")
-      .def("build", &KeptPatch::build, nb::arg("foreign"),
-           "Factorise, without the rows marked in (n,); false if singular")
+      .def("build", &KeptPatch::build, "Factorise; false if singular")
       .def("correct", &KeptPatch::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
            "Add to z what the patch solves for: (n, 3), (columns, 3)")

@@ -83,14 +83,6 @@ private:
 class IncompleteFactors
 {
 public:
-  /// @brief Forget the matrix.
-  void clear()
-  {
-    _start = {0};
-    _column.clear();
-    _value.clear();
-  }
-
   /// @brief Add the next row, which must have a block on the diagonal.
   void add(const BlockRow& row)
   {
@@ -167,26 +159,22 @@ private:
       x[3 * i + c] -= sum[c];
   }
 
-  std::vector<std::size_t> _start, _diagonal;
+  std::vector<std::size_t> _start = {0}, _diagonal;
   std::vector<std::int32_t> _column;
   std::vector<Block> _value; // those on the diagonal inverted
 };
 
-/// @brief See the head of this file; nodes are those that this rank owns.
+/// @brief See the head of this file.
 class Patch
 {
 public:
-  /// @brief Begin anew.
-  /// @param[in] K Bulk tangent, one row for each node.
-  void reset(const BlockMatrix& K)
+  /// @param[in] K Bulk tangent; columns beyond its rows are of nodes that
+  /// the patch does not change.
+  explicit Patch(const BlockMatrix& K) : _K(K), _number(K.start.size() - 1, -1)
   {
-    _K = K;
-    _number.assign(K.start.size() - 1, -1);
-    _pairs.clear();
-    _nodes.clear();
   }
 
-  /// @brief Add the active pairs of a contact pair, all nodes own.
+  /// @brief Add the active pairs of a contact pair, all nodes rows of K.
   template <class S>
   void add(const Elimination<S>& e)
   {
@@ -210,11 +198,10 @@ public:
   }
 
   /// @brief Choose the nodes and factorise.
-  /// @param[in] foreign Nodes in pairs that have nodes of other ranks, (n,).
   /// @return False if the factors do not exist.
-  bool build(std::span<const std::uint8_t> foreign)
+  bool build()
   {
-    number_nodes(foreign);
+    number_nodes();
     const std::size_t n = _nodes.size();
     // Pairs of each node, and its position in them.
     std::vector<std::vector<std::pair<const Pair*, std::size_t>>> pairs(n);
@@ -255,7 +242,6 @@ public:
     }
 
     // Z~^T times these.
-    _factors.clear();
     for (std::size_t p = 0; p < n; ++p)
     {
       row.clear();
@@ -374,15 +360,14 @@ private:
   }
 
   /// @brief Number the nodes of pairs and their neighbours in K.
-  void number_nodes(std::span<const std::uint8_t> foreign)
+  void number_nodes()
   {
     std::vector<std::int32_t> contacts;
     for (const Pair& pair : _pairs)
       contacts.insert(contacts.end(), pair.nodes.begin(), pair.nodes.end());
     for (const std::int32_t node : contacts)
       for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
-        if (const auto j = static_cast<std::size_t>(_K.column[e]);
-            j < _number.size() && !foreign[j])
+        if (static_cast<std::size_t>(_K.column[e]) < _number.size())
           _nodes.push_back(_K.column[e]);
     std::ranges::sort(_nodes);
     _nodes.erase(std::unique(_nodes.begin(), _nodes.end()), _nodes.end());

@@ -1,0 +1,169 @@
+"""Patch around the contacts: the part of the preconditioner that knows them.
+
+On one rank the patch reads the rows of the bulk tangent where they are. On
+several, each rank solves for the nodes that it owns with all pairs that these
+take part in, and with the rows of other ranks' nodes there and around.
+"""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import common, la
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.assembly import BlockRows
+from dolfinx_nts.elimination import ActivePairs, Elimination
+
+__all__ = ["Patch"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
+
+
+class Patch:
+    """Corrects a nodal vector around the contacts, see `cpp/nts/patch.h`.
+
+    Args:
+        rows: Bulk tangent of the owned nodes; its values may change.
+
+    Attributes:
+        num_builds: Factorisations so far.
+    """
+
+    def __init__(self, rows: BlockRows) -> None:
+        """Wait for pairs."""
+        self._rows = rows
+        self._comm: MPI.Comm = rows.index_map.comm
+        self._pairing = b""
+        self._version = -1
+        self._domain: _Whole | _Overlapping
+        self._exists = False
+        self.num_builds = 0
+
+    def update(self, elimination: Elimination, version: int) -> None:
+        """Factorise, unless pairs and matrix are those of the last time. Collective.
+
+        Args:
+            elimination: Active pairs.
+            version: Number of the matrix's values.
+        """
+        is_new = version != self._version or elimination.pairing != self._pairing
+        if not self._comm.allreduce(is_new, op=MPI.LOR):
+            return
+        self._version, self._pairing = version, elimination.pairing
+        pairs = elimination.pairs
+        if self._comm.size == 1:
+            self._domain = _Whole(self._rows, pairs)
+        else:
+            self._domain = _Overlapping(self._rows, pairs)
+        self._exists = self._domain.factors.build()
+        self.num_builds += 1
+
+    def correct(self, r: Floats, z: Floats) -> None:
+        """Add to z what the patch solves for. Collective.
+
+        Args:
+            r: Right-hand side at the owned nodes, shape ``(n, 3)``.
+            z: Values that satisfy the constraints, overwritten.
+        """
+        self._domain.correct(r, z, self._exists)
+
+
+class _Whole:
+    """The nodes of the only rank."""
+
+    def __init__(self, rows: BlockRows, pairs: list[ActivePairs]) -> None:
+        self.factors = _kernels.Patch(rows.start, rows.column, rows.value)
+        for p in pairs:
+            self.factors.add(p.dofs, p.rank, p.normal, p.gradients, p.columns, p.tangent)
+
+    def correct(self, r: Floats, z: Floats, exists: bool) -> None:
+        if exists:
+            self.factors.correct(r, z)
+
+
+class _Overlapping:
+    """Nodes around the pairs of the nodes that a rank owns. Collective."""
+
+    def __init__(self, rows: BlockRows, pairs: list[ActivePairs]) -> None:
+        space = rows.index_map
+        first, last = space.local_range
+        ends = np.array(space.comm.allgather(last))
+        everywhere = [_exchanged(p, ends) for p in pairs]
+        contacts = _unique([p.dofs for p in everywhere])
+        _, ring, _ = rows.gather(contacts, ends)
+        domain = _unique([contacts, ring])
+        start, column, value = rows.gather(domain, ends)
+        # The domain, then what its rows reach outside.
+        halo = np.setdiff1d(column, domain)
+        self._num_rows = len(domain)
+        place = _Places(domain, halo)
+        self.factors = _kernels.Patch(start, place(column), value)
+        for p in everywhere:
+            dofs = place(p.dofs.ravel()).reshape(p.dofs.shape)
+            self.factors.add(dofs, p.rank, p.normal, p.gradients, p.columns, p.tangent)
+
+        nodes = np.concatenate([domain, halo])
+        own = (nodes >= first) & (nodes < last)
+        ghosts = nodes[~own]
+        index_map = common.IndexMap(
+            space.comm,
+            space.size_local,
+            ghosts,
+            np.searchsorted(ends, ghosts, side="right").astype(np.int32),
+        )
+        self._vector = la.vector(index_map, 6)
+        self._position = nodes - first
+        self._position[~own] = space.size_local + np.arange(len(ghosts))
+        self._inner = np.flatnonzero(own[: self._num_rows])
+
+    def correct(self, r: Floats, z: Floats, exists: bool) -> None:
+        both: Floats = self._vector.array.reshape(-1, 6)
+        both[: len(r), :3], both[: len(r), 3:] = r, z
+        self._vector.scatter_forward()
+        if not exists:
+            return
+        here = both[self._position]
+        right = np.ascontiguousarray(here[: self._num_rows, :3])
+        values = np.ascontiguousarray(here[:, 3:])
+        self.factors.correct(right, values)
+        z[self._position[self._inner]] = values[self._inner]
+
+
+class _Places:
+    """Numbers of nodes of the domain and the halo."""
+
+    def __init__(self, domain: GlobalInts, halo: GlobalInts) -> None:
+        nodes = np.concatenate([domain, halo])
+        self._order = np.argsort(nodes)
+        self._sorted = nodes[self._order]
+
+    def __call__(self, nodes: GlobalInts) -> Ints:
+        place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
+        return place
+
+
+def _exchanged(pairs: ActivePairs, ends: GlobalInts) -> ActivePairs:
+    """Pairs that nodes of this rank take part in, with global nodes. Collective."""
+    comm = pairs.here.index_map.comm
+    nodes = pairs.global_dofs()
+    owner = np.searchsorted(ends, nodes, side="right")
+    given = (nodes, pairs.rank, pairs.normal, pairs.gradients, pairs.columns, pairs.tangent)
+    parts = comm.alltoall(
+        [
+            tuple(array[np.any(owner == rank, axis=1)] for array in given)
+            for rank in range(comm.size)
+        ]
+    )
+    arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+    return ActivePairs(pairs.here, *arrays)
+
+
+def _unique(arrays: list[Any]) -> GlobalInts:
+    nodes = [np.empty(0, dtype=np.int64), *(array.ravel() for array in arrays)]
+    unique: GlobalInts = np.unique(np.concatenate(nodes))
+    return unique
