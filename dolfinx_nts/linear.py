@@ -96,11 +96,9 @@ class _Preconditioner:
         """Assemble the bulk tangent at u and factorise it. Collective."""
         if self._matrix is None:
             if self._operator.bulk.comm.size == 1:
-                self._pc.setType("ilu")
+                self._use("ilu", {})
             else:
-                self._pc.setType("asm")
-                self._set(_ON_RANKS)
-            self._pc.setFromOptions()
+                self._use("asm", _ON_RANKS)
         self._matrix = self._operator.bulk.tangent()
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
@@ -118,19 +116,19 @@ class _Preconditioner:
         """Change to a complete factorisation or multigrid. Collective."""
         self.is_strong = True
         if self._matrix.getSize()[0] <= _DIRECT_UP_TO:
-            self._pc.setType("lu")
-            self._pc.setFactorSolverType("mumps")
+            self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
         else:
-            self._pc.setType("gamg")
-            self._set(_MULTIGRID)
-        self._pc.setFromOptions()
+            self._use("gamg", _MULTIGRID)
 
-    def _set(self, defaults: Mapping[str, Any]) -> None:
-        """Set options that the user has not set."""
+    def _use(self, kind: str, defaults: Mapping[str, Any]) -> None:
+        """Set type and options, but for what the user has set."""
         options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
-        for key, value in defaults.items():
-            if not options.hasName(prefix + key):
-                options[prefix + key] = value
+        self._pc.setType(kind)
+        if options.getString(f"{prefix}pc_type", kind) == kind:
+            for key, value in defaults.items():
+                if not options.hasName(prefix + key):
+                    options[prefix + key] = value
+        self._pc.setFromOptions()
 
     def prepare(self) -> None:
         """Bring the patch up to the present pairs and factors. Collective."""

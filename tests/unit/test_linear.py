@@ -101,9 +101,13 @@ def test_petsc_options_change_the_solver_and_not_the_solution(comm):
         np.testing.assert_allclose(end, ends[0], atol=1e-10)
 
 
-def test_failing_krylov_method_falls_back_on_stronger_preconditioners(comm, monkeypatch):
+@pytest.mark.parametrize("direct_up_to", [0, 50_000], ids=["multigrid", "factors"])
+def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
+    comm, monkeypatch, direct_up_to
+):
     # One iteration never reaches the tolerance with an incomplete
     # factorisation; what follows must give the same steps.
+    monkeypatch.setattr("dolfinx_nts.linear._DIRECT_UP_TO", direct_up_to)
     reference, limited = scenes.blocks(comm), scenes.blocks(comm)
     for _ in range(8):
         reference.stepper.advance()
@@ -113,3 +117,33 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(comm, monk
     solver = limited.stepper._solver
     assert solver._preconditioner.is_strong and solver.num_direct > 0
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    scene.stepper.pairs[0].friction = nts.Coulomb(mu) if mu else None
+    solver = scene.stepper._solver
+    counts = []
+    for _ in range(15):
+        before = solver.num_iterations
+        report = scene.stepper.advance()
+        decades = np.log10(report.residual_norms[0] / report.residual_norms[-1])
+        if report.num_active:
+            counts.append((solver.num_iterations - before) / decades)
+    # The bulk alone needs one iteration a decade; without the patch it is two.
+    assert len(counts) > 5 and np.mean(counts) < 1.5
+    assert solver.num_direct == 0
+
+
+def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    for _ in range(10):
+        scene.stepper.advance()
+    preconditioner = scene.stepper._solver._preconditioner
+    patch, elimination = preconditioner._patch, preconditioner._operator.elimination
+    count = patch.num_builds
+    patch.update(elimination, preconditioner.num_builds)
+    assert patch.num_builds == count > 0
+    patch.update(elimination, preconditioner.num_builds + 1)
+    assert patch.num_builds == count + 1
