@@ -4,6 +4,7 @@ from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.explicit import CentralDifference
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
@@ -26,6 +27,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Body",
     "BodyForce",
+    "CentralDifference",
     "ContactPair",
     "ConvergenceError",
     "Coulomb",
