@@ -31,7 +31,7 @@ from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.springs import ContactSprings, SpringState
-from dolfinx_nts.stable_step import Damping, largest_step, smallest_cell, squared_frequency
+from dolfinx_nts.stable_step import Cells, Damping, largest_step
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["CentralDifference"]
@@ -86,18 +86,20 @@ class Forces:
         load: Of the loads.
         damping: Of damping.
         total: Of everything but the reactions of supports.
+        acceleration: What follows, 0 where it is given [m/s^2].
         springs: Of contact, pair by pair.
     """
 
     load: Floats
     damping: Floats
     total: Floats
+    acceleration: Floats
     springs: tuple[SpringState, ...] = ()
 
     @classmethod
     def none(cls, n: int) -> "Forces":
         """No forces on n nodes."""
-        return cls(*np.zeros((3, n, 3)))
+        return cls(*np.zeros((4, n, 3)))
 
 
 class CentralDifference(Stepper):
@@ -175,10 +177,10 @@ class CentralDifference(Stepper):
             bulk_form(bodies, self._strain_energy_density), jit_options=JIT_OPTIONS
         )
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
+        self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
         self._settle(dt)
         self._old, self._new = Forces.none(n), Forces.none(n)
         self._known = False  # whether `_old` belongs to the present state
-        self._cell = smallest_cell(bodies, self.x)
         # Since the state was set: energy then, work since, and its turnover.
         self._energy = self._worked = self._turnover = 0.0
 
@@ -223,7 +225,7 @@ class CentralDifference(Stepper):
 
     def _settle(self, dt: float | None) -> None:
         """Choose the step and the penalties that are open."""
-        damping = Damping.of(self.bodies)
+        damping = self._damping_law
         given = self._squared_frequency()
         estimate, default = largest_step(given, damping), _DEFAULT
         if any(springs.is_open for springs in self._springs):
@@ -236,8 +238,10 @@ class CentralDifference(Stepper):
         self.stable_step = largest_step(self._squared_frequency(), damping)
 
     def _squared_frequency(self) -> float:
+        """Highest squared frequency of the present state [1/s^2]. Collective."""
         contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
-        return squared_frequency(self.bodies, self.x) + contact
+        bulk, self._smallest = self._cells.limits(self.x)
+        return bulk + contact
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
@@ -267,6 +271,9 @@ class CentralDifference(Stepper):
             forces.springs = tuple(springs.evaluate(x_n, x, step) for springs in self._springs)
             for state in forces.springs:
                 state.add_to(forces.total)
+        np.multiply(self._inverse_mass, forces.total, out=forces.acceleration)
+        if self._supported:
+            forces.acceleration[self._given] = 0
 
     def _start(self) -> None:
         """Forces of a state that was set."""
@@ -292,7 +299,8 @@ class CentralDifference(Stepper):
         u_n, u, v, rate = (
             f.x.array.reshape(-1, 3)[:n] for f in (self.u_n, self.u, self.v, self._rate)
         )
-        rate[:] = v + dt / 2 * self._inverse_mass * old.total
+        np.multiply(dt / 2, old.acceleration, out=rate)
+        rate += v
         u += dt * rate
         if self._supported:
             self.u.x.array[:] = self._supports.applied(self.u.x.array)
@@ -302,26 +310,29 @@ class CentralDifference(Stepper):
             self._rate.x.scatter_forward()
         du = u - u_n
         moved = comm.allreduce(np.sqrt(3) * np.abs(du).max(initial=0.0), op=MPI.MAX)
-        if not moved <= self._cell:
+        if not moved <= self._smallest:
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
         self._evaluate(new, self._X + self.u_n.x.array.reshape(-1, 3), moved)
-        v_new = rate + dt / 2 * self._inverse_mass * new.total
-        v_new[given] = (2 * rate - v)[given]
+        v_new = dt / 2 * new.acceleration
+        v_new += rate
 
         contact_work = ContactWork()
         for springs, a, b in zip(self._springs, old.springs, new.springs, strict=True):
             contact_work = contact_work + springs.work(a, b, du)
-        reaction = self.mass[:, None] * (v_new - v) / dt - (old.total + new.total) / 2
-        squares = self._inverse_mass * (new.total**2 - old.total**2)
-        squares[given] = 0
-        parts = [
-            np.vdot(old.load + new.load, du) / 2,
-            np.vdot(old.damping + new.damping, du) / 2,
-            reaction[given] @ du[given],
-            dt**2 / 8 * squares.sum(),
-        ]
-        sums = comm.allreduce(np.array(parts))
-        load_work, damping_work, support_work, inertia_defect = (float(value) for value in sums)
+        works = np.zeros(4)
+        if self._loads:
+            works[0] = np.vdot(old.load + new.load, du) / 2
+        if self._damping:
+            works[1] = np.vdot(old.damping + new.damping, du) / 2
+        if self._supported:
+            v_new[given] = (2 * rate - v)[given]
+            reaction = self.mass[:, None] * (v_new - v) / dt - (old.total + new.total) / 2
+            works[2] = reaction[given] @ du[given]
+        change = np.vdot(new.total, new.acceleration) - np.vdot(old.total, old.acceleration)
+        works[3] = dt**2 / 8 * change
+        load_work, damping_work, support_work, inertia_defect = (
+            float(work) for work in comm.allreduce(works)
+        )
         self._worked += load_work + damping_work + support_work + contact_work.friction
         self._turnover += abs(load_work) + abs(support_work)
         if (self.step + 1) % _WATCH == 0:
@@ -356,7 +367,7 @@ class CentralDifference(Stepper):
 
     def _watch(self, v: Floats, forces: Forces) -> None:
         """Refuse the step if it is too long for the cells, or energy grows."""
-        self.stable_step = largest_step(self._squared_frequency(), Damping.of(self.bodies))
+        self.stable_step = largest_step(self._squared_frequency(), self._damping_law)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")
         grown = self._total_energy(v, forces) - self._energy - self._worked
@@ -367,7 +378,7 @@ class CentralDifference(Stepper):
         """Return to the last accepted state and raise on all ranks."""
         self.u.x.array[:] = self.u_n.x.array
         self._state_was_set()
-        stable = largest_step(self._squared_frequency(), Damping.of(self.bodies))
+        stable = largest_step(self._squared_frequency(), self._damping_law)
         raise ConvergenceError(
             f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is not stable: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "

@@ -19,14 +19,7 @@ import numpy.typing as npt
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.materials import Hyperelastic
 
-__all__ = [
-    "Damping",
-    "cell_length",
-    "largest_step",
-    "smallest_cell",
-    "squared_frequency",
-    "wave_speed",
-]
+__all__ = ["Cells", "Damping", "cell_length", "largest_step", "wave_speed"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -56,32 +49,37 @@ def wave_speed(material: Hyperelastic) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(material.moduli())[-1] / material.rho))
 
 
-def squared_frequency(bodies: Sequence[Body], x: Floats) -> float:
-    """Bound of the highest squared frequency of bodies [1/s^2]. Collective.
+class Cells:
+    """The cells of bodies, as far as they limit the step.
 
     Args:
-        bodies: The bodies.
-        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        bodies: The bodies, of one space.
     """
-    highest = 0.0
-    for body in bodies:
-        if len(body.cells):
-            h = cell_length(x[body.V.dofmap.list[body.cells]]).min()
-            speed = 2 * wave_speed(body.material)
-            highest = max(highest, (speed / h) ** 2 if h > 0 else np.inf)
-    return float(bodies[0].V.mesh.comm.allreduce(highest, op=MPI.MAX))
 
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Compute the speed in each cell."""
+        V = bodies[0].V
+        self._comm: MPI.Comm = V.mesh.comm
+        cells = np.concatenate([body.cells for body in bodies])
+        self._vertices = V.dofmap.list[cells]
+        materials = {body.material for body in bodies}
+        speeds = {material: wave_speed(material) for material in materials}
+        self._speed = np.concatenate(
+            [np.full(len(body.cells), speeds[body.material]) for body in bodies]
+        )
 
-def smallest_cell(bodies: Sequence[Body], x: Floats) -> float:
-    """Least length of a cell of bodies [m]. Collective.
+    def limits(self, x: Floats) -> tuple[float, float]:
+        """Highest squared frequency [1/s^2] and least length [m]. Collective.
 
-    Args:
-        bodies: The bodies.
-        x: Positions of the local nodes, shape ``(l, 3)`` [m].
-    """
-    lengths = [cell_length(x[body.V.dofmap.list[body.cells]]) for body in bodies]
-    smallest = np.concatenate(lengths).min(initial=np.inf)
-    return float(bodies[0].V.mesh.comm.allreduce(smallest, op=MPI.MIN))
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        """
+        length = cell_length(x[self._vertices])
+        time = (length / self._speed).min(initial=np.inf)
+        limits = np.array([time, length.min(initial=np.inf)])
+        self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)
+        with np.errstate(divide="ignore"):
+            return float((2 / limits[0]) ** 2), float(limits[1])
 
 
 @dataclass(frozen=True)

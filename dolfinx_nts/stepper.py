@@ -234,7 +234,7 @@ class Stepper(ABC):
 
     def _check_state(self) -> None:
         bad = [
-            sum(~np.isfinite(function.x.array[: 3 * self._num_owned]))
+            np.count_nonzero(~np.isfinite(function.x.array[: 3 * self._num_owned]))
             for function in (self.u, self.v)
         ]
         bad = self.u.function_space.mesh.comm.allreduce(np.array(bad))
