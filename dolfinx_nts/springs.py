@@ -227,11 +227,22 @@ class ContactSprings:
     def _nothing(self) -> SpringState:
         history = self.pair.history
         if history.active.any():
-            history = replace(ContactHistory.none(len(history.key)), slip=history.slip)
+            none = ContactHistory.none(len(history.key))
+            history = replace(none, slip=history.slip, dissipation=self._slip_energy())
+        elif history.dissipation.any():
+            history = replace(history, dissipation=np.zeros(len(history.key)))
         empty = np.empty(0, dtype=np.int32)
         return SpringState(
             self._neighbourhood, empty, empty[:, None], np.empty((0, 1, 3)), history, 0
         )
+
+    def _slip_energy(self) -> Floats:
+        """Energy of the tangential springs at t_n, lost where a node leaves."""
+        t, eps_T = self.pair.history.traction, self.pair.eps_T
+        if eps_T is None:
+            return np.zeros(len(t))
+        energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
+        return energy
 
     def _push(
         self, x_n: Floats, x: Floats, node: Ints, segment: Ints, gap: Floats, num_active: int
@@ -241,7 +252,7 @@ class ContactSprings:
         assert pair.eps_N is not None and isinstance(pair.enforcement, Penalty)
         nodes, segments = pair.nodes.nodes[node], segment[node]
         gradient = here.contact("static", x, x, nodes, segments)[3]
-        lambda_N, energy, dissipation = np.zeros((3, n))
+        lambda_N, energy = np.zeros((2, n))
         lambda_N[node] = pair.eps_N[node] * gap[node]
         energy[node] = pair.enforcement.energy(gap[node], pair.eps_N[node])
         force = -lambda_N[node, None] * gradient
@@ -249,7 +260,7 @@ class ContactSprings:
         key[segment >= 0] = here.key[segment[segment >= 0]]
         active, sliding = gap < 0, np.zeros(n, dtype=bool)
         normal, traction, nodal = np.zeros((3, n, 3))
-        length = pair.history.slip.copy()
+        length, dissipation = pair.history.slip.copy(), self._slip_energy()
         if pair.friction is not None:
             assert pair.eps_T is not None
             eps_T = pair.eps_T[node]
@@ -261,7 +272,7 @@ class ContactSprings:
             t = law.explicit - lambda_N[node, None] * law.direction
             force -= np.einsum("mi,mij->mj", t, slip.gradient)
             lasting = slip.value - (t - t_n) / eps_T[:, None]
-            dissipation[node] = np.einsum("mi,mi->m", t, lasting)
+            dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
             energy[node] += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
             length[node] += np.where(law.sliding, np.linalg.norm(lasting, axis=1), 0.0)
             sliding[node] = law.sliding
