@@ -6,6 +6,7 @@ from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
 from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 from dolfinx_nts.materials import (
@@ -33,6 +34,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "GeneralizedAlpha",
     "Gravity",
     "Hyperelastic",
     "LagrangeMultiplier",

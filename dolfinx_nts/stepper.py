@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +57,7 @@ class Stepper(ABC):
             work of all forces in it [J].
     """
 
-    _load_point: ClassVar[float] = 0.5  # where in a step the loads are taken
+    _load_point: float = 0.5  # where in a step the loads are taken
     _supports: Supports
 
     def __init__(

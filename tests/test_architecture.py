@@ -23,7 +23,7 @@ LAYERS = [
     {"linear"},
     {"newton"},
     {"implicit", "explicit"},
-    {"integrators"},
+    {"integrators", "generalized_alpha"},
     {"diagnostics"},
     {"plotting", "xdmf"},
     {"output"},
