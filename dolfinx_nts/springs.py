@@ -279,7 +279,7 @@ class ContactSprings:
             traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
             normal[node] = slip.normal
         dofs = here.dofs(nodes, segments)
-        force = force.reshape(len(node), -1, 3)
+        force = force.reshape(*dofs.shape, 3)
         nodal[node] = force[:, 0]
         history = ContactHistory(
             key=key,
