@@ -1,7 +1,8 @@
 """Meshes of the verification tests: rings, tori and solid balls.
 
 Bodies are made of blocks of hexahedra, which are joined where their nodes
-coincide, or by gmsh's own mesher. And how a body turns.
+coincide, or by gmsh's own mesher. Material and supports of bars, and how a
+body turns.
 """
 
 from collections.abc import Callable, Sequence
@@ -247,6 +248,31 @@ def add_quarter_ball(
     for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
         gmsh.option.setNumber(f"Mesh.{option}", 0)
     model.mesh.generate(3)
+
+
+def linear_in_stretch(E: float, nu: float, rho: float) -> nts.Hyperelastic:
+    """Material whose stress is linear in stretches along the axes.
+
+    psi = lambda/2 tr(e)^2 + mu e:e with e_ii = sqrt(C_ii) - 1 and shear
+    as in linear elasticity; P = (lambda + 2 mu) (F_11 - 1) in uniaxial
+    strain, P = E (F_11 - 1) in uniaxial stress.
+    """
+
+    def psi(C: Any, lmbda: Any, mu: Any) -> Any:
+        e = [ufl.sqrt(C[i, i]) - 1 for i in range(3)]
+        # Products of both halves of C, so that the derivative is symmetric.
+        shear = C[0, 1] * C[1, 0] + C[1, 2] * C[2, 1] + C[0, 2] * C[2, 0]
+        return lmbda / 2 * sum(e) ** 2 + mu * sum(x**2 for x in e) + mu / 2 * shear
+
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    return nts.Hyperelastic(psi, rho=rho, lmbda=lmbda, mu=mu)
+
+
+def rollers(V: fem.FunctionSpace, facets: Any, tags: list[int], axis: int) -> fem.DirichletBC:
+    """Hold a component of the displacement on surfaces. Collective."""
+    held = np.sort(np.concatenate([facets.find(tag) for tag in tags]))
+    dofs = fem.locate_dofs_topological(V.sub(axis), 2, held)
+    return fem.dirichletbc(np.float64(0.0), dofs, V.sub(axis))
 
 
 def spin(stepper: nts.EnergyMomentum, body: nts.Body) -> Array:
