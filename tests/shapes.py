@@ -203,6 +203,7 @@ def add_quarter_ball(
     coarse: float,
     height: float,
     half: bool = False,
+    below: bool = False,
 ) -> None:
     """Add a quarter of a ball in x, y > 0 that touches z = 0 at the origin. Local.
 
@@ -220,6 +221,7 @@ def add_quarter_ball(
         coarse: Largest size.
         height: Where the ball is cut off; twice the radius for a whole one.
         half: Whether to add the other quarter in x < 0, too.
+        below: Whether to mirror the ball to z < 0.
     """
     occ = model.occ
     ball = occ.addSphere(0, 0, radius, radius)
@@ -229,12 +231,14 @@ def add_quarter_ball(
     left = -2 * radius if half else 0.0
     box = occ.addBox(left, 0, -radius, 2 * radius - left, 2 * radius, height + radius)
     (volume,), _ = occ.intersect([(3, ball)], [(3, box)])
+    if below:
+        occ.mirror([volume], 0, 0, 1, 0)
     occ.synchronize()
     model.addPhysicalGroup(3, [volume[1]], name=name)
     sides: dict[str, list[int]] = {}
     for _, surface in model.getBoundary([volume], oriented=False):
         x, y, z = occ.getCenterOfMass(2, surface)
-        flat = {"x": abs(x), "y": abs(y), "top": abs(z - height)}
+        flat = {"x": abs(x), "y": abs(y), "top": abs(abs(z) - height)}
         side = min(flat, key=lambda name: flat[name])
         if flat[side] > 1e-9 * radius or (half and side == "x"):
             side = "outer"
@@ -247,7 +251,11 @@ def add_quarter_ball(
     model.mesh.field.setAsBackgroundMesh(field)
     for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
         gmsh.option.setNumber(f"Mesh.{option}", 0)
-    model.mesh.generate(3)
+    # Bodies that are there keep their meshes; then gmsh wants to be asked
+    # for each dimension.
+    gmsh.option.setNumber("Mesh.MeshOnlyEmpty", 1)
+    for dimension in (1, 2, 3):
+        model.mesh.generate(dimension)
 
 
 def linear_in_stretch(E: float, nu: float, rho: float) -> nts.Hyperelastic:

@@ -276,4 +276,3 @@ def test_ball_bounces_between_two_plates_without_any_drift():
     speed = np.array(result.speed[:-1])  # the last impact may not be over
     assert len(speed) >= 20
     assert np.all(-speed[1:] / speed[:-1] >= 0.9)
-    print(speed)
