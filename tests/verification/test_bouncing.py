@@ -67,7 +67,9 @@ def bouncing(
             multiplier.
     """
     box = {"corner": (HEIGHT, 0, 0), "size": (LENGTH, 1, 1), "cells": (cells, 1, 1)}
-    mesh, tags, facets, tag = shapes.read(MPI.COMM_WORLD, lambda m: meshing.add_box(m, "bar", **box))
+    mesh, tags, facets, tag = shapes.read(
+        MPI.COMM_WORLD, lambda m: meshing.add_box(m, "bar", **box)
+    )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bar = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(MODULUS, 0.0, 1.0))
     # The section has four nodes.

@@ -299,9 +299,10 @@ def test_two_balls_at_published_data_differ_from_hertz_by_their_material(materia
 
 # --- tangential load ---------------------------------------------------
 
-# Theory leaves out that pressing also slides: with nu = 0.45 against a rigid
-# plane the coupling (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu)) is 0.09. The radius
-# is resolved by six cells at most.
+# Theory leaves out that pressing also slides (against a rigid plane, Dundurs'
+# beta = (1 - 2 nu)/(2 - 2 nu) is 0.09 with nu = 0.45) and that slip is not quite
+# parallel to the load. From six cells on the error is 2 to 3 %, which neither a
+# stiffer spring nor smaller steps nor more friction change.
 STICK_TOLERANCE = 0.03
 
 
@@ -382,10 +383,10 @@ def shift(fine: int) -> Shift:
 @pytest.mark.serial
 def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin():
     """Radius c/a = (1 - Q/(mu P))^(1/3); an annulus around it slides."""
-    results = [shift(fine) for fine in (4, 6)]
+    results = [shift(fine) for fine in (4, 6, 8)]
     errors = [abs(r.stick / (1 - r.load) ** (1 / 3) - 1) for r in results]
     for result in results:
         assert result.load == pytest.approx(0.5, abs=0.05)
         assert result.sticking < result.stick < result.sliding < 1
-    assert errors[-1] <= STICK_TOLERANCE
-    assert errors[-1] < errors[0]
+    assert max(errors[1:]) <= STICK_TOLERANCE
+    assert max(errors[1:]) < 0.6 * errors[0]
