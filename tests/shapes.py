@@ -1,7 +1,8 @@
 """Meshes of the verification tests: rings, tori and solid balls.
 
 Bodies are made of blocks of hexahedra, which are joined where their nodes
-coincide, or by gmsh's own mesher. And how a body turns.
+coincide, or by gmsh's own mesher. Material and supports of bars, and how a
+body turns.
 """
 
 from collections.abc import Callable, Sequence
@@ -202,6 +203,7 @@ def add_quarter_ball(
     coarse: float,
     height: float,
     half: bool = False,
+    below: bool = False,
 ) -> None:
     """Add a quarter of a ball in x, y > 0 that touches z = 0 at the origin. Local.
 
@@ -219,6 +221,7 @@ def add_quarter_ball(
         coarse: Largest size.
         height: Where the ball is cut off; twice the radius for a whole one.
         half: Whether to add the other quarter in x < 0, too.
+        below: Whether to mirror the ball to z < 0.
     """
     occ = model.occ
     ball = occ.addSphere(0, 0, radius, radius)
@@ -228,12 +231,14 @@ def add_quarter_ball(
     left = -2 * radius if half else 0.0
     box = occ.addBox(left, 0, -radius, 2 * radius - left, 2 * radius, height + radius)
     (volume,), _ = occ.intersect([(3, ball)], [(3, box)])
+    if below:
+        occ.mirror([volume], 0, 0, 1, 0)
     occ.synchronize()
     model.addPhysicalGroup(3, [volume[1]], name=name)
     sides: dict[str, list[int]] = {}
     for _, surface in model.getBoundary([volume], oriented=False):
         x, y, z = occ.getCenterOfMass(2, surface)
-        flat = {"x": abs(x), "y": abs(y), "top": abs(z - height)}
+        flat = {"x": abs(x), "y": abs(y), "top": abs(abs(z) - height)}
         side = min(flat, key=lambda name: flat[name])
         if flat[side] > 1e-9 * radius or (half and side == "x"):
             side = "outer"
@@ -246,7 +251,36 @@ def add_quarter_ball(
     model.mesh.field.setAsBackgroundMesh(field)
     for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
         gmsh.option.setNumber(f"Mesh.{option}", 0)
-    model.mesh.generate(3)
+    # Bodies that are there keep their meshes; then gmsh wants to be asked
+    # for each dimension.
+    gmsh.option.setNumber("Mesh.MeshOnlyEmpty", 1)
+    for dimension in (1, 2, 3):
+        model.mesh.generate(dimension)
+
+
+def linear_in_stretch(E: float, nu: float, rho: float) -> nts.Hyperelastic:
+    """Material whose stress is linear in stretches along the axes.
+
+    psi = lambda/2 tr(e)^2 + mu e:e with e_ii = sqrt(C_ii) - 1 and shear
+    as in linear elasticity; P = (lambda + 2 mu) (F_11 - 1) in uniaxial
+    strain, P = E (F_11 - 1) in uniaxial stress.
+    """
+
+    def psi(C: Any, lmbda: Any, mu: Any) -> Any:
+        e = [ufl.sqrt(C[i, i]) - 1 for i in range(3)]
+        # Products of both halves of C, so that the derivative is symmetric.
+        shear = C[0, 1] * C[1, 0] + C[1, 2] * C[2, 1] + C[0, 2] * C[2, 0]
+        return lmbda / 2 * sum(e) ** 2 + mu * sum(x**2 for x in e) + mu / 2 * shear
+
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    return nts.Hyperelastic(psi, rho=rho, lmbda=lmbda, mu=mu)
+
+
+def rollers(V: fem.FunctionSpace, facets: Any, tags: list[int], axis: int) -> fem.DirichletBC:
+    """Hold a component of the displacement on surfaces. Collective."""
+    held = np.sort(np.concatenate([facets.find(tag) for tag in tags]))
+    dofs = fem.locate_dofs_topological(V.sub(axis), 2, held)
+    return fem.dirichletbc(np.float64(0.0), dofs, V.sub(axis))
 
 
 def spin(stepper: nts.EnergyMomentum, body: nts.Body) -> Array:

@@ -27,8 +27,12 @@ PLANE = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 LEDGER_TOLERANCE = 1e-9
 # Newton Physics asserts the stopping distance to 1 %.
 DISTANCE_TOLERANCE = 1e-3
+# Of the stopping time and of the acceleration on a slope, up to vibration.
+PACE_TOLERANCE = 2e-3
 # A ball of a mesh is an inscribed polyhedron.
 BALL_TOLERANCE = 0.01
+# Of an impact that slides all the time, with the moments of the polyhedron.
+SLIP_TOLERANCE, SPIN_TOLERANCE = 1e-9, 1e-3
 
 
 def body(
@@ -106,7 +110,7 @@ def test_block_slides_the_distance_of_a_rigid_one():
     """Distance v^2/(2 mu g), time v/(mu g), friction work m v^2/2."""
     result = stop(0.01)
     assert abs(result.distance - 1) <= DISTANCE_TOLERANCE
-    assert abs(result.time - 1) <= 0.01
+    assert abs(result.time - 1) <= PACE_TOLERANCE
     # What is left of the energy is vibration.
     assert abs(result.dissipation - 1) <= 0.01
     assert result.ledger_error <= LEDGER_TOLERANCE
@@ -146,7 +150,7 @@ def slide(part: float) -> tuple[float, float]:
 def test_block_slides_down_a_slope_just_steeper_than_friction_allows():
     """Acceleration g (sin - mu cos) for mu 1 % below tan."""
     expected = G * np.cos(np.arctan(MU)) * 0.01 * MU
-    assert slide(0.99)[0] == pytest.approx(expected, rel=0.01)
+    assert slide(0.99)[0] == pytest.approx(expected, rel=PACE_TOLERANCE)
 
 
 @pytest.mark.serial
@@ -304,6 +308,6 @@ def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind):
     """Full slip: dv_t = -mu (1 + e) v_n, omega = mu (1 + e) v_n / (beta R)."""
     result = bounce(kind, 8, 0.2)
     assert 0 < result.restitution <= 1
-    assert abs(result.tangential - 1) <= BALL_TOLERANCE
-    assert abs(result.spin - 1) <= BALL_TOLERANCE
+    assert abs(result.tangential - 1) <= SLIP_TOLERANCE
+    assert abs(result.spin - 1) <= SPIN_TOLERANCE
     assert result.ledger_error <= LEDGER_TOLERANCE

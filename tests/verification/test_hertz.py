@@ -1,4 +1,4 @@
-"""A ball pressed or thrown against a rigid plane: Hertz, Cattaneo and Mindlin.
+"""A ball pressed or thrown against a plane or a ball: Hertz, Cattaneo and Mindlin.
 
 With 1/E* = (1 - nu^2)/E (Johnson, Contact Mechanics, chapters 4, 7, 11). The
 ball is a mesh of tetrahedra, refined towards the contact.
@@ -183,11 +183,126 @@ def test_pressed_ball_converges_to_hertz():
         assert np.log(errors[0] / errors[2]) / np.log(3) >= 1
 
 
+# --- two balls ---------------------------------------------------------
+
+# Cells in a of the finer ball, growth, largest size.
+TWO_BALLS = ((5, 0.3, 0.2), (8, 0.2, 0.13), (10, 0.15, 0.1))
+MATERIALS = ("NeoHookean", "SaintVenantKirchhoff")
+
+
+@dataclass(frozen=True)
+class Crush:
+    """Two equal balls that are pressed together, relative to theory.
+
+    Attributes:
+        radius: Contact radius.
+        pressure: Greatest pressure.
+        force: Normal force.
+    """
+
+    radius: float
+    pressure: float
+    force: float
+
+
+@cache
+def crush(way: float, fine: int, growth: float, coarse: float, material: str) -> Crush:
+    """Press balls of radius 50, E = 20000, nu = 0.3 by a way (mm, MPa). Collective.
+
+    Theory: a = sqrt(R h/2), p0 = E/(pi (1 - nu^2)) sqrt(2 h/R), F = 2/3 pi a^2 p0.
+
+    Args:
+        way: Approach h of the middle planes.
+        fine: Cells in the contact radius of the upper ball; the lower
+            one has two thirds of them.
+        growth: Growth of the cells away from the contact.
+        coarse: Their largest size, relative to the radius.
+        material: Name of the material.
+    """
+    comm, radius, modulus = MPI.COMM_WORLD, 50.0, 2e4
+    a = np.sqrt(radius * way / 2)
+    p0 = modulus / (np.pi * (1 - NU**2)) * np.sqrt(2 * way / radius)
+
+    def build(model) -> None:
+        shape = {"radius": radius, "height": radius, "zone": 1.3 * a, "growth": growth}
+        shape["coarse"] = coarse * radius
+        shapes.add_quarter_ball(model, "lower", fine=1.5 * a / fine, below=True, **shape)
+        shapes.add_quarter_ball(model, "upper", fine=a / fine, **shape)
+
+    mesh, cells, facets, tag = shapes.read(comm, build)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bulk = getattr(nts, material)(modulus, NU, RHO)
+    names = ("upper", "lower")
+    bodies = [nts.Body(V, cells, tag[name], bulk) for name in names]
+    upper, lower = (nts.Surface(V, facets, tag[f"{name}_outer"]) for name in names)
+    pair = nts.ContactPair(upper, lower)
+    down, up = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
+    bcs = [support(V, facets, tag[f"{n}_{s}"], i) for n in names for i, s in enumerate("xy")]
+    bcs.append(support(V, facets, tag["upper_top"], 2, down))
+    bcs.append(support(V, facets, tag["lower_top"], 2, up))
+
+    def update(t: float) -> None:
+        down.value, up.value = -way * t / 2, way * t / 2
+
+    stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+    for _ in stepper.run(1.0):
+        pass
+    f = -pair.history.lambda_N
+    r = np.hypot(*stepper.x[upper.nodes, :2].T)
+    force, second, square = comm.allreduce(np.array([f.sum(), f @ r**2, f @ pair.pressure]))
+    return Crush(
+        radius=float(np.sqrt(2.5 * second / force) / a),
+        pressure=float(4 / 3 * square / force / p0),
+        force=float(4 * force / (2 / 3 * np.pi * a**2 * p0)),
+    )
+
+
+@pytest.mark.serial
+def test_two_balls_pressed_together_converge_to_hertz():
+    """Flattened by 1e-3 of the radius, meshes that do not match."""
+    results = [crush(0.04, *mesh, "NeoHookean") for mesh in TWO_BALLS]
+    assert abs(results[-1].radius - 1) <= STATIC_TOLERANCE
+    assert abs(results[-1].pressure - 1) <= 0.035
+    assert abs(results[-1].force - 1) <= 0.03
+    for name in ("radius", "pressure", "force"):
+        errors = [abs(getattr(result, name) - 1) for result in results]
+        assert errors[0] > errors[1] > errors[2]
+        assert np.log(errors[0] / errors[2]) / np.log(10 / 5) >= 1
+
+
+@pytest.mark.serial
+def test_two_balls_leave_hertz_with_the_strain():
+    """St. Venant-Kirchhoff: as a/R, the root of the way, or faster."""
+    results = [crush(way, *TWO_BALLS[0], "SaintVenantKirchhoff") for way in (4, 0.4, 0.04, 0.004)]
+    for name in ("radius", "pressure"):
+        values = [getattr(result, name) for result in results]
+        changes = np.abs(np.array(values[:3]) - values[3])
+        assert np.all(changes[1:] <= 0.4 * changes[:-1])
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("material", MATERIALS)
+def test_two_balls_at_published_data_differ_from_hertz_by_their_material(material):
+    """code_aster V6.04.104: h = 4 mm, a = 10 mm, p0 = 2798.3 MPa.
+
+    That is linear theory at a strain of p0/E = 14 %, where materials
+    differ: St. Venant-Kirchhoff gets softer, neo-Hooke hardly.
+    """
+    result = crush(4.0, *TWO_BALLS[1], material)
+    if material == "NeoHookean":
+        assert abs(result.pressure - 1) <= 0.05
+        assert abs(result.radius - 1) <= 0.02
+    else:
+        assert result.pressure == pytest.approx(0.885, abs=0.02)
+        assert result.radius == pytest.approx(1.055, abs=0.01)
+
+
 # --- tangential load ---------------------------------------------------
 
-# Theory leaves out that pressing also slides: with nu = 0.45 against a rigid
-# plane the coupling (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu)) is 0.09. The radius
-# is resolved by six cells at most.
+# Theory leaves out that pressing also slides (against a rigid plane, Dundurs'
+# beta = (1 - 2 nu)/(2 - 2 nu) is 0.09 with nu = 0.45) and that slip is not quite
+# parallel to the load. From six cells on the error is 2 to 3 %, which neither a
+# stiffer spring nor smaller steps nor more friction change.
 STICK_TOLERANCE = 0.03
 
 
@@ -268,10 +383,10 @@ def shift(fine: int) -> Shift:
 @pytest.mark.serial
 def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin():
     """Radius c/a = (1 - Q/(mu P))^(1/3); an annulus around it slides."""
-    results = [shift(fine) for fine in (4, 6)]
+    results = [shift(fine) for fine in (4, 6, 8)]
     errors = [abs(r.stick / (1 - r.load) ** (1 / 3) - 1) for r in results]
     for result in results:
         assert result.load == pytest.approx(0.5, abs=0.05)
         assert result.sticking < result.stick < result.sliding < 1
-    assert errors[-1] <= STICK_TOLERANCE
-    assert errors[-1] < errors[0]
+    assert max(errors[1:]) <= STICK_TOLERANCE
+    assert max(errors[1:]) < 0.6 * errors[0]
