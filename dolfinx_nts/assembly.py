@@ -25,7 +25,7 @@ from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import CellForm, compile_form
 from dolfinx_nts.loads import Supports
 
 __all__ = ["Bulk", "SaddleSystem", "contact_residual"]
@@ -50,6 +50,7 @@ class Bulk:
         supports: The conditions.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
         cell_size: Smallest cell diameter of the mesh [m].
+        num_cells: Owned cells that residual and action go over.
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
         num_tangents: Assembled tangents.
@@ -68,19 +69,31 @@ class Bulk:
         self.u, self.bcs = u, list(bcs)
         self.supports = Supports(V, bcs)
         self.supports.check()
-        self.fixed = self.supports.fixed
+        self.fixed = self._given = self.supports.fixed
         self._direction = fem.Function(V)
         forms = [residual, *(-load for load in loads)]
-        self._residual = _compile(forms)
+        # First the form of the bodies, then those of the loads.
+        self._bodies = [
+            CellForm(expand_derivatives(form))
+            for form in (residual, ufl.derivative(residual, u, self._direction))
+        ]
+        self._residual, self._action = (
+            [body.everywhere, *_compile(parts)]
+            for body, parts in zip(
+                self._bodies,
+                (forms[1:], [ufl.derivative(form, u, self._direction) for form in forms[1:]]),
+                strict=True,
+            )
+        )
         self._tangent = _compile(ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms)
-        self._action = _compile(ufl.derivative(form, u, self._direction) for form in forms)
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self._rows: BlockRows | None = None
         self._matrix: Any = None
         self._stiffness: Floats | None = None
         mesh = V.mesh
-        cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        self.num_cells = self._all_cells = int(mesh.topology.index_map(3).size_local)
+        cells = np.arange(self.num_cells, dtype=np.int32)
         smallest = mesh.h(3, cells).min(initial=np.inf)
         self.cell_size = float(mesh.comm.allreduce(smallest, op=MPI.MIN))
         self.num_residuals = self.num_actions = self.num_tangents = 0
@@ -91,8 +104,30 @@ class Bulk:
         Collective.
         """
         R = self.forces()
-        R[self.fixed] = 0
+        R[self._given] = 0
         return R
+
+    def leave_out(
+        self,
+        regions: Sequence[tuple[int, npt.NDArray[np.int32]]] | None,
+        nodes: npt.NDArray[np.int32],
+    ) -> None:
+        """Give nodes their present displacement until the next call.
+
+        The residual and the action of the tangent are then assembled on
+        the other cells only. Collective.
+
+        Args:
+            regions: The other cells, by number of the material; None: all.
+            nodes: Owned nodes that are only in cells left out.
+        """
+        for forms, body in zip((self._residual, self._action), self._bodies, strict=True):
+            forms[0] = body.everywhere if regions is None else body.on(regions)
+        self.num_cells = self._all_cells
+        if regions is not None:
+            self.num_cells = sum(len(cells) for _, cells in regions)
+        dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
+        self._given = np.union1d(self.fixed, dofs)
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
@@ -116,11 +151,11 @@ class Bulk:
         """
         direction = self._direction.x
         direction.array[: self.num_owned] = x.ravel()
-        direction.array[self.fixed] = 0
+        direction.array[self._given] = 0
         direction.scatter_forward()
         self.num_actions += 1
         y = self._assembled(self._action)
-        y[self.fixed] = x.ravel()[self.fixed]
+        y[self._given] = x.ravel()[self._given]
         return y.reshape(-1, 3)
 
     def nodal_stiffness(self) -> Floats:

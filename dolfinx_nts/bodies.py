@@ -5,7 +5,7 @@ degree 2 (2 x 2 x 2 Gauss points in a hexahedron), which integrates the
 consistent mass of straight cells exactly.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import basix
@@ -19,7 +19,7 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies"]
+__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies", "regions"]
 
 QUADRATURE_DEGREE = 2
 
@@ -81,25 +81,41 @@ def bulk_form(
         The form.
     """
     mesh = bodies[0].V.mesh
-    materials = list(dict.fromkeys(body.material for body in bodies))
-    regions = [
-        np.concatenate([body.cells for body in bodies if body.material is material])
-        for material in materials
-    ]
     dx = ufl.Measure(
         "dx",
         domain=mesh,
-        subdomain_data=[(i, np.sort(cells)) for i, cells in enumerate(regions)],
+        subdomain_data=regions(bodies),
         metadata={"quadrature_degree": QUADRATURE_DEGREE},
     )
     form = ufl.Form([])
-    for i, material in enumerate(materials):
+    for i, material in enumerate(_materials(bodies)):
         parameters = {
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
         rho = fem.Constant(mesh, material.rho)
         form += integrand(material, parameters, rho) * dx(i)
     return form
+
+
+def regions(
+    bodies: Sequence[Body], without: Collection[Body] = ()
+) -> list[tuple[int, npt.NDArray[np.int32]]]:
+    """Number and owned cells of each material in the forms of bodies.
+
+    Args:
+        bodies: Bodies of one space.
+        without: Those of them whose cells are left out.
+    """
+    result = []
+    for i, material in enumerate(_materials(bodies)):
+        cells = [b.cells for b in bodies if b.material is material and b not in without]
+        together = np.concatenate(cells) if cells else np.empty(0, dtype=np.int32)
+        result.append((i, np.sort(together)))
+    return result
+
+
+def _materials(bodies: Sequence[Body]) -> list[Hyperelastic]:
+    return list(dict.fromkeys(body.material for body in bodies))
 
 
 def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:

@@ -50,6 +50,8 @@ class ContactStep:
         traction: Tractions in the frames of the segments at t_n, shape
             ``(n, 2)`` [N].
         num_active: Active pairs on all ranks.
+        may_touch: Whether a node can become active, on any rank.
+        touched: Whether one was, in any iteration.
     """
 
     def __init__(
@@ -95,11 +97,16 @@ class ContactStep:
         if isinstance(law, LagrangeMultiplier) and self._holds:
             size = here.size[segment] if len(here.size) else np.ones(len(nodes))
             eligible &= law.eligible(gap_n, at_trial[1], size, history.active)
+            may_touch = eligible
+        else:
+            # A gap that may close within the step.
+            may_touch = (np.fmin(gap_n, at_trial[1]) < step) | history.active
+        self.may_touch = bool(self.comm.allreduce(int(may_touch.sum())))
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self._segment: Ints = at_n[0]
         self._gap: Floats = at_n[1]
         self._moves = np.zeros(len(nodes), dtype=np.int32)
-        self.num_active = 0
+        self.num_active, self.touched = 0, False
         self._fewest: float = np.inf
         self._patience = _PATIENCE
         self.active = history.active & eligible
@@ -140,6 +147,7 @@ class ContactStep:
             self._balance(rows, R)
         active = self.active[node]
         self.num_active = self.comm.allreduce(int(np.count_nonzero(active)))
+        self.touched |= self.num_active > 0
         if iteration == 0:
             # Without a previous iteration the set of active pairs is new.
             changed = int(np.count_nonzero(active))

@@ -349,6 +349,7 @@ class CentralDifference(Stepper):
             active_set_changes=0,
             residual_norms=(),
             num_active=sum(state.num_active for state in new.springs),
+            num_resting=0,
             contact_work=contact_work,
             load_work=load_work,
             support_work=support_work,

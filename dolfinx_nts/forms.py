@@ -1,10 +1,17 @@
-"""Forms: how FFCx compiles them."""
+"""Forms: how FFCx compiles them, and forms on a part of their cells."""
 
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import ufl
 from dolfinx import fem
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
 
-__all__ = ["compile_form"]
+__all__ = ["CellForm", "compile_form"]
 
 # As fast as -ffast-math but for the assumption that there are no NaNs.
 _OPTIONS = {
@@ -20,3 +27,38 @@ _OPTIONS = {
 }
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
+
+
+class CellForm:
+    """A form of cell integrals with one argument, compiled once.
+
+    Args:
+        form: Linear form.
+
+    Attributes:
+        everywhere: On the cells of its measures.
+    """
+
+    def __init__(self, form: ufl.Form) -> None:
+        """Compile."""
+        self._ufl = form
+        self.everywhere: fem.Form = compile_form(form)
+        self._compiled: Any = None
+
+    def on(self, regions: Sequence[tuple[int, npt.NDArray[np.int32]]]) -> fem.Form:
+        """On other cells; collective for the first time.
+
+        Args:
+            regions: Number of each measure and its owned cells.
+        """
+        form, V = self._ufl, self._ufl.arguments()[0].ufl_function_space()
+        if self._compiled is None:
+            self._compiled = fem.compile_form(V.mesh.comm, form, jit_options=_OPTIONS)
+        return fem.create_form(
+            self._compiled,
+            [V],
+            V.mesh,
+            {fem.IntegralType.cell: list(regions)},
+            {item: item for item in extract_coefficients(form)},
+            {item: item for item in extract_constants(form)},
+        )

@@ -34,6 +34,7 @@ from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.rest import Rest
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["ImplicitStepper"]
@@ -98,6 +99,7 @@ class ImplicitStepper(Stepper):
         self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
         self._supports = self._bulk.supports
         self._solver = LinearSolver(self._bulk, petsc_options)
+        self._rest = Rest(self._bulk, self.bodies, self.pairs, self.loads)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((self._num_owned, 3))
@@ -180,7 +182,6 @@ class ImplicitStepper(Stepper):
         u, u_n = self.u.x.array, self.u_n.x.array
         starts = {name: self._supports.applied(start) for name, start in self._starts().items()}
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
-        stiffness = self._bulk.nodal_stiffness()
         v_n = self.v.x.array[: 3 * self._num_owned].copy()
         # What the residual is compared with: forces that can be at work.
         force_scale = self._internal_force + 1e-3 * self._norm(self._mass * v_n) / dt
@@ -189,20 +190,9 @@ class ImplicitStepper(Stepper):
 
         attempts: list[newton.NewtonReport] = []
         for start in starts.values():
-            u[:] = start
-            with self.timings.phase("contact"):
-                steps = [
-                    ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
-                    for pair in self.pairs
-                ]
-            solution = newton.solve(
-                self._bulk,
-                self._solver,
-                steps,
-                self._X[: self._num_owned],
-                force_scale=force_scale,
-                timings=self.timings,
-            )
+            steps, solution = self._solve(start, x_n, x_trial, force_scale)
+            if self._rest.disturbed(steps):
+                steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
             attempts.append(solution.report)
             if solution.report.converged:
                 inverted = self._volume_ratio.inverted()
@@ -245,12 +235,41 @@ class ImplicitStepper(Stepper):
             active_set_changes=solution.report.active_set_changes,
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
+            num_resting=len(self._rest.bodies),
             contact_work=work,
             load_work=load_work,
             support_work=support_work,
             damping_work=damping_work,
             solver_work=solver_work,
         )
+
+    def _solve(
+        self,
+        start: Floats,
+        x_n: Floats,
+        x_trial: Floats,
+        force_scale: float,
+        all_awake: bool = False,
+    ) -> tuple[list[ContactStep], newton.Solution]:
+        """Newton's method from one state."""
+        self.u.x.array[:] = start
+        with self.timings.phase("contact"):
+            stiffness = self._bulk.nodal_stiffness()
+            steps = [
+                ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
+                for pair in self.pairs
+            ]
+        if not all_awake:
+            self._rest.find(self.v.x.array, self.u_n.x.array, steps)
+        solution = newton.solve(
+            self._bulk,
+            self._solver,
+            steps,
+            self._X[: self._num_owned],
+            force_scale=force_scale,
+            timings=self.timings,
+        )
+        return steps, solution
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""

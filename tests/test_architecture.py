@@ -20,7 +20,7 @@ LAYERS = [
     {"contact_step", "report", "springs"},
     {"stepper"},
     {"elimination", "assembly"},
-    {"patch"},
+    {"patch", "rest"},
     {"linear"},
     {"newton"},
     {"implicit", "explicit"},

@@ -1,0 +1,132 @@
+"""Bodies at rest: nothing acts on them, so a step can leave them out.
+
+A body rests while it does not move, is in equilibrium, carries no load, its
+supports stay, and no contact can reach it within the step.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.assembly import Bulk
+from dolfinx_nts.bodies import Body, regions
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.loads import Load
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["Rest"]
+
+Floats = npt.NDArray[np.float64]
+
+# Of the size of a cell: displacement by which a body may miss equilibrium.
+_ROUNDING = 1e-14
+
+
+class Rest:
+    """Keeps bodies at rest out of the forms. Collective, as all its methods.
+
+    Args:
+        bulk: Forms of the bodies.
+        bodies: The bodies.
+        pairs: Contact pairs.
+        loads: Loads.
+
+    Attributes:
+        bodies: Those at rest.
+    """
+
+    def __init__(
+        self,
+        bulk: Bulk,
+        bodies: Sequence[Body],
+        pairs: Sequence[ContactPair],
+        loads: Sequence[Load],
+    ) -> None:
+        """Find out what can act on which body."""
+        self._bulk, self._all = bulk, tuple(bodies)
+        comm, num_owned = bulk.comm, bulk.num_owned // 3
+        self._nodes: dict[Body, npt.NDArray[np.int32]] = {
+            body: body.nodes[body.nodes < num_owned] for body in bodies
+        }
+
+        def belongs(surface: Surface, body: Body) -> bool:
+            inside = np.isin(surface.nodes, self._nodes[body])
+            return bool(comm.allreduce(int(inside.sum())))
+
+        self._loaded = {
+            body
+            for body in bodies
+            for load in loads
+            if body in getattr(load, "bodies", ())
+            or (hasattr(load, "surface") and belongs(load.surface, body))
+        }
+        self._pairs: Mapping[Body, list[int]] = {
+            body: [
+                i
+                for i, pair in enumerate(pairs)
+                for surface in (pair.nodes, pair.segments)
+                if isinstance(surface, Surface) and belongs(surface, body)
+            ]
+            for body in bodies
+        }
+        self.bodies: frozenset[Body] = frozenset()
+
+    def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
+        """Bodies at rest in a step; the forms leave them out from now on.
+
+        Args:
+            v: Velocity of the local dofs [m/s].
+            u_n: Accepted displacement [m]; that of ``bulk`` is the start
+                of Newton's method, with the supports at the step's end.
+            steps: Contact attempts.
+        """
+        comm, still = self._bulk.comm, []
+        v, moved = (a.reshape(-1, 3) for a in (v, self._bulk.u.x.array - u_n))
+        for body in self._all:
+            nodes = self._nodes[body]
+            moves = np.any(v[nodes]) or np.any(moved[nodes])
+            touched = any(steps[i].may_touch for i in self._pairs[body])
+            still.append(not (moves or touched or body in self._loaded))
+        count = comm.allreduce(np.array(still, dtype=np.int64))
+        candidates = [body for body, n in zip(self._all, count, strict=True) if n == comm.size]
+        if new := [body for body in candidates if body not in self.bodies]:
+            self._wake()
+            balanced = self._balanced(new, u_n)
+            candidates = [body for body in candidates if body in balanced or body not in new]
+        self._leave_out(frozenset(candidates))
+
+    def disturbed(self, steps: Sequence[ContactStep]) -> bool:
+        """Whether contact has reached one after all; then all wake."""
+        reached = any(steps[i].touched for body in self.bodies for i in self._pairs[body])
+        if reached:
+            self._wake()
+        return reached
+
+    def _balanced(self, bodies: Sequence[Body], u_n: Floats) -> set[Body]:
+        """Those that are in equilibrium where they are."""
+        bulk = self._bulk
+        u = bulk.u.x.array
+        before = u.copy()
+        u[:] = u_n
+        R = np.abs(bulk.residual().reshape(-1, 3))
+        u[:] = before
+        limit = _ROUNDING * bulk.cell_size * bulk.nodal_stiffness()[:, None]
+        bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]
+        return {
+            body
+            for body, n in zip(bodies, bulk.comm.allreduce(np.array(bad)), strict=True)
+            if not n
+        }
+
+    def _wake(self) -> None:
+        self._leave_out(frozenset())
+
+    def _leave_out(self, bodies: frozenset[Body]) -> None:
+        if bodies == self.bodies:
+            return
+        self.bodies = bodies
+        nodes = [np.empty(0, dtype=np.int32), *(self._nodes[body] for body in bodies)]
+        others = regions(self._all, bodies) if bodies else None
+        self._bulk.leave_out(others, np.unique(np.concatenate(nodes)))

@@ -1,0 +1,106 @@
+"""Bodies at rest are left out of a step, and the step is the same."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+import scenes
+
+LAWS = {
+    "elastic": nts.LagrangeMultiplier(),
+    "plastic": nts.LagrangeMultiplier("plastic"),
+    "penalty": nts.Penalty(),
+}
+laws = pytest.mark.parametrize("law", LAWS)
+
+
+def ball_plate(comm, law, monkeypatch=None):
+    """Return the scene; with ``monkeypatch`` no body is left out."""
+    scene = scenes.ball_plate(comm, enforcement=LAWS[law], shift=scenes.NO_TIES)
+    if monkeypatch:
+        monkeypatch.setattr(scene.stepper._rest, "find", lambda *_: None)
+    return scene
+
+
+def num_cells(scene):
+    """Cells that a residual goes over, on all ranks."""
+    return scene.comm.allreduce(scene.stepper._bulk.num_cells)
+
+
+@laws
+def test_plate_is_left_out_until_the_ball_comes(comm, law, monkeypatch):
+    scene, reference = ball_plate(comm, law), ball_plate(comm, law, monkeypatch)
+    resting, active = [], []
+    for _ in range(9):
+        before = num_cells(scene)
+        report, other = scene.stepper.advance(), reference.stepper.advance()
+        assert other.num_resting == 0
+        if report.num_resting:
+            # 432 cells of the ball, 100 of the plate.
+            assert num_cells(scene) == 432 and before in (432, 532)
+        resting.append(report.num_resting)
+        active.append(report.num_active)
+        np.testing.assert_allclose(scene.positions(), reference.positions(), rtol=0, atol=1e-13)
+    assert resting[:3] == [1, 1, 1] and sum(resting) < 9 and max(active) > 0
+    assert num_cells(scene) == 532
+    assert all(not rests for rests, n in zip(resting, active, strict=True) if n)
+
+
+def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
+    scene, reference = ball_plate(comm, "plastic"), ball_plate(comm, "plastic")
+    init = nts.contact_step.ContactStep.__init__
+
+    def blind(self, *args):
+        init(self, *args)
+        self.may_touch = False
+
+    for _ in range(8):
+        expected = reference.stepper.advance()
+    monkeypatch.setattr("dolfinx_nts.contact_step.ContactStep.__init__", blind)
+    for _ in range(8):
+        report = scene.stepper.advance()
+    assert expected.num_active == report.num_active > 0
+    assert report.num_resting == 0
+    np.testing.assert_allclose(scene.positions(), reference.positions(), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("reason", ["nothing", "gravity", "traction", "velocity", "support"])
+def test_what_moves_a_body_wakes_it(comm, reason):
+    scene = scenes.ball_plate(comm)
+    stepper, plate = scene.stepper, scene.bodies["plate"]
+    V = stepper.u.function_space
+    top = stepper.pairs[0].segments
+    loads, bcs, update = [], [], None
+    if reason == "gravity":
+        loads = [nts.Gravity([plate], (0.0, 0.0, -10.0))]
+    elif reason == "traction":
+        loads = [nts.Traction(top, (0.0, 0.0, -1.0))]
+    elif reason == "support":
+        value = scenes.fem.Constant(V.mesh, np.zeros(3))
+        dofs = scenes.fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.399)
+        bcs = [scenes.fem.dirichletbc(value, dofs, V)]
+
+        def update(t):
+            value.value[:] = 0.0, 0.0, 1e-3 * t
+
+    stepper = nts.EnergyMomentum(
+        list(scene.bodies.values()), stepper.pairs, dt=0.01, loads=loads, bcs=bcs, update=update
+    )
+    if reason == "velocity":
+        stepper.set_velocity(plate, (0.0, 0.0, 1e-12))
+    stepper.set_velocity(scene.bodies["ball"], (0.0, 1.0, -1.0))
+    assert stepper.advance().num_resting == (1 if reason == "nothing" else 0)
+
+
+def test_body_that_is_not_in_equilibrium_is_no_body_at_rest(comm):
+    scene = scenes.ball_plate(comm)
+    stepper, plate = scene.stepper, scene.bodies["plate"]
+    stepper.set_displacement(plate, lambda X: 1e-9 * X)
+    assert stepper.advance().num_resting == 0
+
+
+def test_body_moved_without_strain_still_rests(comm):
+    scene = scenes.ball_plate(comm)
+    stepper, plate = scene.stepper, scene.bodies["plate"]
+    stepper.set_displacement(plate, (0.0, 0.0, -0.25))
+    assert stepper.advance().num_resting == 1
