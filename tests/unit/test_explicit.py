@@ -65,9 +65,7 @@ def test_ledger_of_contact_closes_and_friction_takes_energy(comm, cell, friction
 
 @cells_
 def test_ledger_with_loads_damping_and_moving_supports_closes(comm, cell):
-    material = nts.SaintVenantKirchhoff(
-        1.0e3, 0.3, RHO, mass_damping=0.5, stiffness_damping=0.002
-    )
+    material = nts.SaintVenantKirchhoff(1.0e3, 0.3, RHO, mass_damping=0.5, stiffness_damping=0.002)
     box = Box(comm, cell, material)
     shift = fem.Function(box.V)
     dofs = box.dofs(0)
@@ -176,6 +174,37 @@ def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm):
     assert abs(np.sum(force) * dt / 2 / (v * side**2) - 1) <= 0.02
     assert abs(diagnostics.body_velocity(box.body)[2] / v - 1) <= 0.02
     assert abs(diagnostics.balance().total_energy / start - 1) <= 0.005
+
+
+OBSTACLES = {
+    "plane": nts.RigidPlane((0, 0, -0.01), (0, 0, 1)),
+    "sphere": nts.RigidSphere((0.5, 0.4, -2.01), 2.0),
+    "facets": nts.RigidSurface(
+        [(-3, -3, -0.01), (4, -3, -0.01), (-3, 4, -0.01), (4, 4, -0.01)],
+        [(0, 1, 2), (1, 2, 3)],
+        (0, 0, 9),
+    ),
+}
+
+
+@FRICTION
+@pytest.mark.parametrize("obstacle", OBSTACLES)
+def test_box_bounces_off_an_obstacle(comm, obstacle, friction):
+    box = Box(comm)
+    pair = nts.ContactPair(box.surface("bottom 0"), OBSTACLES[obstacle], nts.Penalty(), friction)
+    stepper = nts.CentralDifference([box.body], [pair], dt=0.004)
+    stepper.set_velocity(box.body, (0.3, 0.0, -1.0))
+    ledger = Ledger(stepper)
+    ledger.run(120)
+    active = [report.num_active for report in ledger.reports]
+    assert active[0] == 0 and max(active) >= 1 and active[-1] == 0
+    assert ledger.error <= CLOSED
+    v = ledger.diagnostics.body_velocity(box.body)
+    assert v[2] > 0.2
+    if friction is None and obstacle != "sphere":
+        assert v[0] == pytest.approx(0.3, rel=1e-12)
+    else:
+        assert abs(v[0] - 0.3) > 1e-3
 
 
 @pytest.mark.serial
