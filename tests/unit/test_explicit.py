@@ -296,6 +296,18 @@ def test_wrong_estimate_is_found_out_and_the_state_stays(comm, monkeypatch, refu
     assert agree(all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)))
 
 
+def test_body_at_rest_stays_there(comm):
+    """Round-off is not taken for growing energy."""
+    box = Box(comm)
+    stepper = nts.CentralDifference([box.body])
+    rng = np.random.default_rng(1)
+    noise = rng.normal(scale=1e-16, size=box.positions(stepper).shape)
+    for _ in range(3 * explicit._WATCH):
+        stepper.u.x.array[:] += noise[scenes.input_ids(box.V)].ravel()
+        stepper.advance()
+    assert comm.allreduce(np.abs(stepper.u.x.array).max(initial=0.0), op=MPI.MAX) <= 1e-12
+
+
 def test_cells_that_shrink_shorten_the_stable_step(comm, refused):
     box = Box(comm)
     stretch = fem.Function(box.V)
