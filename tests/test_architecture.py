@@ -20,7 +20,7 @@ LAYERS = [
     {"contact_step", "report", "springs"},
     {"stepper"},
     {"elimination", "assembly"},
-    {"linear"},
+    {"linear", "explicit_bulk"},
     {"newton"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},

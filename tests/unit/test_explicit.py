@@ -343,6 +343,16 @@ def test_stiff_penalty_shortens_the_step(comm):
     assert steps[1] < 0.1 * steps[0]
 
 
+def test_tangential_spring_follows_a_given_penalty(comm):
+    scene = scenes.blocks(comm)
+    (pair,) = scene.stepper.pairs
+    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(50.0), nts.Coulomb(0.2))
+    stable = nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step
+    nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable)
+    np.testing.assert_allclose(pair.eps_N, 50.0)
+    np.testing.assert_allclose(pair.eps_T, 5.0)
+
+
 # --- cost --------------------------------------------------------------
 
 
@@ -351,7 +361,7 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
     num_steps = 100
     for _ in range(num_steps):
         stepper.advance()
-    assert stepper._internal.num_assemblies == num_steps + 1
+    assert stepper._bulk.internal.num_assemblies == num_steps + 1
     assert stepper.pairs[0].search.exchanges <= num_steps / 10
 
 
