@@ -93,7 +93,7 @@ def test_error_falls_with_the_square_of_the_step(comm, rho_inf):
         box = Box(comm)
         stepper = nts.GeneralizedAlpha([box.body], dt=dt, rho_inf=rho_inf)
         stepper.set_velocity(box.body, lambda X: swirl(X) / 6)
-        for _ in stepper.run(0.04):
+        for _ in stepper.run(0.02):
             pass
         return box.positions(stepper)
 
