@@ -224,8 +224,12 @@ class ContactStep:
         rows = self._rows(self._x, node)
         dx = (self._x - self._x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
-        if isinstance(self.pair.enforcement, Penalty):
-            work[:] = 0.0
+        law = self.pair.enforcement
+        if isinstance(law, Penalty):
+            # Only what the springs do not account for.
+            assert self.pair.eps_N is not None
+            offset, eps_N = self._offset(rows), self.pair.eps_N[node]
+            work += law.energy(rows.gap - offset, eps_N) - law.energy(rows.gap_n - offset, eps_N)
         before = old.active[node]
         same = old.key[node] == self.neighbourhood.key[state.segment]
         parts = np.array(

@@ -1,7 +1,8 @@
 r"""Energies, momenta and contact of a stepper's accepted state.
 
 Integrals take the quadrature of the scheme: what it conserves is conserved
-here to round-off. Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` give
+here to round-off. Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (of
+`CentralDifference`, :math:`p_a = v_a \int \rho_0 \varphi_a`) give
 kinetic energy :math:`\sum v_a \cdot p_a / 2`, linear momentum
 :math:`\sum p_a` and angular momentum :math:`\sum x_a \times p_a`.
 

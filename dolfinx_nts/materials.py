@@ -185,14 +185,20 @@ class Hyperelastic:
             warnings.simplefilter("ignore")
             return float(first(())), float(ufl.diff(first, at)(()))
 
-    def moduli(self) -> npt.NDArray[np.float64]:
-        """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa].
-
-        In an orthonormal basis; for energies without fields in them.
-        """
+    @staticmethod
+    def strain_basis() -> npt.NDArray[np.float64]:
+        """Orthonormal basis of the symmetric tensors, shape ``(6, 3, 3)``."""
         basis = np.zeros((6, 3, 3))
         for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
             D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)
+        return basis
+
+    def moduli(self) -> npt.NDArray[np.float64]:
+        """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa].
+
+        In the basis `strain_basis`; for energies without fields in them.
+        """
+        basis = self.strain_basis()
         curvature = np.array([[self._along(A + B)[1] for B in basis] for A in basis])
         diagonal = np.diag(curvature) / 4
         return 2 * (curvature - diagonal[:, None] - diagonal)

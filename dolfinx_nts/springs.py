@@ -142,10 +142,14 @@ class ContactSprings:
 
         Args:
             squared_frequency: Frequency of the normal springs with the
-                reduced mass of a node and a segment's node [1/s^2].
+                reduced mass of a node and a segment's node, if the penalty
+                is open [1/s^2].
         """
-        # A pair makes its penalty ten times what it is given.
-        self.pair.fix_stiffness(0.1 * squared_frequency * self._reduced_mass)
+        penalty = squared_frequency * self._reduced_mass
+        if self._penalty is not None:
+            penalty = np.full_like(penalty, self._penalty)
+        # The tangential spring; a pair makes its penalty ten times as stiff.
+        self.pair.fix_stiffness(0.1 * penalty)
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
         """Forces at x; never changes the pair.

@@ -1,11 +1,10 @@
 r"""Largest stable step of central differences, an estimate on the safe side.
 
 With lumped mass no frequency of an assembly exceeds the highest one of its
-parts (Irons and Treharne 1971). That of a cell is bounded by
-:math:`2 c / h`, with the speed :math:`c = \sqrt{\kappa/\rho_0}` of the largest
-modulus at C = 1 (that of the P-wave if there is no lateral contraction,
-more otherwise: a single cell also swells) and the length h of the cell.
-Contact springs add their own.
+parts (Irons and Treharne 1971). That of a cell is taken from its uniform
+strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in a cell
+of length h that can move in one direction only, and more in one that can
+swell. When cells deform it changes as 1/h. Contact springs add their own.
 """
 
 from collections.abc import Sequence
@@ -19,9 +18,11 @@ import numpy.typing as npt
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.materials import Hyperelastic
 
-__all__ = ["Cells", "Damping", "cell_length", "largest_step", "wave_speed"]
+__all__ = ["Cells", "Damping", "cell_frequency", "cell_length", "largest_step"]
 
 Floats = npt.NDArray[np.float64]
+
+_BLOCK = 4096  # cells that are looked at together
 
 
 def cell_length(x: Floats) -> Floats:
@@ -29,8 +30,7 @@ def cell_length(x: Floats) -> Floats:
 
     Twice the least radius of gyration of the vertices,
     :math:`h^2 = 4 \lambda_{min}(\sum_a r_a \otimes r_a)/k`: the edge of a
-    cube. The lumped mass of the cell then makes 2 c/h its highest frequency
-    of uniform strain. Local.
+    cube. Local.
 
     Args:
         x: Vertices, shape ``(c, k, 3)`` [m].
@@ -38,15 +38,40 @@ def cell_length(x: Floats) -> Floats:
     Returns:
         Length, shape ``(c,)`` [m].
     """
-    r = x - x.mean(axis=1, keepdims=True)
-    moments = np.einsum("cai,caj->cij", r, r) / x.shape[1]
-    length: Floats = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(moments)[:, 0], 0.0))
+    length: Floats = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(_moments(x))[:, 0], 0.0))
     return length
 
 
-def wave_speed(material: Hyperelastic) -> float:
-    """Speed of the stiffest strain at C = 1 [m/s]."""
-    return float(np.sqrt(np.linalg.eigvalsh(material.moduli())[-1] / material.rho))
+def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
+    r"""Highest squared frequency of the uniform strains of cells.
+
+    With displacements u = H r of the vertices and lumped mass, the largest
+    value of :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at
+    C = 1 and :math:`G = \sum_a r_a \otimes r_a / k`. Local.
+
+    Args:
+        material: Material of the cells.
+        x: Vertices, shape ``(c, k, 3)`` [m, reference].
+
+    Returns:
+        Squared frequency, shape ``(c,)`` [1/s^2].
+    """
+    basis = Hyperelastic.strain_basis()
+    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli(), basis)
+    squared: Floats = np.empty(len(x))
+    for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
+        values, axes = np.linalg.eigh(_moments(x[block]))
+        S = axes / np.sqrt(values)[:, None, :]
+        K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
+        squared[block] = np.linalg.eigvalsh(K.reshape(-1, 9, 9))[:, -1] / material.rho
+    return squared
+
+
+def _moments(x: Floats) -> Floats:
+    """Mean products of the positions of vertices about their centre."""
+    r = x - x.mean(axis=1, keepdims=True)
+    moments: Floats = np.einsum("cai,caj->cij", r, r) / x.shape[1]
+    return moments
 
 
 class Cells:
@@ -57,16 +82,13 @@ class Cells:
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        """Compute the speed in each cell."""
+        """Compute the speed in each cell, half of its frequency times length."""
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
-        cells = np.concatenate([body.cells for body in bodies])
-        self._vertices = V.dofmap.list[cells]
-        materials = {body.material for body in bodies}
-        speeds = {material: wave_speed(material) for material in materials}
-        self._speed = np.concatenate(
-            [np.full(len(body.cells), speeds[body.material]) for body in bodies]
-        )
+        X, vertices = V.tabulate_dof_coordinates(), V.dofmap.list
+        self._vertices = np.concatenate([vertices[body.cells] for body in bodies])
+        squared = [cell_frequency(body.material, X[vertices[body.cells]]) for body in bodies]
+        self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._vertices]) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m]. Collective.

@@ -21,7 +21,7 @@ LAYERS = [
     {"stepper"},
     {"elimination", "assembly"},
     {"patch", "rest"},
-    {"linear"},
+    {"linear", "explicit_bulk"},
     {"newton"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},

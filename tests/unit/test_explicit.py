@@ -176,6 +176,37 @@ def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm):
     assert abs(diagnostics.balance().total_energy / start - 1) <= 0.005
 
 
+OBSTACLES = {
+    "plane": nts.RigidPlane((0, 0, -0.01), (0, 0, 1)),
+    "sphere": nts.RigidSphere((0.5, 0.4, -2.01), 2.0),
+    "facets": nts.RigidSurface(
+        [(-3, -3, -0.01), (4, -3, -0.01), (-3, 4, -0.01), (4, 4, -0.01)],
+        [(0, 1, 2), (1, 2, 3)],
+        (0, 0, 9),
+    ),
+}
+
+
+@FRICTION
+@pytest.mark.parametrize("obstacle", OBSTACLES)
+def test_box_bounces_off_an_obstacle(comm, obstacle, friction):
+    box = Box(comm)
+    pair = nts.ContactPair(box.surface("bottom 0"), OBSTACLES[obstacle], nts.Penalty(), friction)
+    stepper = nts.CentralDifference([box.body], [pair], dt=0.004)
+    stepper.set_velocity(box.body, (0.3, 0.0, -1.0))
+    ledger = Ledger(stepper)
+    ledger.run(120)
+    active = [report.num_active for report in ledger.reports]
+    assert active[0] == 0 and max(active) >= 1 and active[-1] == 0
+    assert ledger.error <= CLOSED
+    v = ledger.diagnostics.body_velocity(box.body)
+    assert v[2] > 0.2
+    if friction is None and obstacle != "sphere":
+        assert v[0] == pytest.approx(0.3, rel=1e-12)
+    else:
+        assert abs(v[0] - 0.3) > 1e-3
+
+
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
 def test_ball_on_plate(comm, friction):
@@ -265,6 +296,18 @@ def test_wrong_estimate_is_found_out_and_the_state_stays(comm, monkeypatch, refu
     assert agree(all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)))
 
 
+def test_body_at_rest_stays_there(comm):
+    """Round-off is not taken for growing energy."""
+    box = Box(comm)
+    stepper = nts.CentralDifference([box.body])
+    rng = np.random.default_rng(1)
+    noise = rng.normal(scale=1e-16, size=box.positions(stepper).shape)
+    for _ in range(3 * explicit._WATCH):
+        stepper.u.x.array[:] += noise[scenes.input_ids(box.V)].ravel()
+        stepper.advance()
+    assert comm.allreduce(np.abs(stepper.u.x.array).max(initial=0.0), op=MPI.MAX) <= 1e-12
+
+
 def test_cells_that_shrink_shorten_the_stable_step(comm, refused):
     box = Box(comm)
     stretch = fem.Function(box.V)
@@ -300,6 +343,16 @@ def test_stiff_penalty_shortens_the_step(comm):
     assert steps[1] < 0.1 * steps[0]
 
 
+def test_tangential_spring_follows_a_given_penalty(comm):
+    scene = scenes.blocks(comm)
+    (pair,) = scene.stepper.pairs
+    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(50.0), nts.Coulomb(0.2))
+    stable = nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step
+    nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable)
+    np.testing.assert_allclose(pair.eps_N, 50.0)
+    np.testing.assert_allclose(pair.eps_T, 5.0)
+
+
 # --- cost --------------------------------------------------------------
 
 
@@ -308,7 +361,7 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
     num_steps = 100
     for _ in range(num_steps):
         stepper.advance()
-    assert stepper._internal.num_assemblies == num_steps + 1
+    assert stepper._bulk.internal.num_assemblies == num_steps + 1
     assert stepper.pairs[0].search.exchanges <= num_steps / 10
 
 

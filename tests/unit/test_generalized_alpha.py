@@ -14,6 +14,9 @@ EPS = np.finfo(float).eps
 SOLVED = 1e-9
 CLOSED = 1e4 * EPS
 
+contacts = pytest.mark.parametrize(
+    "enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()], ids=["multiplier", "penalty"]
+)
 radii = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.8, 1.0])
 
 
@@ -37,7 +40,7 @@ class Oscillator:
     """One cell held at a side, whose other side moves without contraction."""
 
     def __init__(self, comm, rho_inf, omega_dt):
-        """Hold one side on rollers."""
+        """Choose the step for a frequency."""
         E, rho, L = 1.0, 1.0, 1.0
         material = nts.SaintVenantKirchhoff(E, 0.0, rho)
         box = Box(comm, shape=(1, 1, 1), size=(L, L, L), material=material)
@@ -90,7 +93,7 @@ def test_error_falls_with_the_square_of_the_step(comm, rho_inf):
         box = Box(comm)
         stepper = nts.GeneralizedAlpha([box.body], dt=dt, rho_inf=rho_inf)
         stepper.set_velocity(box.body, lambda X: swirl(X) / 6)
-        for _ in stepper.run(0.04):
+        for _ in stepper.run(0.02):
             pass
         return box.positions(stepper)
 
@@ -112,9 +115,7 @@ def test_small_steps_lead_to_the_motion_of_the_energy_momentum_scheme(comm):
     assert np.abs(ends[0] - ends[1]).max() <= 2e-4
 
 
-@pytest.mark.parametrize(
-    "enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()], ids=["multiplier", "penalty"]
-)
+@contacts
 def test_linear_momentum_is_conserved_in_contact_and_energy_is_not(comm, enforcement):
     scene = scenes.blocks(comm, scheme(0.5), enforcement)
     history = scene.run(15)
@@ -123,7 +124,16 @@ def test_linear_momentum_is_conserved_in_contact_and_energy_is_not(comm, enforce
     assert history.energy_error > 1e-3
 
 
-def test_ledger_closes(comm):
+@contacts
+def test_ledger_of_contact_closes(comm, enforcement):
+    stepper = scenes.blocks(comm, scheme(0.5), enforcement).stepper
+    ledger = Ledger(stepper)
+    ledger.run(15)
+    assert max(report.num_active for report in ledger.reports) >= 2
+    assert ledger.error <= CLOSED
+
+
+def test_ledger_of_loads_and_supports_closes(comm):
     box = Box(comm)
     dofs = box.dofs(0)
     bcs = [fem.dirichletbc(np.zeros(3), dofs, box.V)]

@@ -1,0 +1,80 @@
+"""Largest stable step: bounds against eigenvalues of assembled matrices."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+import scenes
+from dolfinx_nts import stable_step
+from dolfinx_nts.bodies import bulk_form
+
+
+def test_length_of_a_brick_is_its_shortest_edge():
+    corners = np.array(list(np.ndindex(2, 2, 2)))
+    bricks = np.array([corners * edges for edges in ((1, 1, 1), (3, 0.1, 2), (5, 5, 4))])
+    np.testing.assert_allclose(stable_step.cell_length(bricks), [1, 0.1, 4])
+
+
+def test_length_does_not_depend_on_the_frame(rng):
+    cells = rng.normal(size=(5, 4, 3))
+    motion = scenes.Motion.random(rng)
+    moved = motion(cells.reshape(-1, 3)).reshape(cells.shape)
+    np.testing.assert_allclose(stable_step.cell_length(moved), stable_step.cell_length(cells))
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.4])
+def test_frequency_of_a_cube_is_that_of_its_swelling(nu):
+    """Dilation by e: energy 9 K e^2 h^3/2, kinetic energy 3 rho h^5 e'^2/8."""
+    E, rho, h = 4.0, 2.0, 0.5
+    corners = h * np.array(list(np.ndindex(2, 2, 2)), dtype=float)[None]
+    squared = stable_step.cell_frequency(nts.SaintVenantKirchhoff(E, nu, rho), corners)
+    np.testing.assert_allclose(squared, 12 * (E / (3 * (1 - 2 * nu))) / (rho * h**2))
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
+def test_estimate_is_on_the_safe_side_and_not_far_from_the_limit(comm, rng, cell, nu):
+    data = scenes.boxes([(3, 2, 2)], [(1.0, 0.8, 0.5)], cell)
+    data.X[:] += rng.uniform(-0.03, 0.03, size=data.X.shape)
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(10.0, nu, 2.0)
+    body = nts.Body(V, cells, tag["body 0"], material)
+    du, eta = ufl.TrialFunction(V), ufl.TestFunction(V)
+
+    def stiffness(material, parameters, rho):
+        stress = material.linear_stress(ufl.sym(ufl.grad(du)), **parameters)
+        return ufl.inner(stress, ufl.grad(eta))
+
+    def mass(material, parameters, rho):
+        return rho * ufl.inner(du, eta)
+
+    K, M = (
+        fem.assemble_matrix(fem.form(bulk_form([body], form))).to_dense()
+        for form in (stiffness, mass)
+    )
+    scale = 1 / np.sqrt(M.sum(axis=1))
+    highest = np.linalg.eigvalsh(scale[:, None] * K * scale)[-1]
+    x = V.tabulate_dof_coordinates()
+    bound, _ = stable_step.Cells([body]).limits(x)
+    assert highest <= bound <= 4 * highest
+
+
+@pytest.mark.parametrize("alpha, beta", [(0.0, 0.0), (5.0, 0.0), (0.0, 0.02), (3.0, 0.3)])
+def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
+    """Steps v += dt (-w^2 u - c v), u += dt v: eigenvalues within the unit circle."""
+    squared = 100.0
+    damping = stable_step.Damping(alpha, beta)
+    limit = stable_step.largest_step(squared, damping)
+    assert damping.highest(limit) == pytest.approx(squared)
+    c = alpha + beta * squared
+
+    def radius(dt):
+        v = np.array([-dt * squared, 1 - dt * c])
+        return np.abs(np.linalg.eigvals([np.array([1, 0]) + dt * v, v])).max()
+
+    assert radius(0.999 * limit) <= 1 + 1e-6
+    assert radius(1.001 * limit) > 1
