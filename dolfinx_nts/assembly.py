@@ -49,6 +49,7 @@ class Bulk:
         u: The unknown.
         supports: The conditions.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
+        num_owned, num_dofs: Scalar dofs of this rank, and of all.
         cell_size: Smallest cell diameter of the mesh [m].
         num_cells: Owned cells that residual and action go over.
         num_residuals: Assembled residuals.
@@ -88,6 +89,7 @@ class Bulk:
         self._tangent = _compile(ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms)
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
+        self.num_dofs = 3 * V.dofmap.index_map.size_global
         self._rows: BlockRows | None = None
         self._matrix: Any = None
         self._stiffness: Floats | None = None

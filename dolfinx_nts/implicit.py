@@ -98,7 +98,7 @@ class ImplicitStepper(Stepper):
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
         self._supports = self._bulk.supports
-        self._solver = LinearSolver(self._bulk, petsc_options)
+        self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
         self._rest = Rest(self._bulk, self.bodies, self.pairs, self.loads)
         self._free: Floats | None = None
         if bcs:
@@ -270,6 +270,15 @@ class ImplicitStepper(Stepper):
             timings=self.timings,
         )
         return steps, solution
+
+    def _inertia_share(self) -> Floats:
+        """Lumped part of inertia in the tangent, shape ``(3 n,)`` [N/m]."""
+        share: Floats = 2 / self.dt**2 * self._mass
+        return share if self._inertia else 0 * share
+
+    def describe(self) -> list[str]:
+        """Lines on the pairs and on the work of the linear solver. Local."""
+        return [*super().describe(), f"linear solver: {self._solver}"]
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""

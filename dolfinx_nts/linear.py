@@ -8,9 +8,10 @@ is factorised.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -34,6 +35,8 @@ _REBUILD_COST = 15.0
 # More iterations per decade than this with a fresh incomplete factorisation
 # cost more than a stronger preconditioner (many wave crossings in a step).
 _SLOW = 15.0
+# The same is known beforehand where waves cross this many cells in a step.
+_MOST_CROSSINGS = 100.0
 # Unknowns up to which the stronger one is a complete factorisation.
 _DIRECT_UP_TO = 50_000
 # On several ranks the order of the unknowns decides: reverse Cuthill-McKee, the
@@ -92,9 +95,18 @@ class _Preconditioner:
         self.is_strong = False
         self.num_builds = 0
 
+    def __str__(self) -> str:
+        """Type of the factors, and what it is used with."""
+        return f"kept {self._pc.getType().upper()} of the bulk and a patch around the contacts"
+
+    @property
+    def num_patches(self) -> int:
+        """Factorisations of the patch."""
+        return 0 if self._patch is None else self._patch.num_builds
+
     def build(self) -> None:
         """Assemble the bulk tangent at u and factorise it. Collective."""
-        if self._matrix is None:
+        if self._matrix is None and not self.is_strong:
             if self._operator.bulk.comm.size == 1:
                 self._use("ilu", {})
             else:
@@ -115,7 +127,7 @@ class _Preconditioner:
     def strengthen(self) -> None:
         """Change to a complete factorisation or multigrid. Collective."""
         self.is_strong = True
-        if self._matrix.getSize()[0] <= _DIRECT_UP_TO:
+        if self._operator.bulk.num_dofs <= _DIRECT_UP_TO:
             self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
         else:
             self._use("gamg", _MULTIGRID)
@@ -180,18 +192,28 @@ class LinearSolver:
 
     Args:
         bulk: Forms of the bodies.
+        inertia: Share of lumped inertia in the tangent at the owned dofs,
+            shape ``(3 n,)`` [N/m]; 0 without inertia.
         options: PETSc options without prefix: ``ksp_...`` for the Krylov
             method, all others for the preconditioner of the bulk.
 
     Attributes:
         num_iterations: Krylov iterations so far.
         num_direct: Systems that were factorised as a whole.
+
+    ``str`` tells the choice of the preconditioner and counts of work.
     """
 
-    def __init__(self, bulk: Bulk, options: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        bulk: Bulk,
+        inertia: Callable[[], Floats],
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         prefix = f"nts_{next(_number)}_"
-        self._bulk = bulk
+        self._bulk, self._inertia = bulk, inertia
+        self._crossings = 0.0
         self._operator = _Operator(bulk)
         n = bulk.num_owned
         self._matrix = PETSc.Mat().createPython(((n, None), (n, None)), comm=bulk.comm)
@@ -256,7 +278,20 @@ class LinearSolver:
             self._build()
         return du, None
 
+    def __str__(self) -> str:
+        """Choice of the preconditioner, and counts of work so far. Local."""
+        pc = self._preconditioner
+        return (
+            f"GMRES with {pc}, waves cross {self._crossings:.3g} cells a step; "
+            f"{self.num_iterations} iterations, {pc.num_builds} factorisations, "
+            f"{pc.num_patches} of patches, {self.num_direct} systems factorised as a whole"
+        )
+
     def _build(self) -> None:
+        if self._preconditioner.num_builds == 0:
+            self._crossings = self._wave_crossings()
+            if self._crossings > _MOST_CROSSINGS:
+                self._preconditioner.strengthen()
         self._preconditioner.build()
         self._age = _Age()
 
@@ -288,6 +323,17 @@ class LinearSolver:
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du
+
+    def _wave_crossings(self) -> float:
+        """Cells that waves cross in a step, about h c/dx. Collective.
+
+        In a chain of lumped masses m, waves of speed c give K_ii/m =
+        2 (c/dx)^2; half of K and 2 m/h^2 make the tangent of a step.
+        """
+        stiffness, inertia = self._bulk.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
+        ratio = stiffness / np.maximum(inertia, 1e-300)
+        greatest = self._bulk.comm.allreduce(ratio.max(initial=0.0), op=MPI.MAX)
+        return float(np.sqrt(2 * greatest))
 
     def _solve_direct(
         self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]

@@ -165,6 +165,7 @@ class Recorder:
         mean, most = np.mean(its or [0]), max(its, default=0)
         lines = [f"{self._name}: {len(its)} steps from t = {first.time:g} to {self._last.time:g} s"]
         lines += [f"Newton iterations: {sum(its)}, mean {mean:.2f}, max {most}"]
+        lines += self._stepper.describe()
         for name, unit in _CONSERVED.items():
             size = np.linalg.norm(getattr(first, name))
             drift = f"largest change {self._drift[name]:.1e} {unit}"

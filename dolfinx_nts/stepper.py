@@ -109,6 +109,10 @@ class Stepper(ABC):
     def _step(self) -> StepReport:
         """Solve a step from u_n, v to u, v and set the pairs' history."""
 
+    def describe(self) -> list[str]:
+        """Lines on the pairs, with numbers that were derived. Local."""
+        return [f"pair {number}: {pair}" for number, pair in enumerate(self.pairs, start=1)]
+
     @property
     def dt(self) -> float:
         """Length of the next step [s]."""
