@@ -281,6 +281,8 @@ class LinearSolver:
     def __str__(self) -> str:
         """Choice of the preconditioner, and counts of work so far. Local."""
         pc = self._preconditioner
+        if pc.num_builds == 0:
+            return "not used so far"
         return (
             f"GMRES with {pc}, waves cross {self._crossings:.3g} cells a step; "
             f"{self.num_iterations} iterations, {pc.num_builds} factorisations, "
