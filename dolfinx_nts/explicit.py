@@ -215,7 +215,7 @@ class CentralDifference(Stepper):
         contact_work = ContactWork()
         for springs, a, b in zip(self._springs, old.springs, new.springs, strict=True):
             contact_work = contact_work + springs.work(a, b, du)
-        works = np.zeros(4)
+        works = np.zeros(5)
         if self._bulk.loads:
             works[0] = np.vdot(old.load + new.load, du) / 2
         if self._bulk.damping:
@@ -226,7 +226,8 @@ class CentralDifference(Stepper):
             works[2] = reaction[given] @ du[given]
         change = np.vdot(new.total, new.acceleration) - np.vdot(old.total, old.acceleration)
         works[3] = dt**2 / 8 * change
-        load_work, damping_work, support_work, inertia_defect = (
+        works[4] = sum(len(state.neighbourhood.size) for state in new.springs)
+        load_work, damping_work, support_work, inertia_defect, in_reach = (
             float(work) for work in comm.allreduce(works)
         )
         self._worked += load_work + damping_work + support_work + contact_work.friction
@@ -247,6 +248,7 @@ class CentralDifference(Stepper):
             active_set_changes=0,
             residual_norms=(),
             num_active=sum(state.num_active for state in new.springs),
+            num_segments=int(in_reach),
             num_resting=0,
             contact_work=contact_work,
             load_work=load_work,

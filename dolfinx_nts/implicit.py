@@ -221,8 +221,10 @@ class ImplicitStepper(Stepper):
         du = (u - u_n)[:n]
         support_work = self._support_work(steps, solution.states, du)
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
-        works = np.array([self._bulk.load() @ du if self.loads else 0.0, -lost, solution.R @ du])
-        load_work, damping_work, solver_work = (float(value) for value in comm.allreduce(works))
+        loaded = self._bulk.load() @ du if self.loads else 0.0
+        in_reach = sum(len(step.neighbourhood.size) for step in steps)
+        sums = comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
+        load_work, damping_work, solver_work = (float(value) for value in sums[:3])
         self._mean_velocity = (u - u_n) / dt
         self._update_velocity()
         inertia = self._mass * (self.v.x.array[:n] - v_n) / dt
@@ -235,6 +237,7 @@ class ImplicitStepper(Stepper):
             active_set_changes=solution.report.active_set_changes,
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
+            num_segments=int(sums[3]),
             num_resting=len(self._rest.bodies),
             contact_work=work,
             load_work=load_work,

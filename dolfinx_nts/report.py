@@ -23,6 +23,8 @@ class StepReport:
         active_set_changes: Pairs that changed during the iteration.
         residual_norms: Norms before each linear solve, and the last [N].
         num_active: Active pairs on all ranks.
+        num_segments: Segments in reach of nodes, on all ranks; without any
+            nothing was projected.
         num_resting: Bodies that the step left out, being at rest.
         contact_work: Work of contact, by cause.
         load_work: Work of the loads [J].
@@ -38,6 +40,7 @@ class StepReport:
     active_set_changes: int
     residual_norms: tuple[float, ...]
     num_active: int
+    num_segments: int
     num_resting: int
     contact_work: ContactWork
     load_work: float

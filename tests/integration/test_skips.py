@@ -1,4 +1,4 @@
-"""Bodies at rest are left out of a step, and the step is the same."""
+"""What a scene does not need is left out, and the steps are the same."""
 
 import numpy as np
 import pytest
@@ -104,3 +104,33 @@ def test_body_moved_without_strain_still_rests(comm):
     stepper, plate = scene.stepper, scene.bodies["plate"]
     stepper.set_displacement(plate, (0.0, 0.0, -0.25))
     assert stepper.advance().num_resting == 1
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+def test_bodies_far_apart_are_not_projected(comm, scheme):
+    law = nts.Penalty() if scheme is nts.CentralDifference else nts.LagrangeMultiplier()
+    counts = []
+    for height in (0.0, 2.0):
+        dt = 1e-3
+        scene = scenes.ball_plate(comm, scheme, law, shift=(0.0, 0.0, height), dt=dt)
+        counts.append([scene.stepper.advance().num_segments for _ in range(3)])
+    assert min(counts[0]) > 0 and counts[1] == [0, 0, 0]
+
+
+def test_without_active_nodes_nothing_is_eliminated(comm):
+    scene = scenes.ball_plate(comm)
+    solver = scene.stepper._solver
+    for _ in range(3):
+        assert scene.stepper.advance().num_active == 0
+    assert solver._operator.elimination.empty
+    assert solver._preconditioner.num_patches == 0
+
+
+def test_without_friction_there_is_no_slip(comm, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("slip evaluated")
+
+    scene = scenes.ball_plate(comm)
+    scene.stepper.pairs[0].friction = None
+    monkeypatch.setattr("dolfinx_nts.search.Neighbourhood.slip", refuse)
+    assert any(scene.stepper.advance().num_active for _ in range(8))
