@@ -1,14 +1,4 @@
-r"""Assembly: bulk forms and contact blocks in PETSc.
-
-The unknowns of a Newton iteration are du (all nodes) and dlambda_N (active
-pairs). Each rank's multipliers follow its displacements:
-
-    [ K + sum lambda_N dF/dq   F ] [ du       ]     [ R              ]
-    [ G^T                      0 ] [ dlambda_N ] = - [ g_N - g_ref    ]
-
-with the contact force F of the step and the gap gradient G at its end; the
-matrix is not symmetric.
-"""
+"""Assembly: the forms of the bodies, and the forces of contact."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -23,17 +13,15 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.forms import CellForm, compile_form
 from dolfinx_nts.loads import Supports
 
-__all__ = ["Bulk", "SaddleSystem", "contact_residual"]
+__all__ = ["Bulk", "contact_residual"]
 
 Floats = npt.NDArray[np.float64]
-
-# Compliance of a constraint, relative to that of the stiffest node.
-_DEPENDENT = 1e-10
 
 
 class Bulk:
@@ -212,7 +200,7 @@ class Bulk:
         return PETSc.NullSpace().create(vectors=vectors, comm=self.comm)
 
     @property
-    def rows(self) -> "BlockRows":
+    def rows(self) -> BlockRows:
         """Owned rows of the last tangent."""
         assert self._rows is not None
         return self._rows
@@ -225,71 +213,6 @@ class Bulk:
         self._vector.scatter_reverse(la.InsertMode.add)
         values: Floats = self._vector.array[: self.num_owned].copy()
         return values
-
-
-class BlockRows:
-    """Owned rows of a matrix of 3 x 3 blocks, as DOLFINx stores it.
-
-    Args:
-        matrix: Matrix in compact blocks.
-
-    Attributes:
-        matrix: The matrix.
-        index_map: Of the rows.
-        start: Where each row begins, and the end, shape ``(n + 1,)``.
-        column: Local column of each block, shape ``(b,)``.
-        value: Blocks by rows, shape ``(9 b,)``.
-    """
-
-    def __init__(self, matrix: la.MatrixCSR) -> None:
-        """Take views on the owned rows."""
-        self.matrix = matrix
-        self.index_map = matrix.index_map(0)
-        n = self.index_map.size_local
-        self.start: npt.NDArray[np.int64] = matrix.indptr[: n + 1]
-        self.column: npt.NDArray[np.int32] = matrix.indices[: self.start[n]]
-        self.value: Floats = matrix.data[: 9 * self.start[n]]
-        columns = matrix.index_map(1)
-        self._global = columns.local_to_global(self.column).astype(PETSc.IntType)
-        row = np.repeat(np.arange(n), np.diff(self.start))
-        self._diagonal = np.flatnonzero(row == self.column)
-
-    def diagonal(self) -> Floats:
-        """Entries on the diagonal, shape ``(n, 3)``. Local."""
-        return self.value.reshape(-1, 9)[self._diagonal, ::4]
-
-    def insert(self, matrix: Any) -> None:
-        """Copy the values to a PETSc matrix of the same pattern. Collective."""
-        start = self.start.astype(PETSc.IntType)
-        matrix.setValuesBlockedCSR(start, self._global, self.value)
-        matrix.assemble()
-
-    def gather(
-        self, nodes: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
-        """Rows of any nodes. Collective.
-
-        Args:
-            nodes: Global numbers, sorted, shape ``(m,)``.
-            ends: First number after those of each rank, shape ``(ranks,)``.
-
-        Returns:
-            Where each row begins and the end, shape ``(m + 1,)``; global
-            columns, shape ``(b,)``; blocks, shape ``(9 b,)``.
-        """
-        comm = self.index_map.comm
-        asked = comm.alltoall(np.split(nodes, np.searchsorted(nodes, ends[:-1])))
-        answers = []
-        for wanted in asked:
-            row = wanted - self.index_map.local_range[0]
-            length = self.start[row + 1] - self.start[row]
-            begin = np.cumsum(length) - length
-            blocks = np.arange(length.sum()) + np.repeat(self.start[row] - begin, length)
-            answers.append((length, self._global[blocks], self.value.reshape(-1, 9)[blocks]))
-        parts = comm.alltoall(answers)
-        length, column, value = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        start = np.concatenate([[0], np.cumsum(length)])
-        return start, column.astype(np.int64), value.ravel()
 
 
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
@@ -308,88 +231,3 @@ def contact_residual(
             here = step.neighbourhood
             total += here.to_owners(state.nodal_forces(here.num_local)).ravel()
     return total
-
-
-class SaddleSystem:
-    """The whole system, factorised by MUMPS.
-
-    Args:
-        bulk: Forms of the bodies.
-    """
-
-    def __init__(self, bulk: Bulk) -> None:
-        """Keep the forms."""
-        self._bulk = bulk
-
-    def solve(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
-    ) -> tuple[Floats, list[Floats]]:
-        """Newton increments. Collective.
-
-        Args:
-            R: Residual on the owned dofs [N].
-            steps: Contact attempts.
-            states: Their pairs.
-
-        Returns:
-            du on the owned dofs [m], and the increments of the multipliers
-            of each state, constraint by constraint [N].
-        """
-        comm = self._bulk.comm
-        K = self._bulk.tangent()
-        # Constraints that given displacements make dependent stay solvable;
-        # multipliers converge with Newton's iteration, so nothing is lost.
-        compliance = _DEPENDENT / float(self._bulk.nodal_stiffness().max(initial=1e-300))
-        compliance = comm.allreduce(compliance, op=MPI.MIN)
-        first, last = K.getOwnershipRange()
-        counts = [int(state.rank.sum()) for state in states]
-        num_local = np.array(comm.allgather((last - first, sum(counts))))
-        u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
-        shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
-
-        def saddle(dofs: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
-            """Number in the saddle system of displacement dofs."""
-            rank = np.searchsorted(u_start, dofs, side="right") - 1
-            return np.asarray(dofs + shift[rank], dtype=np.int32)
-
-        n = last - first + sum(counts)
-        A = PETSc.Mat().create(comm)
-        A.setSizes(((n, None), (n, None)))
-        A.setType("aij")
-        A.setUp()
-        copy = K.convert("aij", PETSc.Mat())
-        indptr, columns, values = copy.getValuesCSR()
-        copy.destroy()
-        rows = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
-        A.setValuesIJV(indptr, saddle(columns), values, addv=True, rowmap=rows)
-        multiplier = last + int(shift[comm.rank])
-        right = np.empty(n)
-        right[: last - first] = -R
-        for step, state in zip(steps, states, strict=True):
-            active = np.flatnonzero(state.active)
-            nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
-            dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
-            dofs = dofs.reshape(len(active), state.residual.shape[1])
-            for i, pair_dofs in zip(active, dofs, strict=True):
-                A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
-                for a in range(state.rank[i]):
-                    A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
-                    A.setValues(multiplier, pair_dofs, state.gradients[i, a], addv=True)
-                    A.setValue(multiplier, multiplier, -compliance, addv=True)
-                    right[multiplier - first - shift[comm.rank]] = -state.excess[i, a]
-                    multiplier += 1
-        A.assemble()
-
-        x, b = A.createVecs()
-        b.array[:] = right
-        ksp = PETSc.KSP().create(comm)
-        ksp.setOperators(A)
-        ksp.setType("preonly")
-        ksp.getPC().setType("lu")
-        ksp.getPC().setFactorSolverType("mumps")
-        ksp.solve(b, x)
-        solution = x.array.copy()
-        for item in (ksp, A, b, x):
-            item.destroy()
-        du, dlambda = np.split(solution, [last - first])
-        return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []

@@ -17,11 +17,12 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.assembly import Bulk, SaddleSystem
+from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.elimination import Elimination, coupled
-from dolfinx_nts.patch import Patch
+from dolfinx_nts.preconditioner import Operator, Preconditioner
+from dolfinx_nts.saddle import SaddleSystem
 
 __all__ = ["LinearSolver"]
 
@@ -37,126 +38,11 @@ _REBUILD_COST = 15.0
 _SLOW = 15.0
 # The same is known beforehand where waves cross this many cells in a step.
 _MOST_CROSSINGS = 100.0
-# Unknowns up to which the stronger one is a complete factorisation.
-_DIRECT_UP_TO = 50_000
-# On several ranks the order of the unknowns decides: reverse Cuthill-McKee, the
-# order of DOLFINx on one rank, needs 7 iterations for 8 decades, without it 12.
-_ON_RANKS = {
-    "pc_asm_overlap": 1,
-    "sub_pc_type": "ilu",
-    "sub_pc_factor_mat_ordering_type": "rcm",
-}
-# One sweep with incomplete factors smooths best (elasticity of stiff bodies).
-_MULTIGRID = {
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_ksp_max_it": 1,
-    "mg_levels_pc_type": "asm",
-    "mg_levels_sub_pc_type": "ilu",
-}
 # Iterations per decade of fresh factors are taken over this many decades,
 # about those of a step.
 _DECADES = 12.0
 # Of the reduction asked for: what a right-hand side may leave out.
 _NEGLIGIBLE = 0.03
-
-
-class _Operator:
-    """Context of the shell matrix: projected tangent.
-
-    Right-hand sides and products have no part in the directions that
-    nodes give up, and such a part of what is multiplied has no effect.
-    """
-
-    def __init__(self, bulk: Bulk) -> None:
-        self.bulk = bulk
-        self.elimination = Elimination((), ())
-
-    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Z~^T (K + C) Z x."""
-        z = x.array_r.reshape(-1, 3).copy()
-        parts = self.elimination.constrain(z)
-        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
-
-
-class _Preconditioner:
-    """Context of the shell preconditioner: kept factors and a patch.
-
-    The factors are of the bulk and age slowly; the patch is of the
-    contacts of this Newton iteration (`cpp/nts/patch.h`).
-    """
-
-    def __init__(self, operator: _Operator, prefix: str) -> None:
-        self._operator = operator
-        self._pc = PETSc.PC().create(operator.bulk.comm)
-        self._pc.setOptionsPrefix(prefix)
-        self._matrix: Any = None
-        self._scalar: Any = None
-        self._patch: Patch | None = None
-        self.is_strong = False
-        self.num_builds = 0
-
-    def __str__(self) -> str:
-        """Type of the factors, and what it is used with."""
-        return f"kept {self._pc.getType().upper()} of the bulk and a patch around the contacts"
-
-    @property
-    def num_patches(self) -> int:
-        """Factorisations of the patch."""
-        return 0 if self._patch is None else self._patch.num_builds
-
-    def build(self) -> None:
-        """Assemble the bulk tangent at u and factorise it. Collective."""
-        if self._matrix is None and not self.is_strong:
-            if self._operator.bulk.comm.size == 1:
-                self._use("ilu", {})
-            else:
-                self._use("asm", _ON_RANKS)
-        self._matrix = self._operator.bulk.tangent()
-        if self.is_strong and self._pc.getType() in ("lu", "gamg"):
-            # They want scalar entries.
-            self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
-            if self._pc.getType() == "gamg":
-                self._scalar.setBlockSize(3)
-                self._scalar.setNearNullSpace(self._operator.bulk.rigid_modes())
-            self._pc.setOperators(self._scalar)
-        else:
-            self._pc.setOperators(self._matrix)
-        self._pc.setUp()
-        self.num_builds += 1
-
-    def strengthen(self) -> None:
-        """Change to a complete factorisation or multigrid. Collective."""
-        self.is_strong = True
-        if self._operator.bulk.num_dofs <= _DIRECT_UP_TO:
-            self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
-        else:
-            self._use("gamg", _MULTIGRID)
-
-    def _use(self, kind: str, defaults: Mapping[str, Any]) -> None:
-        """Set type and options, but for what the user has set."""
-        options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
-        self._pc.setType(kind)
-        if options.getString(f"{prefix}pc_type", kind) == kind:
-            for key, value in defaults.items():
-                if not options.hasName(prefix + key):
-                    options[prefix + key] = value
-        self._pc.setFromOptions()
-
-    def prepare(self) -> None:
-        """Bring the patch up to the present pairs and factors. Collective."""
-        if self._patch is None:
-            self._patch = Patch(self._operator.bulk.rows)
-        self._patch.update(self._operator.elimination, self.num_builds)
-
-    def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        self._pc.apply(r, z)
-        elimination = self._operator.elimination
-        if elimination.empty:
-            return
-        assert self._patch is not None
-        x = z.array.reshape(-1, 3)
-        elimination.constrain(x)
-        self._patch.correct(r.array_r.reshape(-1, 3), x)
 
 
 class _Age:
@@ -214,7 +100,7 @@ class LinearSolver:
         prefix = f"nts_{next(_number)}_"
         self._bulk, self._inertia = bulk, inertia
         self._crossings = 0.0
-        self._operator = _Operator(bulk)
+        self._operator = Operator(bulk)
         n = bulk.num_owned
         self._matrix = PETSc.Mat().createPython(((n, None), (n, None)), comm=bulk.comm)
         self._matrix.setPythonContext(self._operator)
@@ -222,7 +108,7 @@ class LinearSolver:
         database = PETSc.Options()
         for key, value in ({} if options is None else options).items():
             database[f"{prefix}{'' if key.startswith('ksp_') else 'bulk_'}{key}"] = value
-        self._preconditioner = _Preconditioner(self._operator, f"{prefix}bulk_")
+        self._preconditioner = Preconditioner(self._operator, f"{prefix}bulk_")
         self._ksp = PETSc.KSP().create(bulk.comm)
         self._ksp.setOptionsPrefix(prefix)
         self._ksp.setOperators(self._matrix)

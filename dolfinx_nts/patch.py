@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import common, la
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.assembly import BlockRows
+from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.elimination import ActivePairs, Elimination
 
 __all__ = ["Patch"]

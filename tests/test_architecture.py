@@ -19,9 +19,10 @@ LAYERS = [
     {"contact", "contact_rows"},
     {"contact_step", "report", "springs"},
     {"stepper"},
-    {"elimination", "assembly"},
-    {"patch", "rest"},
-    {"linear", "explicit_bulk"},
+    {"elimination", "block_rows"},
+    {"assembly", "patch"},
+    {"preconditioner", "saddle", "rest", "explicit_bulk"},
+    {"linear"},
     {"newton"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
@@ -34,7 +35,7 @@ LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 
 # First layer that may know a library; below it, nothing of it.
-FIRST = {"petsc4py": "assembly", "dolfinx.fem.petsc": "assembly"}
+FIRST = {"petsc4py": "block_rows", "dolfinx.fem.petsc": "assembly"}
 ONLY = {
     "gmsh": {"meshing"},
     "pyvista": {"plotting"},

@@ -5,7 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.assembly import SaddleSystem
+from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
 AGREEMENT = 1e-8
@@ -107,7 +107,7 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
 ):
     # One iteration never reaches the tolerance with an incomplete
     # factorisation; what follows must give the same steps.
-    monkeypatch.setattr("dolfinx_nts.linear._DIRECT_UP_TO", direct_up_to)
+    monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", direct_up_to)
     reference, limited = scenes.blocks(comm), scenes.blocks(comm)
     for _ in range(8):
         reference.stepper.advance()

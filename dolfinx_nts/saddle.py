@@ -1,0 +1,116 @@
+r"""The whole linear system of a Newton iteration, displacements and multipliers.
+
+The unknowns are du (all nodes) and dlambda_N (active pairs). Each rank's
+multipliers follow its displacements:
+
+    [ K + sum lambda_N dF/dq   F ] [ du       ]     [ R              ]
+    [ G^T                      0 ] [ dlambda_N ] = - [ g_N - g_ref    ]
+
+with the contact force F of the step and the gap gradient G at its end; the
+matrix is not symmetric.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.assembly import Bulk
+from dolfinx_nts.contact_rows import ContactState
+from dolfinx_nts.contact_step import ContactStep
+
+__all__ = ["SaddleSystem"]
+
+Floats = npt.NDArray[np.float64]
+
+# Compliance of a constraint, relative to that of the stiffest node.
+_DEPENDENT = 1e-10
+
+
+class SaddleSystem:
+    """The whole system, factorised by MUMPS.
+
+    Args:
+        bulk: Forms of the bodies.
+    """
+
+    def __init__(self, bulk: Bulk) -> None:
+        """Keep the forms."""
+        self._bulk = bulk
+
+    def solve(
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
+    ) -> tuple[Floats, list[Floats]]:
+        """Newton increments. Collective.
+
+        Args:
+            R: Residual on the owned dofs [N].
+            steps: Contact attempts.
+            states: Their pairs.
+
+        Returns:
+            du on the owned dofs [m], and the increments of the multipliers
+            of each state, constraint by constraint [N].
+        """
+        comm = self._bulk.comm
+        K = self._bulk.tangent()
+        # Constraints that given displacements make dependent stay solvable;
+        # multipliers converge with Newton's iteration, so nothing is lost.
+        compliance = _DEPENDENT / float(self._bulk.nodal_stiffness().max(initial=1e-300))
+        compliance = comm.allreduce(compliance, op=MPI.MIN)
+        first, last = K.getOwnershipRange()
+        counts = [int(state.rank.sum()) for state in states]
+        num_local = np.array(comm.allgather((last - first, sum(counts))))
+        u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
+        shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
+
+        def saddle(dofs: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+            """Number in the saddle system of displacement dofs."""
+            rank = np.searchsorted(u_start, dofs, side="right") - 1
+            return np.asarray(dofs + shift[rank], dtype=np.int32)
+
+        n = last - first + sum(counts)
+        A = PETSc.Mat().create(comm)
+        A.setSizes(((n, None), (n, None)))
+        A.setType("aij")
+        A.setUp()
+        copy = K.convert("aij", PETSc.Mat())
+        indptr, columns, values = copy.getValuesCSR()
+        copy.destroy()
+        rows = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
+        A.setValuesIJV(indptr, saddle(columns), values, addv=True, rowmap=rows)
+        multiplier = last + int(shift[comm.rank])
+        right = np.empty(n)
+        right[: last - first] = -R
+        for step, state in zip(steps, states, strict=True):
+            active = np.flatnonzero(state.active)
+            nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
+            dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+            dofs = dofs.reshape(len(active), state.residual.shape[1])
+            for i, pair_dofs in zip(active, dofs, strict=True):
+                A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
+                for a in range(state.rank[i]):
+                    A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
+                    A.setValues(multiplier, pair_dofs, state.gradients[i, a], addv=True)
+                    A.setValue(multiplier, multiplier, -compliance, addv=True)
+                    right[multiplier - first - shift[comm.rank]] = -state.excess[i, a]
+                    multiplier += 1
+        A.assemble()
+
+        x, b = A.createVecs()
+        b.array[:] = right
+        ksp = PETSc.KSP().create(comm)
+        ksp.setOperators(A)
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        ksp.getPC().setFactorSolverType("mumps")
+        ksp.solve(b, x)
+        solution = x.array.copy()
+        for item in (ksp, A, b, x):
+            item.destroy()
+        du, dlambda = np.split(solution, [last - first])
+        return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
