@@ -63,6 +63,7 @@ class Bulk:
         supports: The conditions.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
         cell_size: Smallest cell diameter of the mesh [m].
+        nodal_size: Largest diameter of the cells of each owned node [m].
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
         num_tangents: Assembled tangents.
@@ -91,9 +92,13 @@ class Bulk:
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self._matrix: Any = None
         mesh = V.mesh
-        cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-        smallest = mesh.h(3, cells).min(initial=np.inf)
-        self.cell_size = float(mesh.comm.allreduce(smallest, op=MPI.MIN))
+        index_map = mesh.topology.index_map(3)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        h = mesh.h(3, cells)
+        self.cell_size = float(mesh.comm.allreduce(h.min(initial=np.inf), op=MPI.MIN))
+        size = np.zeros(self._vector.array.size // 3)
+        np.maximum.at(size, V.dofmap.list, h[:, None])
+        self.nodal_size: Floats = size[: self.num_owned // 3]
         self.num_residuals = self.num_actions = self.num_tangents = 0
 
     def residual(self) -> Floats:

@@ -110,6 +110,7 @@ def solve(
     before = du_norm = np.inf
     du: Floats = np.zeros(n)
     balanced = True  # multipliers from the normal balance at the nodes
+    floor = _round_off(bulk)
     rubs = any(step.pair.friction is not None for step in steps)
     iteration, halvings = 0, 0
     while True:
@@ -130,7 +131,7 @@ def solve(
         changed, failed = (int(value) for value in sums[2:])
         norms.append(norm)
         changes += changed
-        target = _RESIDUAL_TOLERANCE * (force_scale + contact_norm)
+        target = max(_RESIDUAL_TOLERANCE * (force_scale + contact_norm), floor)
         solved = norm <= target or du_norm <= _INCREMENT_TOLERANCE * size
         converged = solved and excess <= _GAP_TOLERANCE * size and not changed
 
@@ -170,6 +171,17 @@ def solve(
         bulk.u.x.array[:n] += du
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _round_off(bulk: Bulk) -> float:
+    """Norm of the residual that rounding leaves at best [N]. Collective.
+
+    A strain is known to eps, and to eps |u|/h; with the stiffness k of a
+    node and the size h of its cells that is a force of eps k (h + |u|).
+    """
+    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
+    forces = np.finfo(np.float64).eps * bulk.nodal_stiffness() * (bulk.nodal_size + u)
+    return float(np.sqrt(bulk.comm.allreduce(forces @ forces)))
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:
