@@ -22,6 +22,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+C0 = 10.0
+GROW = 10.0
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _PATIENCE = 3  # iterations without fewer changes until one node changes at a time
 
@@ -111,6 +113,9 @@ class ContactStep:
         # Model of the traction and slip of the last iteration.
         self._explicit, self._direction, self._slip = np.zeros((3, n, 2))
         self._turn_stiffness = np.zeros((n, 2, 2))
+        # Method of multipliers: estimate of the traction and spring around it.
+        self._estimate: Floats | None = None
+        self._spring: Floats = self._stiffness
 
     def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactState:
         """Pair, evaluate the kernels, update multipliers and active set.
@@ -144,6 +149,27 @@ class ContactStep:
             # Without a previous iteration the set of active pairs is new.
             changed = int(np.count_nonzero(active))
         return self._state(rows, slope, changed)
+
+    @property
+    def lag(self) -> float:
+        """Slip that the springs of the method of multipliers allow [m]."""
+        if self._estimate is None:
+            return 0.0
+        change = np.linalg.norm(self.traction - self._estimate, axis=1) / self._spring
+        return float(change[self.active].max(initial=0.0))
+
+    def soften(self) -> None:
+        """Go over from exact stick to the method of multipliers."""
+        if self.pair.friction is not None and not self.pair.has_slip_spring:
+            self._estimate = np.zeros_like(self.traction)
+            self._spring = C0 * self._stiffness
+            self._fewest, self._patience = np.inf, _PATIENCE
+
+    def follow(self) -> None:
+        """Take the tractions found as the estimate, and stiffer springs."""
+        if self._estimate is not None:
+            self._estimate = self.traction.copy()
+            self._spring = GROW * self._spring
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
@@ -303,12 +329,15 @@ class ContactStep:
             )
             model = friction.spring(t_n, slip, p, self.pair.eps_T[node])
             sliding = model.sliding
+        elif self._estimate is not None:
+            model = friction.spring(self._estimate[node], slip, p, self._spring[node])
+            sliding = model.sliding
         elif iteration == 0:
             # Multipliers of the starting guess mean nothing yet.
-            model = friction.exact(np.zeros_like(slip), slip, np.zeros_like(p), self._weight(node))
+            model = friction.exact(np.zeros_like(slip), slip, np.zeros_like(p), self._weight(node), np.zeros(len(p), dtype=bool))
             sliding = self.sliding[node]
         else:
-            model = friction.exact(self.traction[node], slip, p, self._weight(node))
+            model = friction.exact(self.traction[node], slip, p, self._weight(node), self.sliding[node] & self.active[node])
             sliding = model.sliding
         flips = self.active[node] & (sliding != self.sliding[node])
         self.sliding[node] = sliding
@@ -317,19 +346,23 @@ class ContactStep:
         self._direction[node] = model.direction
         self._turn_stiffness[node] = model.stiffness
         self.traction[node] = np.where(
-            (sliding | self.pair.has_slip_spring)[:, None],
+            (sliding | self._has_spring)[:, None],
             model.explicit + p[:, None] * model.direction,
             self.traction[node],
         )
         self.traction[node[~self.active[node]]] = 0.0
         return int(np.count_nonzero(flips))
 
+    @property
+    def _has_spring(self) -> bool:
+        return self.pair.has_slip_spring or self._estimate is not None
+
     def _weight(self, node: Ints) -> Floats:
         return self._stiffness[node]
 
     def _sticks(self, node: Ints) -> Flags:
         """Active nodes held by multipliers in the tangent plane."""
-        exact = self.pair.friction is not None and not self.pair.has_slip_spring
+        exact = self.pair.friction is not None and not self._has_spring
         flags: Flags = self.active[node] & ~self.sliding[node] & exact
         return flags
 
@@ -345,7 +378,7 @@ class ContactStep:
             tangential = rows.columns[:, 1:, :3]
             direction: Floats = self._direction[node]
             explicit: Floats = self._explicit[node]
-            if not self.pair.has_slip_spring:
+            if not self._has_spring:
                 turned = rows.slip.value - self._slip[node]
                 explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
             stick = self._sticks(node) & rows.eliminable

@@ -85,7 +85,7 @@ class Coulomb:
             stiffness=(part * eps_T)[:, None, None] * stiffness,
         )
 
-    def exact(self, t: Floats, slip: Floats, p: Floats, c: Floats) -> Traction:
+    def exact(self, t: Floats, slip: Floats, p: Floats, c: Floats, before: Flags) -> Traction:
         """Stick and slip without a spring, one semismooth Newton iteration.
 
         The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
@@ -103,6 +103,7 @@ class Coulomb:
         size, s, across = _polar(t + c[:, None] * slip)
         limit = self.mu * np.maximum(p, 0.0)
         sliding = size > limit
+        sliding &= ~(before & (np.einsum("mi,mi->m", t, slip) < 0))
         ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
         with np.errstate(divide="ignore"):
             turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
