@@ -14,6 +14,7 @@ from dolfinx_nts.contact_rows import ContactState, Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["ContactStep"]
@@ -22,10 +23,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
-C0 = 10.0
-GROW = 10.0
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
-_PATIENCE = 3  # iterations without fewer changes until one node changes at a time
 
 
 class ContactStep:
@@ -102,8 +100,7 @@ class ContactStep:
         self._gap: Floats = at_n[1]
         self._moves = np.zeros(len(nodes), dtype=np.int32)
         self.num_active = 0
-        self._fewest: float = np.inf
-        self._patience = _PATIENCE
+        self._contact_pivoting, self._stick_pivoting = Pivoting(self.comm), Pivoting(self.comm)
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
         self.sliding = history.sliding | ~history.active
@@ -113,9 +110,6 @@ class ContactStep:
         # Model of the traction and slip of the last iteration.
         self._explicit, self._direction, self._slip = np.zeros((3, n, 2))
         self._turn_stiffness = np.zeros((n, 2, 2))
-        # Method of multipliers: estimate of the traction and spring around it.
-        self._estimate: Floats | None = None
-        self._spring: Floats = self._stiffness
 
     def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactState:
         """Pair, evaluate the kernels, update multipliers and active set.
@@ -149,27 +143,6 @@ class ContactStep:
             # Without a previous iteration the set of active pairs is new.
             changed = int(np.count_nonzero(active))
         return self._state(rows, slope, changed)
-
-    @property
-    def lag(self) -> float:
-        """Slip that the springs of the method of multipliers allow [m]."""
-        if self._estimate is None:
-            return 0.0
-        change = np.linalg.norm(self.traction - self._estimate, axis=1) / self._spring
-        return float(change[self.active].max(initial=0.0))
-
-    def soften(self) -> None:
-        """Go over from exact stick to the method of multipliers."""
-        if self.pair.friction is not None and not self.pair.has_slip_spring:
-            self._estimate = np.zeros_like(self.traction)
-            self._spring = C0 * self._stiffness
-            self._fewest, self._patience = np.inf, _PATIENCE
-
-    def follow(self) -> None:
-        """Take the tractions found as the estimate, and stiffer springs."""
-        if self._estimate is not None:
-            self._estimate = self.traction.copy()
-            self._spring = GROW * self._spring
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
@@ -320,7 +293,7 @@ class ContactStep:
         friction, node = self.pair.friction, rows.node
         if friction is None:
             return 0
-        p, slip = -self.lambda_N[node], rows.slip.value
+        p, slip, violators = -self.lambda_N[node], rows.slip.value, 0
         if self.pair.has_slip_spring:
             assert self.pair.eps_T is not None
             old = self.pair.history
@@ -329,40 +302,39 @@ class ContactStep:
             )
             model = friction.spring(t_n, slip, p, self.pair.eps_T[node])
             sliding = model.sliding
-        elif self._estimate is not None:
-            model = friction.spring(self._estimate[node], slip, p, self._spring[node])
-            sliding = model.sliding
-        elif iteration == 0:
-            # Multipliers of the starting guess mean nothing yet.
-            model = friction.exact(np.zeros_like(slip), slip, np.zeros_like(p), self._weight(node), np.zeros(len(p), dtype=bool))
-            sliding = self.sliding[node]
+            violators = int(np.count_nonzero(self.active[node] & (sliding != self.sliding[node])))
         else:
-            model = friction.exact(self.traction[node], slip, p, self._weight(node), self.sliding[node] & self.active[node])
-            sliding = model.sliding
-        flips = self.active[node] & (sliding != self.sliding[node])
+            t, c = self.traction[node], self._weight(node)
+            sliding = self.sliding[node]
+            if iteration == 0:
+                # Multipliers of the starting guess mean nothing yet.
+                t, p = np.zeros_like(t), np.zeros_like(p)
+            else:
+                after = friction.slides(t, slip, p, c, sliding)
+                flips, violators = self._stick_pivoting.select(
+                    self.active[node] & (after != sliding), self.pair.nodes.node_ids[node], iteration
+                )
+                sliding = np.where(self.active[node], sliding ^ flips, after)
+            model = friction.exact(t, slip, p, c, sliding)
         self.sliding[node] = sliding
         self._slip[node] = slip
         self._explicit[node] = model.explicit
         self._direction[node] = model.direction
         self._turn_stiffness[node] = model.stiffness
         self.traction[node] = np.where(
-            (sliding | self._has_spring)[:, None],
+            (sliding | self.pair.has_slip_spring)[:, None],
             model.explicit + p[:, None] * model.direction,
             self.traction[node],
         )
         self.traction[node[~self.active[node]]] = 0.0
-        return int(np.count_nonzero(flips))
-
-    @property
-    def _has_spring(self) -> bool:
-        return self.pair.has_slip_spring or self._estimate is not None
+        return violators
 
     def _weight(self, node: Ints) -> Floats:
         return self._stiffness[node]
 
     def _sticks(self, node: Ints) -> Flags:
         """Active nodes held by multipliers in the tangent plane."""
-        exact = self.pair.friction is not None and not self._has_spring
+        exact = self.pair.friction is not None and not self.pair.has_slip_spring
         flags: Flags = self.active[node] & ~self.sliding[node] & exact
         return flags
 
@@ -378,7 +350,7 @@ class ContactStep:
             tangential = rows.columns[:, 1:, :3]
             direction: Floats = self._direction[node]
             explicit: Floats = self._explicit[node]
-            if not self._has_spring:
+            if not self.pair.has_slip_spring:
                 turned = rows.slip.value - self._slip[node]
                 explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
             stick = self._sticks(node) & rows.eliminable
@@ -405,25 +377,14 @@ class ContactStep:
             after = before | (excess < 0)
         else:
             after = self.pair.enforcement.active(self.lambda_N[node], excess, self._weight(node))
-        changes = after != before
-        # Block pivoting (Judice, Pires 1994): all violators change while
-        # they become fewer; Murty's rule, only the lowest, ends cycles.
-        count = self.comm.allreduce(int(np.count_nonzero(changes)))
-        if count < self._fewest:
-            self._fewest, self._patience = count, _PATIENCE
-        elif count and self._patience:
-            self._patience -= 1
-        elif count:
-            ids = self.pair.nodes.node_ids[node]
-            last = np.iinfo(np.int64).max
-            lowest = ids[changes].min(initial=last)
-            changes &= ids == self.comm.allreduce(lowest, op=MPI.MIN)
+        ids = self.pair.nodes.node_ids[node]
+        changes, violators = self._contact_pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes
         released = node[~self.active[node]]
         self.lambda_N[released] = 0.0
         self.traction[released] = 0.0
         self.sliding[node[changes & ~before]] = True
-        return int(np.count_nonzero(changes))
+        return violators
 
     def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""

@@ -85,7 +85,27 @@ class Coulomb:
             stiffness=(part * eps_T)[:, None, None] * stiffness,
         )
 
-    def exact(self, t: Floats, slip: Floats, p: Floats, c: Floats, before: Flags) -> Traction:
+    def slides(
+        self, t: Floats, slip: Floats, p: Floats, c: Floats, sliding: Flags
+    ) -> Flags:
+        """Stick or slip of a node without a spring, as of now.
+
+        Args:
+            t: Traction of the last iteration, shape ``(m, 2)`` [N].
+            slip: Slip of the step, shape ``(m, 2)`` [m].
+            p: Pressing force, shape ``(m,)`` [N].
+            c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+            sliding: Whether it slid in the last iteration; then it
+                sticks before it slides the other way.
+        """
+        size = np.linalg.norm(t + c[:, None] * slip, axis=1)
+        reverses = sliding & (np.einsum("mi,mi->m", t, slip) < 0)
+        flags: Flags = (size > self.mu * np.maximum(p, 0.0)) & ~reverses
+        return flags
+
+    def exact(
+        self, t: Floats, slip: Floats, p: Floats, c: Floats, sliding: Flags
+    ) -> Traction:
         """Stick and slip without a spring, one semismooth Newton iteration.
 
         The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
@@ -99,15 +119,15 @@ class Coulomb:
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
             c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+            sliding: Whether the node slides, shape ``(m,)``.
         """
-        size, s, across = _polar(t + c[:, None] * slip)
+        backwards = np.einsum("mi,mi->m", t, slip) < 0
+        size, s, across = _polar(np.where(backwards[:, None], t, t + c[:, None] * slip))
         limit = self.mu * np.maximum(p, 0.0)
-        sliding = size > limit
-        sliding &= ~(before & (np.einsum("mi,mi->m", t, slip) < 0))
         ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
         with np.errstate(divide="ignore"):
             turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
-        turn = np.where(sliding, turn, 0.0)
+        turn = np.where(sliding & ~backwards, turn, 0.0)
         return Traction(
             sliding=sliding,
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),

@@ -21,8 +21,7 @@ Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-SOFT = 10
-_MAX_ITERATIONS = 80
+_MAX_ITERATIONS = 50
 _BACKTRACKING = 5  # first iteration whose step may be halved, with friction
 _MAX_HALVINGS = 5
 _RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
@@ -112,7 +111,7 @@ def solve(
     du: Floats = np.zeros(n)
     balanced = True  # multipliers from the normal balance at the nodes
     floor = _round_off(bulk)
-    rubs = any(step.pair.friction is not None for step in steps)
+    rubs = any(step.pair.has_slip_spring for step in steps)
     iteration, halvings = 0, 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
@@ -135,14 +134,6 @@ def solve(
         target = max(_RESIDUAL_TOLERANCE * (force_scale + contact_norm), floor)
         solved = norm <= target or du_norm <= _INCREMENT_TOLERANCE * size
         converged = solved and excess <= _GAP_TOLERANCE * size and not changed
-        if converged:
-            lag = bulk.comm.allreduce(max((step.lag for step in steps), default=0.0), op=MPI.MAX)
-            if lag > _GAP_TOLERANCE * size:
-                for step in steps:
-                    step.follow()
-                du_norm, before, halvings = size, np.inf, 0
-                _logger.info("  follow: iteration %d lag %.2e", iteration, lag / size)
-                continue
 
         if not np.isfinite(norm):
             reason = "the residual is not finite"
@@ -167,12 +158,6 @@ def solve(
                 bulk.u.x.array[:n] -= 0.5**halvings * du
                 bulk.u.x.scatter_forward()
                 continue
-        if rubs and iteration == SOFT:
-            for step in steps:
-                step.soften()
-            iteration += 1
-            before, halvings = np.inf, 0
-            continue
         before, halvings = norm, 0
         with timings.phase("solve"):
             du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
