@@ -304,18 +304,20 @@ class ContactStep:
             sliding = model.sliding
             violators = int(np.count_nonzero(self.active[node] & (sliding != self.sliding[node])))
         else:
-            t, c = self.traction[node], self._weight(node)
-            sliding = self.sliding[node]
+            t, c, sliding = self.traction[node], self._weight(node), self.sliding[node]
             if iteration == 0:
                 # Multipliers of the starting guess mean nothing yet.
-                t, p = np.zeros_like(t), np.zeros_like(p)
+                t, p, heading = np.zeros_like(t), np.zeros_like(p), slip
             else:
-                after = friction.slides(t, slip, p, c, sliding)
+                # With p < 0, which may pass, a traction points backwards.
+                known = sliding & np.any(self._direction[node] != 0, axis=1)
+                heading = np.where(known[:, None], self._direction[node], t)
+                after = friction.slides(t, slip, p, c, heading, sliding)
                 flips, violators = self._stick_pivoting.select(
                     self.active[node] & (after != sliding), self.pair.nodes.node_ids[node], iteration
                 )
                 sliding = np.where(self.active[node], sliding ^ flips, after)
-            model = friction.exact(t, slip, p, c, sliding)
+            model = friction.exact(t, slip, p, c, heading, sliding)
         self.sliding[node] = sliding
         self._slip[node] = slip
         self._explicit[node] = model.explicit

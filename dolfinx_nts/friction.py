@@ -86,25 +86,26 @@ class Coulomb:
         )
 
     def slides(
-        self, t: Floats, slip: Floats, p: Floats, c: Floats, sliding: Flags
+        self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
     ) -> Flags:
-        """Stick or slip of a node without a spring, as of now.
+        """Whether nodes without a spring slide, by what is known now.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
             c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
-            sliding: Whether it slid in the last iteration; then it
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether a node slid in the last iteration; then it
                 sticks before it slides the other way.
         """
         size = np.linalg.norm(t + c[:, None] * slip, axis=1)
-        reverses = sliding & (np.einsum("mi,mi->m", t, slip) < 0)
+        reverses = sliding & (np.einsum("mi,mi->m", heading, slip) < 0)
         flags: Flags = (size > self.mu * np.maximum(p, 0.0)) & ~reverses
         return flags
 
     def exact(
-        self, t: Floats, slip: Floats, p: Floats, c: Floats, sliding: Flags
+        self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
     ) -> Traction:
         """Stick and slip without a spring, one semismooth Newton iteration.
 
@@ -112,22 +113,25 @@ class Coulomb:
         solutions g = 0 with |t| <= mu p (stick) and t = mu p g/|g|
         (slip); the weight c changes the path, not the solution. For a
         sliding node it is linearised and solved for t, so that a slip
-        whose direction is not yet that of the traction turns it.
+        whose direction is not yet that of the traction turns it. Where
+        there is no such slip, because it points backwards or nothing
+        presses the node, the direction stays.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
             c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
-            sliding: Whether the node slides, shape ``(m,)``.
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether the node slides now, shape ``(m,)``.
         """
-        backwards = np.einsum("mi,mi->m", t, slip) < 0
-        size, s, across = _polar(np.where(backwards[:, None], t, t + c[:, None] * slip))
         limit = self.mu * np.maximum(p, 0.0)
+        turns = sliding & (limit > 0) & (np.einsum("mi,mi->m", heading, slip) >= 0)
+        size, s, across = _polar(np.where(turns[:, None], t + c[:, None] * slip, heading))
         ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
         with np.errstate(divide="ignore"):
             turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
-        turn = np.where(sliding & ~backwards, turn, 0.0)
+        turn = np.where(turns, turn, 0.0)
         return Traction(
             sliding=sliding,
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
