@@ -310,8 +310,9 @@ class ContactStep:
                 t, p, heading = np.zeros_like(t), np.zeros_like(p), slip
             else:
                 # With p < 0, which may pass, a traction points backwards.
-                known = sliding & np.any(self._direction[node] != 0, axis=1)
-                heading = np.where(known[:, None], self._direction[node], t)
+                heading = np.where(sliding[:, None], self._direction[node], t)
+                arrives = ~np.any(heading != 0, axis=1)
+                heading = np.where(arrives[:, None], slip, heading)
                 after = friction.slides(t, slip, p, c, heading, sliding)
                 flips, violators = self._stick_pivoting.select(
                     self.active[node] & (after != sliding), self.pair.nodes.node_ids[node], iteration
@@ -385,7 +386,9 @@ class ContactStep:
         released = node[~self.active[node]]
         self.lambda_N[released] = 0.0
         self.traction[released] = 0.0
-        self.sliding[node[changes & ~before]] = True
+        arrived = node[changes & ~before]
+        self.sliding[arrived] = True
+        self._direction[arrived] = 0.0
         return violators
 
     def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
