@@ -333,7 +333,7 @@ class ContactStep:
         return violators
 
     def _weight(self, node: Ints) -> Floats:
-        return self._stiffness[node]
+        return 0.3 * self._stiffness[node]
 
     def _sticks(self, node: Ints) -> Flags:
         """Active nodes held by multipliers in the tangent plane."""
