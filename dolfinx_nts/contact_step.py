@@ -23,6 +23,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+_SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 
 
@@ -304,7 +305,8 @@ class ContactStep:
             sliding = model.sliding
             violators = int(np.count_nonzero(self.active[node] & (sliding != self.sliding[node])))
         else:
-            t, c, sliding = self.traction[node], self._weight(node), self.sliding[node]
+            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
+            sliding = self.sliding[node]
             if iteration == 0:
                 # Multipliers of the starting guess mean nothing yet.
                 t, p, heading = np.zeros_like(t), np.zeros_like(p), slip
@@ -331,9 +333,6 @@ class ContactStep:
         )
         self.traction[node[~self.active[node]]] = 0.0
         return violators
-
-    def _weight(self, node: Ints) -> Floats:
-        return 0.3 * self._stiffness[node]
 
     def _sticks(self, node: Ints) -> Flags:
         """Active nodes held by multipliers in the tangent plane."""
@@ -379,7 +378,7 @@ class ContactStep:
         if iteration == 0:
             after = before | (excess < 0)
         else:
-            after = self.pair.enforcement.active(self.lambda_N[node], excess, self._weight(node))
+            after = self.pair.enforcement.active(self.lambda_N[node], excess, self._stiffness[node])
         ids = self.pair.nodes.node_ids[node]
         changes, violators = self._contact_pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes

@@ -19,8 +19,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 # Bound on the stiffness against a change of the direction of slip, relative
-# to the stiffness of the node: more than this is as good as rigid.
-_STIFFEST_DIRECTION = 100.0
+# to the weight: a tighter one would slow Newton's method where slip is small.
+_STIFFEST_DIRECTION = 1e4
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Coulomb:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
-            c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+            c: Weight, part of the stiffness of the node, ``(m,)`` [N/m].
             heading: Direction of the traction, any length, ``(m, 2)``.
             sliding: Whether a node slid in the last iteration; then it
                 sticks before it slides the other way.
@@ -121,7 +121,7 @@ class Coulomb:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
-            c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+            c: Weight, part of the stiffness of the node, ``(m,)`` [N/m].
             heading: Direction of the traction, any length, ``(m, 2)``.
             sliding: Whether the node slides now, shape ``(m,)``.
         """
