@@ -15,8 +15,7 @@ Flags = npt.NDArray[np.bool_]
 GlobalInts = npt.NDArray[np.int64]
 
 _PATIENCE = 3  # iterations without fewer violators until one node changes at a time
-_FREE = 6  # iterations in which violators may change every time
-_PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between
+_PERIOD = 2  # of the changes afterwards, so that Newton's method settles in between
 
 
 class Pivoting:
@@ -35,6 +34,7 @@ class Pivoting:
         """Start with nothing known."""
         self._comm = comm
         self._fewest: float = np.inf
+        self._last: float = np.inf
         self._patience = _PATIENCE
 
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
@@ -50,13 +50,14 @@ class Pivoting:
         """
         here = int(np.count_nonzero(violates))
         count = self._comm.allreduce(here)
-        if count and iteration > _FREE and iteration % _PERIOD:
-            return np.zeros_like(violates), here
         if count < self._fewest:
             self._fewest, self._patience = count, _PATIENCE
-        elif count and self._patience:
+        elif count >= self._last:
             self._patience -= 1
-        elif count:
+        self._last = count
+        if count and self._patience < 0:
+            if iteration % _PERIOD:
+                return np.zeros_like(violates), here
             last = np.iinfo(np.int64).max
             lowest = self._comm.allreduce(ids[violates].min(initial=last), op=MPI.MIN)
             violates = violates & (ids == lowest)
