@@ -71,29 +71,51 @@ def test_stiffness_of_the_spring_is_the_derivative_by_the_slip(rng, slides):
 
 def test_solutions_of_the_exact_law_are_fixed_points(rng):
     _, slip, p, c = sample(rng)
-    law = nts.Coulomb(MU)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
     sliding = MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
-    model = law.exact(sliding, slip, p, c)
-    assert model.sliding.all()
+    assert law.slides(sliding, slip, p, c, sliding, every).all()
+    model = law.exact(sliding, slip, p, c, sliding, every)
     np.testing.assert_allclose(traction(model, p), sliding, atol=1e3 * ROUNDING)
-    sticking = 0.9 * sliding
-    assert not law.exact(sticking, np.zeros_like(slip), p, c).sliding.any()
+    for before in (every, ~every):
+        assert not law.slides(0.9 * sliding, np.zeros_like(slip), p, c, sliding, before).any()
 
 
 def test_exact_law_turns_a_traction_towards_the_slip(rng):
     # The linear model is Newton's: from a nearby traction, one iteration
     # at fixed slip and pressing force leaves an error of second order.
     _, slip, p, c = sample(rng)
-    law = nts.Coulomb(MU)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
     solution = MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
     wrong = p[:, None] * rng.normal(size=slip.shape)
-    errors = [
-        np.abs(traction(law.exact(solution + h * wrong, slip, p, c), p) - solution).max()
-        for h in (2e-3, 1e-3)
-    ]
-    free = law.exact(solution, slip, p, c).stiffness[:, 0, 0] / c
-    assert free.max() < 100  # none at the bound on the stiffness
-    assert np.log2(errors[0] / errors[1]) > 1.9
+
+    def error(h):
+        t = solution + h * wrong
+        return np.abs(traction(law.exact(t, slip, p, c, t, every), p) - solution).max()
+
+    assert np.log2(error(2e-3) / error(1e-3)) > 1.9
+
+
+def test_slip_does_not_reverse_in_one_iteration(rng):
+    # However far a node slides against its traction, it sticks first.
+    _, slip, p, c = sample(rng)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
+    t = -MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
+    assert not law.slides(t, 1e3 * slip, p, c, t, every).any()
+    assert law.slides(t, 1e3 * slip, p, c, t, ~every).all()
+    # One that has to go on sliding keeps its direction, with no stiffness.
+    model = law.exact(t, slip, p, c, t, every)
+    np.testing.assert_allclose(traction(model, p), t, rtol=1e2 * ROUNDING)
+    assert np.all(model.stiffness == 0)
+
+
+def test_direction_of_a_node_that_is_pulled_does_not_turn(rng):
+    _, slip, p, c = sample(rng)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
+    heading = rng.normal(size=slip.shape)
+    # At p < 0 a traction points against the heading.
+    model = law.exact(-heading, slip, -p, c, heading, every)
+    unit = heading / np.linalg.norm(heading, axis=1)[:, None]
+    np.testing.assert_allclose(model.direction, MU * unit, rtol=ROUNDING)
 
 
 def test_without_pressing_force_there_is_no_traction(rng):

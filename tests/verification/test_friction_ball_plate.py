@@ -27,7 +27,8 @@ LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
 # A dissipation is a difference of products of the size of the energy of a
 # spring, some joules; their rounding errors may be negative [J].
 DISSIPATION_ROUND_OFF = 1e-11
-MEAN_ITERATIONS = 7.0
+# Means measured: 5.5, 5.0, 4.2.
+MEAN_ITERATIONS = {"multiplier": 6.0, "penalty": 6.0, "exact": 4.4}
 
 
 def variants():
@@ -128,7 +129,7 @@ def test_end_agrees_with_the_reference_program(runs, name):
 @pytest.mark.parametrize("name", variants())
 def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
     assert len(runs[name].history.reports) == round(END / STEP)
-    assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS
+    assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS[name]
 
 
 @pytest.mark.parametrize("name", variants())
