@@ -43,7 +43,9 @@ class ContactState:
         eliminable: Whether the node can give up what the constraints
             determine, shape ``(m,)``.
         force: All of ``residual``, given displacements or not.
-        changed: Pairs that became active, inactive or changed segment.
+        rearranged: Pairs that became active or inactive, or should, or
+            changed their segment.
+        flips: Pairs that changed between stick and slip, or should.
         failed: Pairs that could not be evaluated, or whose normal has
             turned by more than 90 degrees.
     """
@@ -61,7 +63,8 @@ class ContactState:
     normal: Floats
     eliminable: Flags
     force: Floats
-    changed: int
+    rearranged: int
+    flips: int
     failed: int
 
     @property

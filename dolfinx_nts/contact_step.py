@@ -126,24 +126,25 @@ class ContactStep:
             The pairs that may transmit force.
         """
         x = self._x = self.neighbourhood.with_ghosts(x)
-        node, changed = self._find_pairs(x, iteration)
+        node, rearranged = self._find_pairs(x, iteration)
         rows = self._rows(x, node)
         slope: Floats = np.zeros(len(node))
         R = None if R_bulk is None else R_bulk[rows.dofs[:, 0]]
         if isinstance(self.pair.enforcement, Penalty):
             slope = self._push(rows)
-            changed += self._rub(rows, iteration)
+            flips = self._rub(rows, iteration)
         else:
             # Decisions follow from multipliers, multipliers from decisions.
             self._balance(rows, R)
-            changed += self._update_active(rows, iteration) + self._rub(rows, iteration)
+            rearranged += self._update_active(rows, iteration)
+            flips = self._rub(rows, iteration)
             self._balance(rows, R)
         active = self.active[node]
         self.num_active = self.comm.allreduce(int(np.count_nonzero(active)))
         if iteration == 0:
             # Without a previous iteration the set of active pairs is new.
-            changed = int(np.count_nonzero(active))
-        return self._state(rows, slope, changed)
+            rearranged = int(np.count_nonzero(active))
+        return self._state(rows, slope, rearranged, flips)
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
@@ -390,7 +391,7 @@ class ContactStep:
         self._direction[arrived] = 0.0
         return violators
 
-    def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
+    def _state(self, rows: Rows, slope: Floats, rearranged: int, flips: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""
         node, columns, gradients = rows.node, rows.columns, rows.gradients
         active = self.active[node]
@@ -432,6 +433,7 @@ class ContactStep:
             normal=rows.normal,
             eliminable=rows.eliminable,
             force=force,
-            changed=changed,
+            rearranged=rearranged,
+            flips=flips,
             failed=int(np.count_nonzero(active & ~rows.valid)),
         )

@@ -21,10 +21,12 @@ Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+_COUNTS = ("rearranged", "flips", "failed")  # of pairs, in a ContactState
 _MAX_ITERATIONS = 50
-_BACKTRACKING = 5  # first iteration whose step may be halved, with friction
+_BACKTRACKING = 5  # first iteration whose step may be halved, with slip springs
 _MAX_HALVINGS = 5
 _RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
+_SMALL_RESIDUAL = 1e-8  # the same, where increments have become negligible
 _INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
 _GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
 
@@ -111,7 +113,7 @@ def solve(
     du: Floats = np.zeros(n)
     balanced = True  # multipliers from the normal balance at the nodes
     floor = _round_off(bulk)
-    rubs = any(step.pair.has_slip_spring for step in steps)
+    springs = any(step.pair.has_slip_spring for step in steps)
     iteration, halvings = 0, 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
@@ -125,14 +127,17 @@ def solve(
 
         excess = max((s.constraint_error for s in states), default=0.0)
         excess = bulk.comm.allreduce(excess, op=MPI.MAX)
-        counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
+        counts = [sum(getattr(s, name) for s in states) for name in _COUNTS]
         sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
         norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
-        changed, failed = (int(value) for value in sums[2:])
+        rearranged, flips, failed = (int(value) for value in sums[2:])
+        changed = rearranged + flips
         norms.append(norm)
         changes += changed
-        target = max(_RESIDUAL_TOLERANCE * (force_scale + contact_norm), floor)
-        solved = norm <= target or du_norm <= _INCREMENT_TOLERANCE * size
+        scale = force_scale + contact_norm
+        target = max(_RESIDUAL_TOLERANCE * scale, floor)
+        small = norm <= _SMALL_RESIDUAL * scale and du_norm <= _INCREMENT_TOLERANCE * size
+        solved = norm <= target or small
         converged = solved and excess <= _GAP_TOLERANCE * size and not changed
 
         if not np.isfinite(norm):
@@ -151,8 +156,9 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
             return Solution(states, R, R_bulk, report)
 
-        if rubs and iteration >= _BACKTRACKING and halvings < _MAX_HALVINGS:
-            # Stick and slip can alternate for ever at full steps.
+        if springs and iteration >= _BACKTRACKING and halvings < _MAX_HALVINGS and not rearranged:
+            # With springs the residual is continuous where stick becomes slip,
+            # and full steps can go to and fro across that kink for ever.
             if norm > 0.9 * before:
                 halvings += 1
                 bulk.u.x.array[:n] -= 0.5**halvings * du
