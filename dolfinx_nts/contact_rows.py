@@ -43,9 +43,8 @@ class ContactState:
         eliminable: Whether the node can give up what the constraints
             determine, shape ``(m,)``.
         force: All of ``residual``, given displacements or not.
-        rearranged: Pairs that became active or inactive, or should, or
-            changed their segment.
-        flips: Pairs that changed between stick and slip, or should.
+        changed: Pairs that changed their segment; that became active or
+            inactive, began to stick or to slide, or should.
         failed: Pairs that could not be evaluated, or whose normal has
             turned by more than 90 degrees.
     """
@@ -63,8 +62,7 @@ class ContactState:
     normal: Floats
     eliminable: Flags
     force: Floats
-    rearranged: int
-    flips: int
+    changed: int
     failed: int
 
     @property

@@ -126,25 +126,24 @@ class ContactStep:
             The pairs that may transmit force.
         """
         x = self._x = self.neighbourhood.with_ghosts(x)
-        node, rearranged = self._find_pairs(x, iteration)
+        node, changed = self._find_pairs(x, iteration)
         rows = self._rows(x, node)
         slope: Floats = np.zeros(len(node))
         R = None if R_bulk is None else R_bulk[rows.dofs[:, 0]]
         if isinstance(self.pair.enforcement, Penalty):
             slope = self._push(rows)
-            flips = self._rub(rows, iteration)
+            changed += self._rub(rows, iteration)
         else:
             # Decisions follow from multipliers, multipliers from decisions.
             self._balance(rows, R)
-            rearranged += self._update_active(rows, iteration)
-            flips = self._rub(rows, iteration)
+            changed += self._update_active(rows, iteration) + self._rub(rows, iteration)
             self._balance(rows, R)
         active = self.active[node]
         self.num_active = self.comm.allreduce(int(np.count_nonzero(active)))
         if iteration == 0:
             # Without a previous iteration the set of active pairs is new.
-            rearranged = int(np.count_nonzero(active))
-        return self._state(rows, slope, rearranged, flips)
+            changed = int(np.count_nonzero(active))
+        return self._state(rows, slope, changed)
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
@@ -295,32 +294,35 @@ class ContactStep:
         friction, node = self.pair.friction, rows.node
         if friction is None:
             return 0
-        p, slip, violators = -self.lambda_N[node], rows.slip.value, 0
+        p, slip, before = -self.lambda_N[node], rows.slip.value, self.sliding[node]
         if self.pair.has_slip_spring:
             assert self.pair.eps_T is not None
-            old = self.pair.history
-            t_n = transport(
+            old, c = self.pair.history, self.pair.eps_T[node]
+            t = transport(
                 old.traction[node], old.normal[node], rows.slip.frame_n, rows.slip.normal_n
             )
-            model = friction.spring(t_n, slip, p, self.pair.eps_T[node])
-            sliding = model.sliding
-            violators = int(np.count_nonzero(self.active[node] & (sliding != self.sliding[node])))
         else:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-            sliding = self.sliding[node]
-            if iteration == 0:
-                # Multipliers of the starting guess mean nothing yet.
-                t, p, heading = np.zeros_like(t), np.zeros_like(p), slip
-            else:
-                # With p < 0, which may pass, a traction points backwards.
-                heading = np.where(sliding[:, None], self._direction[node], t)
-                arrives = ~np.any(heading != 0, axis=1)
-                heading = np.where(arrives[:, None], slip, heading)
-                after = friction.slides(t, slip, p, c, heading, sliding)
-                flips, violators = self._stick_pivoting.select(
-                    self.active[node] & (after != sliding), self.pair.nodes.node_ids[node], iteration
-                )
-                sliding = np.where(self.active[node], sliding ^ flips, after)
+        trial = t + c[:, None] * slip
+        way = trial if self.pair.has_slip_spring else slip
+        if iteration == 0:
+            # Multipliers of the starting guess mean nothing yet.
+            sliding, violators, heading = before, 0, way
+        else:
+            # With p < 0, which may pass, a traction points backwards.
+            heading = np.where(before[:, None], self._direction[node], self.traction[node])
+            arrives = ~np.any(heading != 0, axis=1)
+            heading = np.where(arrives[:, None], way, heading)
+            after = friction.slides(trial, way, p, heading, before)
+            flips, violators = self._stick_pivoting.select(
+                self.active[node] & (after != before), self.pair.nodes.node_ids[node], iteration
+            )
+            sliding = np.where(self.active[node], before ^ flips, after)
+        if self.pair.has_slip_spring:
+            model = friction.spring(trial, p, c, heading, sliding)
+        elif iteration == 0:
+            model = friction.exact(np.zeros_like(t), slip, np.zeros_like(p), c, heading, sliding)
+        else:
             model = friction.exact(t, slip, p, c, heading, sliding)
         self.sliding[node] = sliding
         self._slip[node] = slip
@@ -391,7 +393,7 @@ class ContactStep:
         self._direction[arrived] = 0.0
         return violators
 
-    def _state(self, rows: Rows, slope: Floats, rearranged: int, flips: int) -> ContactState:
+    def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""
         node, columns, gradients = rows.node, rows.columns, rows.gradients
         active = self.active[node]
@@ -433,7 +435,6 @@ class ContactStep:
             normal=rows.normal,
             eliminable=rows.eliminable,
             force=force,
-            rearranged=rearranged,
-            flips=flips,
+            changed=changed,
             failed=int(np.count_nonzero(active & ~rows.valid)),
         )

@@ -28,13 +28,11 @@ class Traction:
     """Linear model of the traction, t = explicit + p direction + stiffness dg.
 
     Attributes:
-        sliding: Whether the node slides, shape ``(m,)``.
         explicit: Part that does not scale with p, shape ``(m, 2)`` [N].
         direction: Factor of p, shape ``(m, 2)`` [-].
         stiffness: Derivative by the slip at fixed p, ``(m, 2, 2)`` [N/m].
     """
 
-    sliding: Flags
     explicit: Floats
     direction: Floats
     stiffness: Floats
@@ -63,46 +61,51 @@ class Coulomb:
             raise ValueError(f"expected a tangential stiffness eps_T > 0, given {eps_T}")
         self.mu, self.eps_T = float(mu), eps_T
 
-    def spring(self, t_n: Floats, slip: Floats, p: Floats, eps_T: Floats) -> Traction:
-        """Return mapping with a tangential spring.
-
-        Args:
-            t_n: Traction at t_n, shape ``(m, 2)`` [N].
-            slip: Slip of the step, shape ``(m, 2)`` [m].
-            p: Pressing force, shape ``(m,)`` [N].
-            eps_T: Stiffness, shape ``(m,)`` [N/m].
-        """
-        trial = t_n + eps_T[:, None] * slip
-        size, s, across = _polar(trial)
-        limit = self.mu * np.maximum(p, 0.0)
-        sliding = size > limit
-        part = np.where(sliding, limit / np.where(size > 0, size, 1.0), 1.0)
-        stiffness = np.where(sliding[:, None, None], across, np.eye(2))
-        return Traction(
-            sliding=sliding,
-            explicit=np.where(sliding[:, None], 0.0, trial),
-            direction=np.where(sliding[:, None], self.mu * s, 0.0),
-            stiffness=(part * eps_T)[:, None, None] * stiffness,
-        )
-
     def slides(
-        self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
+        self, trial: Floats, way: Floats, p: Floats, heading: Floats, sliding: Flags
     ) -> Flags:
-        """Whether nodes without a spring slide, by what is known now.
+        """Whether nodes slide, by what is known now.
 
         Args:
-            t: Traction of the last iteration, shape ``(m, 2)`` [N].
-            slip: Slip of the step, shape ``(m, 2)`` [m].
+            trial: Traction if the node stuck, t_n + eps_T g with a spring,
+                t + c g without, shape ``(m, 2)`` [N].
+            way: Where the node goes: the trial traction with a spring,
+                the slip without, shape ``(m, 2)``.
             p: Pressing force, shape ``(m,)`` [N].
-            c: Weight, part of the stiffness of the node, ``(m,)`` [N/m].
             heading: Direction of the traction, any length, ``(m, 2)``.
             sliding: Whether a node slid in the last iteration; then it
                 sticks before it slides the other way.
         """
-        size = np.linalg.norm(t + c[:, None] * slip, axis=1)
-        reverses = sliding & (np.einsum("mi,mi->m", heading, slip) < 0)
+        size = np.linalg.norm(trial, axis=1)
+        reverses = sliding & (np.einsum("mi,mi->m", heading, way) < 0)
         flags: Flags = (size > self.mu * np.maximum(p, 0.0)) & ~reverses
         return flags
+
+    def spring(
+        self, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags
+    ) -> Traction:
+        """Return mapping with a tangential spring.
+
+        A node that slides although its trial traction points backwards
+        keeps its direction; that is no solution.
+
+        Args:
+            trial: t_n + eps_T g, shape ``(m, 2)`` [N].
+            p: Pressing force, shape ``(m,)`` [N].
+            eps_T: Stiffness, shape ``(m,)`` [N/m].
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether the node slides now, shape ``(m,)``.
+        """
+        turns = np.einsum("mi,mi->m", heading, trial) >= 0
+        size, s, across = _polar(np.where((sliding & ~turns)[:, None], heading, trial))
+        limit = self.mu * np.maximum(p, 0.0)
+        part = np.where(sliding, turns * limit / np.where(size > 0, size, 1.0), 1.0)
+        stiffness = np.where(sliding[:, None, None], across, np.eye(2))
+        return Traction(
+            explicit=np.where(sliding[:, None], 0.0, trial),
+            direction=np.where(sliding[:, None], self.mu * s, 0.0),
+            stiffness=(part * eps_T)[:, None, None] * stiffness,
+        )
 
     def exact(
         self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
@@ -133,7 +136,6 @@ class Coulomb:
             turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
         turn = np.where(turns, turn, 0.0)
         return Traction(
-            sliding=sliding,
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),
             stiffness=(turn * c)[:, None, None] * across,

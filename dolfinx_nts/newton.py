@@ -21,10 +21,7 @@ Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_COUNTS = ("rearranged", "flips", "failed")  # of pairs, in a ContactState
 _MAX_ITERATIONS = 50
-_BACKTRACKING = 5  # first iteration whose step may be halved, with slip springs
-_MAX_HALVINGS = 5
 _RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
 _SMALL_RESIDUAL = 1e-8  # the same, where increments have become negligible
 _INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
@@ -109,12 +106,10 @@ def solve(
     n, size = X.size, bulk.cell_size
     norms: list[float] = []
     changes = 0
-    before = du_norm = np.inf
-    du: Floats = np.zeros(n)
+    du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
     floor = _round_off(bulk)
-    springs = any(step.pair.has_slip_spring for step in steps)
-    iteration, halvings = 0, 0
+    iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         with timings.phase("assembly"):
@@ -127,11 +122,10 @@ def solve(
 
         excess = max((s.constraint_error for s in states), default=0.0)
         excess = bulk.comm.allreduce(excess, op=MPI.MAX)
-        counts = [sum(getattr(s, name) for s in states) for name in _COUNTS]
+        counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
         sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
         norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
-        rearranged, flips, failed = (int(value) for value in sums[2:])
-        changed = rearranged + flips
+        changed, failed = (int(value) for value in sums[2:])
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
@@ -156,15 +150,6 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
             return Solution(states, R, R_bulk, report)
 
-        if springs and iteration >= _BACKTRACKING and halvings < _MAX_HALVINGS and not rearranged:
-            # With springs the residual is continuous where stick becomes slip,
-            # and full steps can go to and fro across that kink for ever.
-            if norm > 0.9 * before:
-                halvings += 1
-                bulk.u.x.array[:n] -= 0.5**halvings * du
-                bulk.u.x.scatter_forward()
-                continue
-        before, halvings = norm, 0
         with timings.phase("solve"):
             du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
         balanced = dlambda is None

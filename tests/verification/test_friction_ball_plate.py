@@ -27,8 +27,8 @@ LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
 # A dissipation is a difference of products of the size of the energy of a
 # spring, some joules; their rounding errors may be negative [J].
 DISSIPATION_ROUND_OFF = 1e-11
-# Means measured: 5.5, 5.0, 4.2.
-MEAN_ITERATIONS = {"multiplier": 6.0, "penalty": 6.0, "exact": 4.4}
+# Measured: 4.5, 4.6, 4.2 and 7, 8, 6.
+MEAN_ITERATIONS, MOST_ITERATIONS = 4.8, 10
 
 
 def variants():
@@ -129,7 +129,8 @@ def test_end_agrees_with_the_reference_program(runs, name):
 @pytest.mark.parametrize("name", variants())
 def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
     assert len(runs[name].history.reports) == round(END / STEP)
-    assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS[name]
+    assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS
+    assert max(runs[name].history.iterations) <= MOST_ITERATIONS
 
 
 @pytest.mark.parametrize("name", variants())
