@@ -127,7 +127,7 @@ class ContactPair:
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share
-            nodes.
+            nodes; convective friction without what it needs.
     """
 
     def __init__(
@@ -152,6 +152,12 @@ class ContactPair:
             )
         if not (friction is None or isinstance(friction, Coulomb)):
             raise TypeError(f"expected Coulomb as friction, given {type(friction).__name__}")
+        convective = friction is not None and friction.law == "convective"
+        if convective and not (isinstance(enforcement, Penalty) and isinstance(segments, Surface)):
+            raise ValueError(
+                "expected Penalty and a Surface as segments with convective friction, given "
+                f"{type(enforcement).__name__} and {type(segments).__name__}"
+            )
         if isinstance(segments, Surface):
             _check_surfaces(nodes, segments)
         self.nodes, self.segments = nodes, segments
@@ -180,6 +186,11 @@ class ContactPair:
         return self.friction is not None and (
             self.friction.eps_T is not None or isinstance(self.enforcement, Penalty)
         )
+
+    @property
+    def is_convective(self) -> bool:
+        """Whether slip is measured by convective coordinates."""
+        return self.friction is not None and self.friction.law == "convective"
 
     def fix_stiffness(self, stiffness: Floats) -> None:
         """Settle the stiffness of the springs, once; log it. Collective.

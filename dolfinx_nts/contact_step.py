@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
-from dolfinx_nts.contact_rows import ContactState, Rows
+from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
@@ -168,21 +168,17 @@ class ContactStep:
         key[found] = here.key[self._segment[found]]
         force, normal, traction = np.zeros((3, n, 3))
         force[node] = -state.force[:, :3]
-        offset, energy, dissipation = np.zeros((3, n))
+        offset, energy, spring, dissipation = np.zeros((4, n))
         slip = old.slip.copy()
-        spring = np.zeros(n)
         if pair.friction is not None:
             t = self.traction[node]
             traction[node] = np.einsum("mi,mij->mj", t, rows.slip.frame)
             normal[node] = rows.slip.normal
             length = np.linalg.norm(rows.slip.value, axis=1)
             slip[node] += np.where(self.active[node] & self.sliding[node], length, 0.0)
-            dissipation[node] = np.einsum("mi,mi->m", t, rows.slip.value)
-            if pair.has_slip_spring:
-                assert pair.eps_T is not None
-                spring = np.einsum("ni,ni->n", traction, traction) / (2 * pair.eps_T)
-                stored = np.einsum("ni,ni->n", old.traction, old.traction) / (2 * pair.eps_T)
-                dissipation -= spring - stored
+            dissipation[node] = rows.slip.work(t, (self._x - self._x_n)[state.dofs])
+            spring = self._slip_energy(traction)
+            dissipation -= spring - self._slip_energy(old.traction)
         if isinstance(pair.enforcement, Penalty):
             assert pair.eps_N is not None
             shift = self._offset(rows)
@@ -216,7 +212,11 @@ class ContactStep:
         rows = self._rows(self._x, node)
         dx = (self._x - self._x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
-        if isinstance(self.pair.enforcement, Penalty):
+        if self.pair.is_convective:
+            # The force half-way works with more or less than its spring stores.
+            stored = [h.energy - self._slip_energy(h.traction) for h in (old, new)]
+            work -= (stored[0] - stored[1])[node]
+        elif isinstance(self.pair.enforcement, Penalty):
             work[:] = 0.0
         before = old.active[node]
         same = old.key[node] == self.neighbourhood.key[state.segment]
@@ -230,6 +230,14 @@ class ContactStep:
             ]
         )
         return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
+
+    def _slip_energy(self, traction: Floats) -> Floats:
+        """Energy of the tangential springs, shape ``(n,)`` [J]."""
+        if not self.pair.has_slip_spring:
+            return np.zeros(len(traction))
+        assert self.pair.eps_T is not None
+        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.pair.eps_T)
+        return energy
 
     def _find_pairs(self, x: Floats, iteration: int) -> tuple[Ints, int]:
         """Nodes that may transmit force; how many changed their segment."""
@@ -260,8 +268,11 @@ class ContactStep:
         values = here.contact(self._scheme, self._x_n, x, nodes, segment)
         free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
         rows = Rows(node, segment, dofs, free.reshape(values[2].shape), values)
-        if self.pair.friction is not None:
-            rows.add_slip(here.slip(self._x_n, x, nodes, segment))
+        if self.pair.is_convective:
+            assert isinstance(here, Neighbourhood)
+            rows.add_slip(ConvectiveSlip(here.convective_slip(self._x_n, x, nodes, segment)))
+        elif self.pair.friction is not None:
+            rows.add_slip(Slip(here.slip(self._x_n, x, nodes, segment)))
         self._gap[node] = rows.gap
         if isinstance(self.pair.enforcement, LagrangeMultiplier):
             rows.excess[:, 0] = rows.gap - (rows.gap_n if self._holds else 0.0)
@@ -282,8 +293,16 @@ class ContactStep:
     def _push(self, rows: Rows) -> Floats:
         """Normal forces of springs; returns their derivatives by the gap."""
         assert isinstance(self.pair.enforcement, Penalty) and self.pair.eps_N is not None
-        offset = self._offset(rows)
         eps_N = self.pair.eps_N[rows.node]
+        if self.pair.is_convective:
+            # Half-way, as everything else in (60)-(64).
+            nodes = self.pair.nodes.nodes[rows.node]
+            gap = self.neighbourhood.gap((self._x_n + self._x) / 2, nodes, rows.segment)
+            self.lambda_N[rows.node] = eps_N * np.minimum(gap, 0.0)
+            self.active[rows.node] = gap < 0
+            rows.gradients[:, 0] = rows.columns[:, 0]
+            return np.where(gap < 0, eps_N / 2, 0.0)
+        offset = self._offset(rows)
         lambda_N, slope = self.pair.enforcement.force(rows.gap_n - offset, rows.gap - offset, eps_N)
         self.lambda_N[rows.node] = lambda_N
         self.active[rows.node] = lambda_N < 0

@@ -8,7 +8,7 @@ traction t is a nodal force that opposes it, with
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -49,17 +49,32 @@ class Coulomb:
             normal contact is by penalty, which needs a spring: then the
             stiffness of the node itself.
 
+        law: How slip is measured. ``"objective"``: by an increment that is
+            quadratic in the positions, so that dissipation is exact
+            (`cpp/nts/slip.h`). ``"convective"``: by the convective
+            coordinates on the segment, as Franke, Hesch and Betsch
+            (2011), eqs. 60-64; for comparison, with `Midpoint`,
+            `Penalty` and a deformable counterpart only.
+
     Raises:
-        ValueError: ``mu`` is negative, or ``eps_T`` not positive.
+        ValueError: ``mu`` is negative, ``eps_T`` not positive, or there
+            is no such ``law``.
     """
 
-    def __init__(self, mu: float, eps_T: float | None = None) -> None:
+    def __init__(
+        self,
+        mu: float,
+        eps_T: float | None = None,
+        law: Literal["objective", "convective"] = "objective",
+    ) -> None:
         """Check the numbers."""
         if not (np.isfinite(mu) and mu >= 0):
             raise ValueError(f"expected a coefficient of friction mu >= 0, given {mu}")
         if eps_T is not None and not (np.isfinite(eps_T) and eps_T > 0):
             raise ValueError(f"expected a tangential stiffness eps_T > 0, given {eps_T}")
-        self.mu, self.eps_T = float(mu), eps_T
+        if law not in ("objective", "convective"):
+            raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
+        self.mu, self.eps_T, self.law = float(mu), eps_T, law
 
     def slides(
         self, trial: Floats, way: Floats, p: Floats, heading: Floats, sliding: Flags

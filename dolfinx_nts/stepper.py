@@ -142,6 +142,10 @@ class Stepper(ABC):
                 raise TypeError(f"expected a ContactPair, given {type(pair).__name__}")
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
+            if pair.is_convective and self._contact != "midpoint":
+                raise ValueError(
+                    f"expected Midpoint with convective friction, given {type(self).__name__}"
+                )
         for load in loads:
             if not isinstance(load, Load):
                 raise TypeError(f"expected a load, given {type(load).__name__}")

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+import dolfinx_nts as nts
+import scenes
 from dolfinx_nts import _kernels
+from dolfinx_nts.contact_step import ContactStep
 from reference import nts as reference
 from reference.bulk import rotation, sample_pairs, taylor_order
 
@@ -34,8 +37,8 @@ def test_slip_and_its_gradients_are_those_of_the_twin(k, orientation):
 @sides
 def test_gradient_and_hessian_have_remainders_of_second_order(k, orientation, rng):
     x_n, x, signs = two_states(k, orientation)
-    _, force, gradient, hessian, *_ = _kernels.convective_slip(x_n, x, signs)
-    d = rng.normal(size=x.shape)
+    _, _, gradient, hessian, *_ = _kernels.convective_slip(x_n, x, signs)
+    d = 0.2 * rng.normal(size=x.shape)
     flat = d.reshape(len(x), -1)
 
     def slip(y):
@@ -91,3 +94,56 @@ def test_frame_carries_covariant_components_to_the_end_of_the_step(k, orientatio
         tangents = [reference.shape_functions(c, k)[1] @ z[1:] for c, z in zip(xi, y, strict=True)]
         covariant.append(np.einsum("mic,mac->mia", e, tangents))
     np.testing.assert_allclose(*covariant, atol=ROUNDING)
+
+
+def pair_of(scene, enforcement, friction):
+    (pair,) = scene.stepper.pairs
+    return nts.ContactPair(pair.nodes, pair.segments, enforcement, friction)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(("mu", "slides"), [(0.01, True), (1e3, False)])
+def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell, mu, slides):
+    scene = scenes.blocks(comm, nts.Midpoint, cell=cell)
+    pair = pair_of(scene, nts.Penalty(50.0), nts.Coulomb(mu, eps_T=20.0, law="convective"))
+    x_n = scene.stepper.x
+    way = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
+    x = x_n + way + 0.01 * rng.normal(size=x_n.shape)
+    step = ContactStep(pair, "midpoint", x_n, x_n + way, np.ones(len(x)))
+    for iteration in range(3):
+        state = step.evaluate(x, None, iteration)
+    assert state.changed == 0
+    assert state.active.sum() > 1
+    assert np.all(step.sliding[state.node[state.active]] == slides)
+    d = 0.05 * rng.normal(size=x.shape)
+
+    def forces(y):
+        return step.evaluate(y, None, 1).residual
+
+    local = step.neighbourhood.with_ghosts(d)[state.dofs].reshape(state.residual.shape)
+    # Penalty has no constraints: all of the derivative is in the tangent.
+    slope = np.einsum("mij,mj->mi", state.tangent, local)
+    assert taylor_order(forces, x, d, slope) > 1.9
+
+
+@pytest.mark.parametrize("what", ["multiplier", "obstacle", "scheme"])
+def test_convective_friction_is_refused_where_it_is_not_defined(comm, what):
+    scene = scenes.blocks(comm)
+    (pair,), friction = scene.stepper.pairs, nts.Coulomb(0.3, law="convective")
+    plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    if what == "multiplier":
+        with pytest.raises(ValueError, match=r"expected Penalty and .* given LagrangeMultiplier"):
+            nts.ContactPair(pair.nodes, pair.segments, nts.LagrangeMultiplier(), friction)
+    elif what == "obstacle":
+        with pytest.raises(ValueError, match=r"a Surface as segments .* RigidPlane"):
+            nts.ContactPair(pair.nodes, plane, nts.Penalty(), friction)
+    else:
+        pair = pair_of(scene, nts.Penalty(), friction)
+        with pytest.raises(ValueError, match=r"expected Midpoint .* given EnergyMomentum"):
+            nts.EnergyMomentum(scene.stepper.bodies, [pair], dt=0.1)
+
+
+def test_other_laws_are_refused():
+    with pytest.raises(ValueError, match="law 'objective' or 'convective', given 'exact'"):
+        nts.Coulomb(0.3, law="exact")
