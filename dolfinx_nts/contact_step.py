@@ -324,10 +324,8 @@ class ContactStep:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
         trial = t + c[:, None] * slip
         way = trial if self.pair.has_slip_spring else slip
-        if iteration == 0:
-            # Multipliers of the starting guess mean nothing yet.
-            sliding, violators, heading = before, 0, way
-        else:
+        sliding, violators, heading = before, 0, way
+        if iteration:
             # With p < 0, which may pass, a traction points backwards.
             heading = np.where(before[:, None], self._direction[node], self.traction[node])
             arrives = ~np.any(heading != 0, axis=1)
@@ -339,10 +337,9 @@ class ContactStep:
             sliding = np.where(self.active[node], before ^ flips, after)
         if self.pair.has_slip_spring:
             model = friction.spring(trial, p, c, heading, sliding)
-        elif iteration == 0:
-            model = friction.exact(np.zeros_like(t), slip, np.zeros_like(p), c, heading, sliding)
         else:
-            model = friction.exact(t, slip, p, c, heading, sliding)
+            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
+            model = friction.exact(known * t, slip, known * p, c, heading, sliding)
         self.sliding[node] = sliding
         self._slip[node] = slip
         self._explicit[node] = model.explicit

@@ -22,9 +22,9 @@ class Pivoting:
     """Block pivoting (Judice, Pires 1994) within Newton's method.
 
     All violators change while they become fewer; Murty's rule, only the
-    lowest, ends cycles. Where the decisions themselves are not to be
-    trusted yet, because the iterate is far from equilibrium with the
-    present ones, they wait.
+    lowest, ends cycles. The rule knows linear problems: between its changes
+    an iteration without any brings the iterate near to equilibrium, where
+    decisions are to be trusted.
 
     Args:
         comm: Communicator.
@@ -52,7 +52,7 @@ class Pivoting:
         count = self._comm.allreduce(here)
         if count < self._fewest:
             self._fewest, self._patience = count, _PATIENCE
-        elif count >= self._last:
+        elif count and count >= self._last:
             self._patience -= 1
         self._last = count
         if count and self._patience < 0:
