@@ -30,6 +30,9 @@ def pair_nodes(
 def slip(
     x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def convective_slip(
+    x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
 def constrain(
     dofs: _Ints,
     rank: _Ints,

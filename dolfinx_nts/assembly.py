@@ -40,6 +40,7 @@ class Bulk:
         num_owned, num_dofs: Scalar dofs of this rank, and of all.
         cell_size: Smallest cell diameter of the mesh [m].
         num_cells: Owned cells that residual and action go over.
+        nodal_size: Largest diameter of the cells of each owned node [m].
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
         num_tangents: Assembled tangents.
@@ -82,10 +83,14 @@ class Bulk:
         self._matrix: Any = None
         self._stiffness: Floats | None = None
         mesh = V.mesh
-        self.num_cells = self._all_cells = int(mesh.topology.index_map(3).size_local)
-        cells = np.arange(self.num_cells, dtype=np.int32)
-        smallest = mesh.h(3, cells).min(initial=np.inf)
-        self.cell_size = float(mesh.comm.allreduce(smallest, op=MPI.MIN))
+        index_map = mesh.topology.index_map(3)
+        self.num_cells = self._all_cells = int(index_map.size_local)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        h = mesh.h(3, cells)
+        self.cell_size = float(mesh.comm.allreduce(h.min(initial=np.inf), op=MPI.MIN))
+        size = np.zeros(self._vector.array.size // 3)
+        np.maximum.at(size, V.dofmap.list, h[:, None])
+        self.nodal_size: Floats = size[: self.num_owned // 3]
         self.num_residuals = self.num_actions = self.num_tangents = 0
 
     def residual(self) -> Floats:

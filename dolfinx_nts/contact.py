@@ -4,7 +4,10 @@ The work within a step is done in `contact_step`; only an accepted step
 replaces a pair's history.
 """
 
+import logging
 from dataclasses import dataclass, fields
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +24,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,8 @@ class ContactWork:
 class ContactPair:
     """Nodes of one surface against segments of another, or an obstacle.
 
-    Collective.
+    Collective. ``str`` tells the laws and, after the first step, the least
+    and the greatest stiffness of springs, given or derived.
 
     Args:
         nodes: Surface whose nodes may touch.
@@ -114,11 +120,14 @@ class ContactPair:
 
     Attributes:
         history: Accepted contact.
+        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
+            the first step on; None without.
+        eps_T: The same of the tangential springs.
 
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share
-            nodes.
+            nodes; convective friction without what it needs.
     """
 
     def __init__(
@@ -143,6 +152,12 @@ class ContactPair:
             )
         if not (friction is None or isinstance(friction, Coulomb)):
             raise TypeError(f"expected Coulomb as friction, given {type(friction).__name__}")
+        convective = friction is not None and friction.law == "convective"
+        if convective and not (isinstance(enforcement, Penalty) and isinstance(segments, Surface)):
+            raise ValueError(
+                "expected Penalty and a Surface as segments with convective friction, given "
+                f"{type(enforcement).__name__} and {type(segments).__name__}"
+            )
         if isinstance(segments, Surface):
             _check_surfaces(nodes, segments)
         self.nodes, self.segments = nodes, segments
@@ -153,6 +168,7 @@ class ContactPair:
         self.history = ContactHistory.none(len(nodes.nodes))
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
+        self._springs: dict[str, tuple[float, float]] | None = None
 
     def _new_search(self) -> Search | ObstacleNeighbourhood:
         if isinstance(self.segments, Obstacle):
@@ -171,19 +187,47 @@ class ContactPair:
             self.friction.eps_T is not None or isinstance(self.enforcement, Penalty)
         )
 
+    @property
+    def is_convective(self) -> bool:
+        """Whether slip is measured by convective coordinates."""
+        return self.friction is not None and self.friction.law == "convective"
+
     def fix_stiffness(self, stiffness: Floats) -> None:
-        """Settle the stiffness of the springs, once.
+        """Settle the stiffness of the springs, once; log it. Collective.
 
         Args:
             stiffness: Stiffness of the contact nodes themselves, ``(n,)``
                 [N/m].
         """
-        if self.eps_N is None and isinstance(self.enforcement, Penalty):
+        if self._springs is not None:
+            return
+        self._springs = {}
+        if isinstance(self.enforcement, Penalty):
             given = self.enforcement.eps_N
             self.eps_N = 10 * stiffness if given is None else np.full_like(stiffness, given)
-        if self.eps_T is None and self.friction is not None:
+            self._springs["eps_N"] = self._range(self.eps_N)
+        if self.friction is not None and self.has_slip_spring:
             given = self.friction.eps_T
             self.eps_T = stiffness.copy() if given is None else np.full_like(stiffness, given)
+            self._springs["eps_T"] = self._range(self.eps_T)
+        if self.nodes.V.mesh.comm.rank == 0:
+            _logger.info("%s", self)
+
+    def _range(self, stiffness: Floats) -> tuple[float, float]:
+        """Least and greatest value on all ranks."""
+        comm = self.nodes.V.mesh.comm
+        least = comm.allreduce(float(stiffness.min(initial=np.inf)), op=MPI.MIN)
+        return least, comm.allreduce(float(stiffness.max(initial=0.0)), op=MPI.MAX)
+
+    def __str__(self) -> str:
+        """Laws and the stiffness of springs, as used from the first step on. Local."""
+        text = f"contact by {type(self.enforcement).__name__}"
+        if self.friction is not None:
+            text += f", Coulomb friction with mu = {self.friction.mu:g}"
+        for name, (least, greatest) in (self._springs or {}).items():
+            values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
+            text += f", {name} = {values} N/m"
+        return text
 
     def check_start(self, x: Floats) -> None:
         """Raise on all ranks if nodes lie inside a rigid obstacle.

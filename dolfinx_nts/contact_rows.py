@@ -43,7 +43,8 @@ class ContactState:
         eliminable: Whether the node can give up what the constraints
             determine, shape ``(m,)``.
         force: All of ``residual``, given displacements or not.
-        changed: Pairs that became active, inactive or changed segment.
+        changed: Pairs that changed their segment; that became active or
+            inactive, began to stick or to slide, or should.
         failed: Pairs that could not be evaluated, or whose normal has
             turned by more than 90 degrees.
     """
@@ -87,26 +88,54 @@ class Slip:
         value: Slip of the step, shape ``(m, 2)`` [m].
         force: Force per traction, of the step, shape ``(m, 2, d)``.
         gradient: Gradient of the slip at x, shape ``(m, 2, d)``.
-        frame_n, frame: Orthonormal tangents at t_n and x, ``(m, 2, 3)``.
-        normal_n, normal: Outward normals with them, shape ``(m, 3)``.
+        frame_n, frame: Tangents at t_n, orthonormal, and what has become
+            of them at x, shape ``(m, 2, 3)``.
+        normal_n, normal: Outward unit normals with them, ``(m, 3)``.
     """
 
     def __init__(self, values: tuple[npt.NDArray[Any], ...]) -> None:
         """Name the values."""
-        self.value, self.force, self.gradient, self._w, self._b = values[:5]
-        self.frame_n, self.frame, orientation = values[5:]
+        self.value, self.force, self.gradient, *self._second = values[:-3]
+        self.frame_n, self.frame, orientation = values[-3:]
+        normals = [np.cross(frame[:, 0], frame[:, 1]) for frame in (self.frame_n, self.frame)]
         self.normal_n, self.normal = (
-            orientation[:, None] * np.cross(frame[:, 0], frame[:, 1])
-            for frame in (self.frame_n, self.frame)
+            (orientation / np.linalg.norm(normal, axis=1))[:, None] * normal for normal in normals
         )
 
+    def work(self, t: Floats, dx: Floats) -> Floats:
+        """Work of a traction in the step, which displaces by dx, ``(m,)`` [J].
+
+        Args:
+            t: Traction, shape ``(m, 2)`` [N].
+            dx: Displacement of the pair's nodes, shape ``(m, 1+k, 3)`` [m].
+        """
+        work: Floats = np.einsum("mi,mi->m", t, self.value)
+        return work
+
     def hessian(self, t: Floats) -> Floats:
-        """Second derivative of t . slip by the pair's coordinates."""
-        outer = np.einsum("ma,mi,mib->mab", self._w, t, self._b)
+        """Twice the derivative of t . force by the pair's coordinates."""
+        w, b = self._second
+        outer = np.einsum("ma,mi,mib->mab", w, t, b)
         blocks = outer + outer.transpose(0, 2, 1)
         m, k, _ = blocks.shape
         hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
         return hessian.reshape(m, 3 * k, 3 * k)
+
+
+class ConvectiveSlip(Slip):
+    """The same by coordinates, see `cpp/nts/convective_slip.h`."""
+
+    def work(self, t: Floats, dx: Floats) -> Floats:
+        """Work of a traction in the step, not exactly t . slip."""
+        force = np.einsum("mi,mid->md", t, self.force)
+        work: Floats = np.einsum("md,md->m", force, dx.reshape(force.shape))
+        return work
+
+    def hessian(self, t: Floats) -> Floats:
+        """Twice the derivative of t . force by the pair's coordinates."""
+        (H,) = self._second
+        hessian: Floats = np.einsum("mi,mide->mde", t, H)
+        return hessian
 
 
 class Rows:
@@ -158,9 +187,9 @@ class Rows:
         self.normal: Floats = normal / np.where(length > 0, length, 1.0)[:, None]
         self.eliminable: Flags = length > 0.5
 
-    def add_slip(self, values: tuple[npt.NDArray[Any], ...]) -> None:
-        """Fill the tangential parts from what `Neighbourhood.slip` gives."""
-        self.slip = Slip(values)
+    def add_slip(self, slip: Slip) -> None:
+        """Fill the tangential parts."""
+        self.slip = slip
         self.excess[:, 1:] = self.slip.value
         self.force[:, 1:] = self.slip.force
         self.columns[:, 1:] = self.slip.force * self.free[:, None]

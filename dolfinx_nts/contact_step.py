@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
-from dolfinx_nts.contact_rows import ContactState, Rows
+from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["ContactStep"]
@@ -22,8 +23,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+_SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
-_PATIENCE = 3  # iterations without fewer changes until one node changes at a time
 
 
 class ContactStep:
@@ -107,8 +108,7 @@ class ContactStep:
         self._gap: Floats = at_n[1]
         self._moves = np.zeros(len(nodes), dtype=np.int32)
         self.num_active, self.touched = 0, False
-        self._fewest: float = np.inf
-        self._patience = _PATIENCE
+        self._contact_pivoting, self._stick_pivoting = Pivoting(self.comm), Pivoting(self.comm)
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
         self.sliding = history.sliding | ~history.active
@@ -176,21 +176,17 @@ class ContactStep:
         key[found] = here.key[self._segment[found]]
         force, normal, traction = np.zeros((3, n, 3))
         force[node] = -state.force[:, :3]
-        offset, energy, dissipation = np.zeros((3, n))
+        offset, energy, spring, dissipation = np.zeros((4, n))
         slip = old.slip.copy()
-        spring = np.zeros(n)
         if pair.friction is not None:
             t = self.traction[node]
             traction[node] = np.einsum("mi,mij->mj", t, rows.slip.frame)
             normal[node] = rows.slip.normal
             length = np.linalg.norm(rows.slip.value, axis=1)
             slip[node] += np.where(self.active[node] & self.sliding[node], length, 0.0)
-            dissipation[node] = np.einsum("mi,mi->m", t, rows.slip.value)
-            if pair.has_slip_spring:
-                assert pair.eps_T is not None
-                spring = np.einsum("ni,ni->n", traction, traction) / (2 * pair.eps_T)
-                stored = np.einsum("ni,ni->n", old.traction, old.traction) / (2 * pair.eps_T)
-                dissipation -= spring - stored
+            dissipation[node] = rows.slip.work(t, (self._x - self._x_n)[state.dofs])
+            spring = self._slip_energy(traction)
+            dissipation -= spring - self._slip_energy(old.traction)
         if isinstance(pair.enforcement, Penalty):
             assert pair.eps_N is not None
             shift = self._offset(rows)
@@ -243,6 +239,14 @@ class ContactStep:
         )
         return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
 
+    def _slip_energy(self, traction: Floats) -> Floats:
+        """Energy of the tangential springs, shape ``(n,)`` [J]."""
+        if not self.pair.has_slip_spring:
+            return np.zeros(len(traction))
+        assert self.pair.eps_T is not None
+        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.pair.eps_T)
+        return energy
+
     def _find_pairs(self, x: Floats, iteration: int) -> tuple[Ints, int]:
         """Nodes that may transmit force; how many changed their segment."""
         node = self._eligible
@@ -272,8 +276,11 @@ class ContactStep:
         values = here.contact(self._scheme, self._x_n, x, nodes, segment)
         free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
         rows = Rows(node, segment, dofs, free.reshape(values[2].shape), values)
-        if self.pair.friction is not None:
-            rows.add_slip(here.slip(self._x_n, x, nodes, segment))
+        if self.pair.is_convective:
+            assert isinstance(here, Neighbourhood)
+            rows.add_slip(ConvectiveSlip(here.convective_slip(self._x_n, x, nodes, segment)))
+        elif self.pair.friction is not None:
+            rows.add_slip(Slip(here.slip(self._x_n, x, nodes, segment)))
         self._gap[node] = rows.gap
         if isinstance(self.pair.enforcement, LagrangeMultiplier):
             rows.excess[:, 0] = rows.gap - (rows.gap_n if self._holds else 0.0)
@@ -294,8 +301,16 @@ class ContactStep:
     def _push(self, rows: Rows) -> Floats:
         """Normal forces of springs; returns their derivatives by the gap."""
         assert isinstance(self.pair.enforcement, Penalty) and self.pair.eps_N is not None
-        offset = self._offset(rows)
         eps_N = self.pair.eps_N[rows.node]
+        if self.pair.is_convective:
+            # Half-way, as everything else in (60)-(64).
+            nodes = self.pair.nodes.nodes[rows.node]
+            gap = self.neighbourhood.gap((self._x_n + self._x) / 2, nodes, rows.segment)
+            self.lambda_N[rows.node] = eps_N * np.minimum(gap, 0.0)
+            self.active[rows.node] = gap < 0
+            rows.gradients[:, 0] = rows.columns[:, 0]
+            return np.where(gap < 0, eps_N / 2, 0.0)
+        offset = self._offset(rows)
         lambda_N, slope = self.pair.enforcement.force(rows.gap_n - offset, rows.gap - offset, eps_N)
         self.lambda_N[rows.node] = lambda_N
         self.active[rows.node] = lambda_N < 0
@@ -306,23 +321,33 @@ class ContactStep:
         friction, node = self.pair.friction, rows.node
         if friction is None:
             return 0
-        p, slip = -self.lambda_N[node], rows.slip.value
+        p, slip, before = -self.lambda_N[node], rows.slip.value, self.sliding[node]
         if self.pair.has_slip_spring:
             assert self.pair.eps_T is not None
-            old = self.pair.history
-            t_n = transport(
+            old, c = self.pair.history, self.pair.eps_T[node]
+            t = transport(
                 old.traction[node], old.normal[node], rows.slip.frame_n, rows.slip.normal_n
             )
-            model = friction.spring(t_n, slip, p, self.pair.eps_T[node])
-            sliding = model.sliding
-        elif iteration == 0:
-            # Multipliers of the starting guess mean nothing yet.
-            model = friction.exact(np.zeros_like(slip), slip, np.zeros_like(p), self._weight(node))
-            sliding = self.sliding[node]
         else:
-            model = friction.exact(self.traction[node], slip, p, self._weight(node))
-            sliding = model.sliding
-        flips = self.active[node] & (sliding != self.sliding[node])
+            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
+        trial = t + c[:, None] * slip
+        way = trial if self.pair.has_slip_spring else slip
+        sliding, violators, heading = before, 0, way
+        if iteration:
+            # With p < 0, which may pass, a traction points backwards.
+            heading = np.where(before[:, None], self._direction[node], self.traction[node])
+            arrives = ~np.any(heading != 0, axis=1)
+            heading = np.where(arrives[:, None], way, heading)
+            after = friction.slides(trial, way, p, heading, before)
+            flips, violators = self._stick_pivoting.select(
+                self.active[node] & (after != before), self.pair.nodes.node_ids[node], iteration
+            )
+            sliding = np.where(self.active[node], before ^ flips, after)
+        if self.pair.has_slip_spring:
+            model = friction.spring(trial, p, c, heading, sliding)
+        else:
+            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
+            model = friction.exact(known * t, slip, known * p, c, heading, sliding)
         self.sliding[node] = sliding
         self._slip[node] = slip
         self._explicit[node] = model.explicit
@@ -334,10 +359,7 @@ class ContactStep:
             self.traction[node],
         )
         self.traction[node[~self.active[node]]] = 0.0
-        return int(np.count_nonzero(flips))
-
-    def _weight(self, node: Ints) -> Floats:
-        return self._stiffness[node]
+        return violators
 
     def _sticks(self, node: Ints) -> Flags:
         """Active nodes held by multipliers in the tangent plane."""
@@ -383,26 +405,17 @@ class ContactStep:
         if iteration == 0:
             after = before | (excess < 0)
         else:
-            after = self.pair.enforcement.active(self.lambda_N[node], excess, self._weight(node))
-        changes = after != before
-        # Block pivoting (Judice, Pires 1994): all violators change while
-        # they become fewer; Murty's rule, only the lowest, ends cycles.
-        count = self.comm.allreduce(int(np.count_nonzero(changes)))
-        if count < self._fewest:
-            self._fewest, self._patience = count, _PATIENCE
-        elif count and self._patience:
-            self._patience -= 1
-        elif count:
-            ids = self.pair.nodes.node_ids[node]
-            last = np.iinfo(np.int64).max
-            lowest = ids[changes].min(initial=last)
-            changes &= ids == self.comm.allreduce(lowest, op=MPI.MIN)
+            after = self.pair.enforcement.active(self.lambda_N[node], excess, self._stiffness[node])
+        ids = self.pair.nodes.node_ids[node]
+        changes, violators = self._contact_pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes
         released = node[~self.active[node]]
         self.lambda_N[released] = 0.0
         self.traction[released] = 0.0
-        self.sliding[node[changes & ~before]] = True
-        return int(np.count_nonzero(changes))
+        arrived = node[changes & ~before]
+        self.sliding[arrived] = True
+        self._direction[arrived] = 0.0
+        return violators
 
     def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""

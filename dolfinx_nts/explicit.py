@@ -81,6 +81,7 @@ class CentralDifference(Stepper):
             a pair is enforced by multipliers.
     """
 
+    _contact = "static"
     _load_point = 1.0
 
     def __init__(

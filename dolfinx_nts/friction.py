@@ -8,7 +8,7 @@ traction t is a nodal force that opposes it, with
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,8 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 # Bound on the stiffness against a change of the direction of slip, relative
-# to the stiffness of the node: more than this is as good as rigid.
-_STIFFEST_DIRECTION = 100.0
+# to the weight: a tighter one would slow Newton's method where slip is small.
+_STIFFEST_DIRECTION = 1e4
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,11 @@ class Traction:
     """Linear model of the traction, t = explicit + p direction + stiffness dg.
 
     Attributes:
-        sliding: Whether the node slides, shape ``(m,)``.
         explicit: Part that does not scale with p, shape ``(m, 2)`` [N].
         direction: Factor of p, shape ``(m, 2)`` [-].
         stiffness: Derivative by the slip at fixed p, ``(m, 2, 2)`` [N/m].
     """
 
-    sliding: Flags
     explicit: Floats
     direction: Floats
     stiffness: Floats
@@ -51,64 +49,108 @@ class Coulomb:
             normal contact is by penalty, which needs a spring: then the
             stiffness of the node itself.
 
+        law: How slip is measured. ``"objective"``: by an increment that is
+            quadratic in the positions, so that dissipation is exact
+            (`cpp/nts/slip.h`). ``"convective"``: by the convective
+            coordinates on the segment, as Franke, Hesch and Betsch
+            (2011), eqs. 60-64; for comparison, with `Midpoint`,
+            `Penalty` and a deformable counterpart only.
+
     Raises:
-        ValueError: ``mu`` is negative, or ``eps_T`` not positive.
+        ValueError: ``mu`` is negative, ``eps_T`` not positive, or there
+            is no such ``law``.
     """
 
-    def __init__(self, mu: float, eps_T: float | None = None) -> None:
+    def __init__(
+        self,
+        mu: float,
+        eps_T: float | None = None,
+        law: Literal["objective", "convective"] = "objective",
+    ) -> None:
         """Check the numbers."""
         if not (np.isfinite(mu) and mu >= 0):
             raise ValueError(f"expected a coefficient of friction mu >= 0, given {mu}")
         if eps_T is not None and not (np.isfinite(eps_T) and eps_T > 0):
             raise ValueError(f"expected a tangential stiffness eps_T > 0, given {eps_T}")
-        self.mu, self.eps_T = float(mu), eps_T
+        if law not in ("objective", "convective"):
+            raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
+        self.mu, self.eps_T, self.law = float(mu), eps_T, law
 
-    def spring(self, t_n: Floats, slip: Floats, p: Floats, eps_T: Floats) -> Traction:
-        """Return mapping with a tangential spring.
+    def slides(
+        self, trial: Floats, way: Floats, p: Floats, heading: Floats, sliding: Flags
+    ) -> Flags:
+        """Whether nodes slide, by what is known now.
 
         Args:
-            t_n: Traction at t_n, shape ``(m, 2)`` [N].
-            slip: Slip of the step, shape ``(m, 2)`` [m].
+            trial: Traction if the node stuck, t_n + eps_T g with a spring,
+                t + c g without, shape ``(m, 2)`` [N].
+            way: Where the node goes: the trial traction with a spring,
+                the slip without, shape ``(m, 2)``.
+            p: Pressing force, shape ``(m,)`` [N].
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether a node slid in the last iteration; then it
+                sticks before it slides the other way.
+        """
+        size = np.linalg.norm(trial, axis=1)
+        reverses = sliding & (np.einsum("mi,mi->m", heading, way) < 0)
+        flags: Flags = (size > self.mu * np.maximum(p, 0.0)) & ~reverses
+        return flags
+
+    def spring(
+        self, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags
+    ) -> Traction:
+        """Return mapping with a tangential spring.
+
+        A node that slides although its trial traction points backwards
+        keeps its direction; that is no solution.
+
+        Args:
+            trial: t_n + eps_T g, shape ``(m, 2)`` [N].
             p: Pressing force, shape ``(m,)`` [N].
             eps_T: Stiffness, shape ``(m,)`` [N/m].
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether the node slides now, shape ``(m,)``.
         """
-        trial = t_n + eps_T[:, None] * slip
-        size, s, across = _polar(trial)
+        turns = np.einsum("mi,mi->m", heading, trial) >= 0
+        size, s, across = _polar(np.where((sliding & ~turns)[:, None], heading, trial))
         limit = self.mu * np.maximum(p, 0.0)
-        sliding = size > limit
-        part = np.where(sliding, limit / np.where(size > 0, size, 1.0), 1.0)
+        part = np.where(sliding, turns * limit / np.where(size > 0, size, 1.0), 1.0)
         stiffness = np.where(sliding[:, None, None], across, np.eye(2))
         return Traction(
-            sliding=sliding,
             explicit=np.where(sliding[:, None], 0.0, trial),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),
             stiffness=(part * eps_T)[:, None, None] * stiffness,
         )
 
-    def exact(self, t: Floats, slip: Floats, p: Floats, c: Floats) -> Traction:
+    def exact(
+        self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
+    ) -> Traction:
         """Stick and slip without a spring, one semismooth Newton iteration.
 
         The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
         solutions g = 0 with |t| <= mu p (stick) and t = mu p g/|g|
         (slip); the weight c changes the path, not the solution. For a
         sliding node it is linearised and solved for t, so that a slip
-        whose direction is not yet that of the traction turns it.
+        whose direction is not yet that of the traction turns it. Where
+        there is no such slip, because it points backwards or nothing
+        presses the node, the direction stays.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
-            c: Weight, stiffness of the node, shape ``(m,)`` [N/m].
+            c: Weight, part of the stiffness of the node, ``(m,)`` [N/m].
+            heading: Direction of the traction, any length, ``(m, 2)``.
+            sliding: Whether the node slides now, shape ``(m,)``.
         """
-        size, s, across = _polar(t + c[:, None] * slip)
         limit = self.mu * np.maximum(p, 0.0)
-        sliding = size > limit
+        turns = sliding & (limit > 0) & (np.einsum("mi,mi->m", heading, slip) >= 0)
+        size, s, across = _polar(np.where(turns[:, None], t + c[:, None] * slip, heading))
         ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
         with np.errstate(divide="ignore"):
             turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
-        turn = np.where(sliding, turn, 0.0)
+        turn = np.where(turns, turn, 0.0)
         return Traction(
-            sliding=sliding,
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),
             stiffness=(turn * c)[:, None, None] * across,

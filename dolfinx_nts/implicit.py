@@ -79,7 +79,6 @@ class ImplicitStepper(Stepper):
             conflict.
     """
 
-    _contact: ClassVar[str]  # contact kernel
     _inertia: ClassVar[bool] = True  # whether rates matter
     _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
 

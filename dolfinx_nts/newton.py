@@ -22,9 +22,8 @@ Floats = npt.NDArray[np.float64]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50
-_BACKTRACKING = 5  # first iteration whose step may be halved, with friction
-_MAX_HALVINGS = 5
 _RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
+_SMALL_RESIDUAL = 1e-8  # the same, where increments have become negligible
 _INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
 _GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
 
@@ -107,11 +106,10 @@ def solve(
     n, size = X.size, bulk.cell_size
     norms: list[float] = []
     changes = 0
-    before = du_norm = np.inf
-    du: Floats = np.zeros(n)
+    du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
-    rubs = any(step.pair.friction is not None for step in steps)
-    iteration, halvings = 0, 0
+    floor = _round_off(bulk)
+    iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         with timings.phase("assembly"):
@@ -130,8 +128,10 @@ def solve(
         changed, failed = (int(value) for value in sums[2:])
         norms.append(norm)
         changes += changed
-        target = _RESIDUAL_TOLERANCE * (force_scale + contact_norm)
-        solved = norm <= target or du_norm <= _INCREMENT_TOLERANCE * size
+        scale = force_scale + contact_norm
+        target = max(_RESIDUAL_TOLERANCE * scale, floor)
+        small = norm <= _SMALL_RESIDUAL * scale and du_norm <= _INCREMENT_TOLERANCE * size
+        solved = norm <= target or small
         converged = solved and excess <= _GAP_TOLERANCE * size and not changed
 
         if not np.isfinite(norm):
@@ -150,14 +150,6 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
             return Solution(states, R, R_bulk, report)
 
-        if rubs and iteration >= _BACKTRACKING and halvings < _MAX_HALVINGS:
-            # Stick and slip can alternate for ever at full steps.
-            if norm > 0.9 * before:
-                halvings += 1
-                bulk.u.x.array[:n] -= 0.5**halvings * du
-                bulk.u.x.scatter_forward()
-                continue
-        before, halvings = norm, 0
         with timings.phase("solve"):
             du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
         balanced = dlambda is None
@@ -170,6 +162,17 @@ def solve(
         bulk.u.x.array[:n] += du
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _round_off(bulk: Bulk) -> float:
+    """Norm of the residual that rounding leaves at best [N]. Collective.
+
+    A strain is known to eps, and to eps |u|/h; with the stiffness k of a
+    node and the size h of its cells that is a force of eps k (h + |u|).
+    """
+    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
+    forces = np.finfo(np.float64).eps * bulk.nodal_stiffness() * (bulk.nodal_size + u)
+    return float(np.sqrt(bulk.comm.allreduce(forces @ forces)))
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

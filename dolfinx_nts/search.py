@@ -115,6 +115,13 @@ class Neighbourhood:
         dofs, orientation = self.dofs(nodes, segment), self.orientation[segment]
         return *_kernels.slip(x_n[dofs], x[dofs], orientation), orientation
 
+    def convective_slip(
+        self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+    ) -> tuple[npt.NDArray[Any], ...]:
+        """The same by coordinates, see `cpp/nts/convective_slip.h`. Local."""
+        dofs, orientation = self.dofs(nodes, segment), self.orientation[segment]
+        return *_kernels.convective_slip(x_n[dofs], x[dofs], orientation), orientation
+
     def with_room(self, owned: Floats) -> Floats:
         """Copy of the owned values with zeros for the ghosts. Local."""
         if self._serial:

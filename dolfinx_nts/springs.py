@@ -272,14 +272,16 @@ class ContactSprings:
             t_n = transport(
                 pair.history.traction[node], pair.history.normal[node], slip.frame_n, slip.normal_n
             )
-            law = pair.friction.spring(t_n, slip.value, -lambda_N[node], eps_T)
+            trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N[node]
+            slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
+            law = pair.friction.spring(trial, p, eps_T, trial, slides)
             t = law.explicit - lambda_N[node, None] * law.direction
             force -= np.einsum("mi,mij->mj", t, slip.gradient)
             lasting = slip.value - (t - t_n) / eps_T[:, None]
             dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
             energy[node] += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
-            length[node] += np.where(law.sliding, np.linalg.norm(lasting, axis=1), 0.0)
-            sliding[node] = law.sliding
+            length[node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
+            sliding[node] = slides
             traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
             normal[node] = slip.normal
         dofs = here.dofs(nodes, segments)

@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +57,7 @@ class Stepper(ABC):
             work of all forces in it [J].
     """
 
+    _contact: ClassVar[str]  # kernel of contact
     _load_point: float = 0.5  # where in a step the loads are taken
     _supports: Supports
 
@@ -76,6 +77,10 @@ class Stepper(ABC):
                 raise TypeError(f"expected a ContactPair, given {type(pair).__name__}")
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
+            if pair.is_convective and self._contact != "midpoint":
+                raise ValueError(
+                    f"expected Midpoint with convective friction, given {type(self).__name__}"
+                )
         for load in loads:
             if not isinstance(load, Load):
                 raise TypeError(f"expected a load, given {type(load).__name__}")

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"_kernels", "compat", "forms", "timing"},
+    {"_kernels", "compat", "forms", "pivoting", "timing"},
     {"materials", "meshing"},
     {"surfaces"},
     {"bodies"},

@@ -99,6 +99,19 @@ def projection_gradient(x_pair: Array, orientation: float) -> Array:
     return _linearise(x_pair, orientation)["D"]
 
 
+def convective_slip(x_n: Array, x: Array, orientation: float) -> tuple[Array, ...]:
+    """Return slip (2,), force and its gradient at t_{n+1} (2, 3(1+k)).
+
+    (60)-(64), in an orthonormal frame of the metric at t_n: covariant
+    components ``t_a`` and those in the frame, ``t_i``, are related by
+    ``t_a = R_ia t_i`` with the metric ``R^T R``, R upper triangular.
+    """
+    xi_n, xi = (project(y, orientation)[0] for y in (x_n, x))
+    R = np.linalg.cholesky(_linearise(x_n, orientation)["metric"]).T
+    D_m = projection_gradient((x_n + x) / 2, orientation)
+    return R @ (xi - xi_n), R @ D_m, R @ projection_gradient(x, orientation)
+
+
 def gap_hessian(x_pair: Array, orientation: float) -> Array:
     """Return the Hessian of the gap, (3(1+k), 3(1+k)).
 

@@ -23,28 +23,34 @@ def traction(model, p):
     return model.explicit + p[:, None] * model.direction
 
 
+def spring(t_n, slip, p, eps):
+    """Return the solution of the spring's law, and who slides."""
+    law, trial = nts.Coulomb(MU), t_n + eps[:, None] * slip
+    sliding = law.slides(trial, trial, p, trial, np.zeros(len(p), dtype=bool))
+    return law.spring(trial, p, eps, trial, sliding), sliding
+
+
 def test_spring_traction_stays_in_the_cone_and_slides_on_its_boundary(rng):
     t_n, slip, p, eps = sample(rng)
-    model = nts.Coulomb(MU).spring(t_n, slip, p, eps)
+    model, sliding = spring(t_n, slip, p, eps)
     size = np.linalg.norm(traction(model, p), axis=1)
-    assert 0 < model.sliding.sum() < len(p)
+    assert 0 < sliding.sum() < len(p)
     assert np.all(size <= MU * p * (1 + ROUNDING))
-    np.testing.assert_allclose(size[model.sliding], MU * p[model.sliding], rtol=ROUNDING)
+    np.testing.assert_allclose(size[sliding], MU * p[sliding], rtol=ROUNDING)
 
 
 def test_spring_that_sticks_is_linear_in_the_slip(rng):
     t_n, slip, p, eps = sample(rng)
-    model = nts.Coulomb(MU).spring(t_n, slip, p, eps)
-    stick = ~model.sliding
+    model, sliding = spring(t_n, slip, p, eps)
     np.testing.assert_allclose(
-        traction(model, p)[stick], (t_n + eps[:, None] * slip)[stick], rtol=ROUNDING
+        traction(model, p)[~sliding], (t_n + eps[:, None] * slip)[~sliding], rtol=ROUNDING
     )
 
 
 def test_spring_never_gives_energy(rng):
     # Work of the end traction less the change of |t|^2 / (2 eps).
     t_n, slip, p, eps = sample(rng)
-    t = traction(nts.Coulomb(MU).spring(t_n, slip, p, eps), p)
+    t = traction(spring(t_n, slip, p, eps)[0], p)
     stored = (np.sum(t**2, axis=1) - np.sum(t_n**2, axis=1)) / (2 * eps)
     assert np.all(np.sum(t * slip, axis=1) - stored >= -ROUNDING)
 
@@ -52,16 +58,15 @@ def test_spring_never_gives_energy(rng):
 @pytest.mark.parametrize("slides", [True, False])
 def test_stiffness_of_the_spring_is_the_derivative_by_the_slip(rng, slides):
     t_n, slip, p, eps = sample(rng)
-    law = nts.Coulomb(MU)
     trial = np.linalg.norm(t_n + eps[:, None] * slip, axis=1) / (MU * p)
     # Far from the kink, so that no step of the test crosses it.
     chosen = trial > 1.5 if slides else trial < 0.5
     t_n, slip, p, eps = (a[chosen] for a in (t_n, slip, p, eps))
     d = 0.1 * rng.normal(size=slip.shape) / eps[:, None] * p[:, None]
-    slope = np.einsum("mij,mj->mi", law.spring(t_n, slip, p, eps).stiffness, d)
+    slope = np.einsum("mij,mj->mi", spring(t_n, slip, p, eps)[0].stiffness, d)
 
     def function(g):
-        return traction(law.spring(t_n, g, p, eps), p)
+        return traction(spring(t_n, g, p, eps)[0], p)
 
     if slides:
         assert taylor_order(function, slip, d, slope) > 1.9
@@ -69,36 +74,72 @@ def test_stiffness_of_the_spring_is_the_derivative_by_the_slip(rng, slides):
         np.testing.assert_allclose(function(slip + d) - function(slip), slope, atol=ROUNDING)
 
 
+def test_spring_that_turned_back_while_sliding_sticks_first(rng):
+    t_n, slip, p, eps = sample(rng)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
+    trial = t_n + 1e3 * eps[:, None] * slip
+    assert not law.slides(trial, trial, p, -trial, every).any()
+    # One that has to go on sliding keeps its direction, with no stiffness.
+    model = law.spring(trial, p, eps, -trial, every)
+    ahead = -MU * p[:, None] * trial / np.linalg.norm(trial, axis=1)[:, None]
+    np.testing.assert_allclose(traction(model, p), ahead, rtol=1e2 * ROUNDING)
+    assert np.all(model.stiffness == 0)
+
+
 def test_solutions_of_the_exact_law_are_fixed_points(rng):
     _, slip, p, c = sample(rng)
-    law = nts.Coulomb(MU)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
     sliding = MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
-    model = law.exact(sliding, slip, p, c)
-    assert model.sliding.all()
+    assert law.slides(sliding + c[:, None] * slip, slip, p, sliding, every).all()
+    model = law.exact(sliding, slip, p, c, sliding, every)
     np.testing.assert_allclose(traction(model, p), sliding, atol=1e3 * ROUNDING)
-    sticking = 0.9 * sliding
-    assert not law.exact(sticking, np.zeros_like(slip), p, c).sliding.any()
+    for before in (every, ~every):
+        assert not law.slides(0.9 * sliding, 0 * slip, p, sliding, before).any()
 
 
 def test_exact_law_turns_a_traction_towards_the_slip(rng):
     # The linear model is Newton's: from a nearby traction, one iteration
     # at fixed slip and pressing force leaves an error of second order.
     _, slip, p, c = sample(rng)
-    law = nts.Coulomb(MU)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
     solution = MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
     wrong = p[:, None] * rng.normal(size=slip.shape)
-    errors = [
-        np.abs(traction(law.exact(solution + h * wrong, slip, p, c), p) - solution).max()
-        for h in (2e-3, 1e-3)
-    ]
-    free = law.exact(solution, slip, p, c).stiffness[:, 0, 0] / c
-    assert free.max() < 100  # none at the bound on the stiffness
-    assert np.log2(errors[0] / errors[1]) > 1.9
+
+    def error(h):
+        t = solution + h * wrong
+        return np.abs(traction(law.exact(t, slip, p, c, t, every), p) - solution).max()
+
+    assert np.log2(error(2e-3) / error(1e-3)) > 1.9
+
+
+def test_slip_does_not_reverse_in_one_iteration(rng):
+    # However far a node slides against its traction, it sticks first.
+    _, slip, p, c = sample(rng)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
+    t = -MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
+    far = t + 1e3 * c[:, None] * slip
+    assert not law.slides(far, slip, p, t, every).any()
+    assert np.array_equal(law.slides(far, slip, p, t, ~every), np.linalg.norm(far, axis=1) > MU * p)
+    # One that has to go on sliding keeps its direction, with no stiffness.
+    model = law.exact(t, slip, p, c, t, every)
+    np.testing.assert_allclose(traction(model, p), t, rtol=1e2 * ROUNDING)
+    assert np.all(model.stiffness == 0)
+
+
+def test_direction_of_a_node_that_is_pulled_does_not_turn(rng):
+    _, slip, p, c = sample(rng)
+    law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
+    heading = rng.normal(size=slip.shape)
+    # At p < 0 a traction points against the heading.
+    model = law.exact(-heading, slip, -p, c, heading, every)
+    unit = heading / np.linalg.norm(heading, axis=1)[:, None]
+    np.testing.assert_allclose(model.direction, MU * unit, rtol=ROUNDING)
 
 
 def test_without_pressing_force_there_is_no_traction(rng):
     t_n, slip, p, eps = sample(rng)
-    model = nts.Coulomb(MU).spring(t_n, slip, 0 * p, eps)
+    model, sliding = spring(t_n, slip, 0 * p, eps)
+    assert sliding.all()
     assert np.all(traction(model, 0 * p) == 0)
 
 

@@ -27,7 +27,18 @@ LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
 # A dissipation is a difference of products of the size of the energy of a
 # spring, some joules; their rounding errors may be negative [J].
 DISSIPATION_ROUND_OFF = 1e-11
-MEAN_ITERATIONS = 7.0
+# Measured: 4.5, 4.6, 4.2 and 7, 8, 6.
+MEAN_ITERATIONS, MOST_ITERATIONS = 4.8, 10
+
+
+# The variant of the paper: midpoint rule, penalty, slip by convective
+# coordinates; energy at the end, and what is missing in it and the springs.
+PAPER_ENERGY, PAPER_DISSIPATION = 1673.62, 307.82
+
+
+def paper():
+    """Enforcement and friction after eqs. 60-64 of the paper."""
+    return nts.Penalty(1e5), nts.Coulomb(0.3, eps_T=1e5, law="convective")
 
 
 def variants():
@@ -63,7 +74,8 @@ class Run:
 def run(name: str, until: float) -> Run:
     """Run a variant; every step must be solved. Collective."""
     comm = MPI.COMM_WORLD
-    enforcement, friction = variants()[name]
+    enforcement, friction = paper() if name == "paper" else variants()[name]
+    scheme = nts.Midpoint if name == "paper" else nts.EnergyMomentum
     mesh, cells, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
     V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.SaintVenantKirchhoff(*scenes.BALL_PLATE_RUBBER)
@@ -74,7 +86,7 @@ def run(name: str, until: float) -> Run:
         enforcement,
         friction,
     )
-    stepper = nts.EnergyMomentum(list(bodies.values()), [pair], dt=STEP)
+    stepper = scheme(list(bodies.values()), [pair], dt=STEP)
     stepper.set_velocity(bodies["ball"], (0.0, 1.0, -1.0))
     scene = scenes.Scene(stepper, bodies, scenes.BALL_PLATE_RUBBER)
     totals = scenes.Totals(scene)
@@ -129,6 +141,20 @@ def test_end_agrees_with_the_reference_program(runs, name):
 def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
     assert len(runs[name].history.reports) == round(END / STEP)
     assert np.mean(runs[name].history.iterations) <= MEAN_ITERATIONS
+    assert max(runs[name].history.iterations) <= MOST_ITERATIONS
+
+
+@pytest.mark.serial
+def test_variant_of_the_paper_agrees_with_the_reference_program():
+    result = run("paper", END)
+    assert result.history.energy[-1] == pytest.approx(PAPER_ENERGY, rel=REFERENCE_TOLERANCE)
+    missing = result.energy[0] - result.energy[-1]
+    assert missing == pytest.approx(PAPER_DISSIPATION, rel=REFERENCE_TOLERANCE)
+    # Neither penalty nor friction works half-way exactly as their springs store.
+    assert 1e-4 < result.ledger_error < 1e-2
+    assert result.history.linear_drift <= LINEAR_TOLERANCE
+    assert result.history.angular_drift <= ANGULAR_TOLERANCE
+    assert np.mean(result.history.iterations) <= MEAN_ITERATIONS
 
 
 @pytest.mark.parametrize("name", variants())

@@ -117,10 +117,17 @@ def test_impact_of_a_ball_converges_to_hertz():
 
 @dataclass(frozen=True)
 class Press:
-    """Contact of a ball under a given force, relative to theory."""
+    """Contact of a ball under a given force, relative to theory.
+
+    Attributes:
+        radius: Contact radius.
+        pressure: Greatest pressure.
+        iterations: Most Newton iterations of a step after the first.
+    """
 
     radius: float
     pressure: float
+    iterations: int
 
 
 @cache
@@ -153,14 +160,14 @@ def press(fine: int, growth: float, coarse: float) -> Press:
         way.value = -depth * t
 
     stepper = nts.QuasiStatic([ball], [pair], dt=0.25, bcs=bcs, update=update)
-    for _ in stepper.run(1.0):
-        pass
+    iterations = [report.newton_iterations for report in stepper.run(1.0)]
     f = -pair.history.lambda_N
     r = np.hypot(*stepper.x[surface.nodes, :2].T)
     force, second, square = comm.allreduce(np.array([f.sum(), f @ r**2, f @ pair.pressure]))
     F = 4 * force
     return Press(
         radius=float(np.sqrt(2.5 * second / force) / (0.75 * F * R / E_STAR) ** (1 / 3)),
+        iterations=max(iterations[1:]),
         pressure=float(4 / 3 * square / force / (6 * F * E_STAR**2 / (np.pi**3 * R**2)) ** (1 / 3)),
     )
 
@@ -181,6 +188,14 @@ def test_pressed_ball_converges_to_hertz():
         # From 4 to 12 cells: at least of first order.
         assert errors[0] > errors[1] > errors[2]
         assert np.log(errors[0] / errors[2]) / np.log(3) >= 1
+
+
+@pytest.mark.serial
+def test_newton_stops_at_the_round_off_of_small_strains():
+    # Stress is a small difference of numbers of the size of the modulus:
+    # at strains of 1e-4 the residual stays at 1e-10 of the contact force.
+    for fine in (4, 8):
+        assert press(fine, 0.3, 0.2).iterations <= 4
 
 
 # --- two balls ---------------------------------------------------------
@@ -304,6 +319,7 @@ def test_two_balls_at_published_data_differ_from_hertz_by_their_material(materia
 # parallel to the load. From six cells on the error is 2 to 3 %, which neither a
 # stiffer spring nor smaller steps nor more friction change.
 STICK_TOLERANCE = 0.03
+MOST_ITERATIONS = 12
 
 
 @dataclass(frozen=True)
@@ -315,16 +331,18 @@ class Shift:
         stick: Radius of the stick zone / contact radius.
         sliding: Mean distance of sliding nodes / contact radius.
         sticking: The same of sticking nodes.
+        iterations: Newton iterations of each step.
     """
 
     load: float
     stick: float
     sliding: float
     sticking: float
+    iterations: tuple[int, ...]
 
 
 @cache
-def shift(fine: int) -> Shift:
+def shift(fine: int, eps_T: float | None = None) -> Shift:
     """Press half a ball, then move its middle plane aside. Collective.
 
     What the traction lacks to the limit, mu p - t, is mu times a Hertz
@@ -343,8 +361,7 @@ def shift(fine: int) -> Shift:
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, RHO))
     surface = nts.Surface(V, facets, tag["ball_outer"])
-    # A spring of a hundred times the stiffness of a node.
-    pair = nts.ContactPair(surface, PLANE, friction=nts.Coulomb(mu, eps_T=0.05))
+    pair = nts.ContactPair(surface, PLANE, friction=nts.Coulomb(mu, eps_T))
     down, aside = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
     bcs = [
         support(V, facets, tag["ball_y"], 1),
@@ -360,8 +377,7 @@ def shift(fine: int) -> Shift:
         down.value, aside.value = -depth * min(t, 1.0), way * max(t - 1.0, 0.0)
 
     stepper = nts.QuasiStatic([ball], [pair], dt=0.25, bcs=bcs, update=update)
-    for _ in stepper.run(2.0):
-        pass
+    iterations = [report.newton_iterations for report in stepper.run(2.0)]
     history = pair.history
     p, t = -history.lambda_N, history.force[:, 0]
     x = stepper.x[surface.nodes]
@@ -377,6 +393,7 @@ def shift(fine: int) -> Shift:
         stick=float(np.sqrt(2.5 * sums[3] / sums[2]) / radius),
         sliding=float(sums[6] / sums[5] / radius),
         sticking=float(sums[8] / sums[7] / radius),
+        iterations=tuple(iterations),
     )
 
 
@@ -388,5 +405,17 @@ def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin():
     for result in results:
         assert result.load == pytest.approx(0.5, abs=0.05)
         assert result.sticking < result.stick < result.sliding < 1
+        # Stick and slip are found as fast as contact.
+        assert max(result.iterations) <= MOST_ITERATIONS
     assert max(errors[1:]) <= STICK_TOLERANCE
     assert max(errors[1:]) < 0.6 * errors[0]
+
+
+@pytest.mark.serial
+def test_stiff_tangential_spring_tends_to_exact_stick():
+    # Twenty and a hundred times the stiffness of a node.
+    exact = shift(4).stick
+    errors = [abs(shift(4, eps_T).stick - exact) for eps_T in (0.01, 0.05)]
+    # Of first order in the compliance.
+    assert np.log(errors[0] / errors[1]) / np.log(5) > 0.9
+    assert errors[1] < 0.01

@@ -60,6 +60,31 @@ auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   return std::tuple(value, force, gradient, w, b, frame_n, frame);
 }
 
+auto convective_slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
+                           const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
+  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
+  check("orientation", orientation, {m});
+  auto value = create<double>({m, 2});
+  auto force = create<double>({m, 2, n});
+  auto gradient = create<double>({m, 2, n});
+  auto hessian = create<double>({m, 2, n, n});
+  auto frame_n = create<double>({m, 2, 3});
+  auto frame = create<double>({m, 2, 3});
+  const ConvectiveSlipArrays out{view(value),   view(force),   view(gradient),
+                                 view(hessian), view(frame_n), view(frame)};
+  dispatch(k,
+           [&]<class S>()
+           {
+             const nb::gil_scoped_release release;
+             convective_slips<S>(view(x_pair_n), view(x_pair),
+                                 view(orientation), out);
+           });
+  return std::tuple(value, force, gradient, hessian, frame_n, frame);
+}
+
 auto pair_nodes_batch(const Doubles& x_node, const In<std::int32_t>& current,
                       double reach, const Doubles& x_segment,
                       const Doubles& orientation, const In<std::int64_t>& key)
@@ -105,6 +130,11 @@ void contact(nb::module_& m)
         nb::arg("orientation"),
         "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
         "(m, 2, 3(1+k)), w (m, 1+k), b (m, 2, 1+k), frame_n and frame "
+        "(m, 2, 3)");
+  m.def("convective_slip", &convective_slip_batch, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"),
+        "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
+        "(m, 2, 3(1+k)), hessian (m, 2, 3(1+k), 3(1+k)), frame_n and frame "
         "(m, 2, 3)");
   m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"), nb::arg("current"),
         nb::arg("reach"), nb::arg("x_segment"), nb::arg("orientation"),

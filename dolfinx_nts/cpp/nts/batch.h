@@ -1,5 +1,6 @@
 #pragma once
 
+#include "convective_slip.h"
 #include "discrete_gradient.h"
 #include "pairing.h"
 #include "slip.h"
@@ -115,6 +116,36 @@ void slips(std::span<const double> x_pair_n, std::span<const double> x_pair,
     store(s.gradient, out.gradient, i);
     store(s.w, out.w, i);
     store(s.b, out.b, i);
+    store(s.frame_n, out.frame_n, i);
+    store(s.frame, out.frame, i);
+  }
+}
+
+/// @brief Where the convective slip batch writes, sizes as in
+/// `ConvectiveSlip` times m.
+struct ConvectiveSlipArrays
+{
+  std::span<double> value, force, gradient, hessian, frame_n, frame;
+};
+
+/// @brief Convective slip of m pairs in one step; NaN where it fails.
+template <class S>
+void convective_slips(std::span<const double> x_pair_n,
+                      std::span<const double> x_pair,
+                      std::span<const double> orientation,
+                      const ConvectiveSlipArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    ConvectiveSlip<S> s = convective_slip(load<S>(x_pair_n, i),
+                                          load<S>(x_pair, i), orientation[i]);
+    if (!s.valid)
+      s.value = {NAN, NAN};
+    store(s.value, out.value, i);
+    store(s.force, out.force, i);
+    store(s.gradient, out.gradient, i);
+    for (std::size_t c = 0; c < 2; ++c)
+      store(s.hessian[c], out.hessian, 2 * i + c);
     store(s.frame_n, out.frame_n, i);
     store(s.frame, out.frame, i);
   }

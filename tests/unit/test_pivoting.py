@@ -1,0 +1,74 @@
+"""Pivoting: all violators while they become fewer, then one at a time."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.pivoting import Pivoting
+
+
+def ids_of(comm, n=4):
+    """Global numbers of n items on each rank, the lowest on the last one."""
+    return np.arange(n, dtype=np.int64)[::-1] + n * (comm.size - 1 - comm.rank)
+
+
+def test_all_violators_change_while_they_become_fewer(comm):
+    pivoting, ids = Pivoting(comm), ids_of(comm)
+    for count in (4, 3, 2, 1):
+        violates = ids % 4 < count
+        changes, violators = pivoting.select(violates, ids, 1)
+        assert np.array_equal(changes, violates)
+        assert violators == count
+
+
+def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
+    pivoting, ids = Pivoting(comm), ids_of(comm)
+    violates = np.ones(4, dtype=bool)
+    totals = []
+    for iteration in range(20):
+        changes, violators = pivoting.select(violates, ids, iteration)
+        assert violators == 4  # all are reported, changed or not
+        totals.append(comm.allreduce(int(changes.sum())))
+    assert totals[0] == 4 * comm.size
+    late = totals[10:]
+    # Newton's method settles in between.
+    assert max(late) == 1
+    assert min(late) == 0
+    changes, _ = pivoting.select(violates, ids, 20)
+    assert comm.allreduce(int(ids[changes].sum())) == 0  # the lowest
+
+
+def test_fewer_violators_than_ever_change_together_again(comm):
+    pivoting, ids = Pivoting(comm), ids_of(comm)
+    for iteration in range(20):
+        pivoting.select(np.ones(4, dtype=bool), ids, iteration)
+    violates = ids % 4 < 3
+    changes, _ = pivoting.select(violates, ids, 21)
+    assert np.array_equal(changes, violates)
+
+
+@pytest.mark.parametrize("matrices", [50])
+def test_random_complementarity_problems_are_solved(comm, matrices):
+    # 0 <= x, A x - b >= 0, x (A x - b) = 0 with a matrix all of whose
+    # principal minors are positive; the linear systems are exact.
+    rng = np.random.default_rng(3)
+    for _ in range(matrices):
+        n = 12
+        A = rng.normal(size=(n, n))
+        A = A @ A.T + 0.1 * np.eye(n) + 0.5 * (A - A.T)
+        b = rng.normal(size=n)
+        active, pivoting = np.zeros(n, dtype=bool), Pivoting(comm)
+        mine = np.arange(n) % comm.size == comm.rank
+        for iteration in range(2000):
+            x = np.zeros(n)
+            x[active] = np.linalg.solve(A[np.ix_(active, active)], b[active])
+            violates = np.where(active, x < 0, A @ x - b < 0)
+            changes, _ = pivoting.select(
+                violates[mine], np.arange(n, dtype=np.int64)[mine], iteration
+            )
+            flips = np.zeros(n)
+            flips[mine] = changes
+            active ^= comm.allreduce(flips) > 0
+            if not violates.any():
+                break
+        assert x.min() >= 0
+        assert (A @ x - b).min() >= -1e-10
