@@ -12,10 +12,10 @@ import numpy.typing as npt
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.tangential import Tangential
 
 __all__ = ["ContactStep"]
 
@@ -23,7 +23,6 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
-_SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 
 
@@ -46,10 +45,7 @@ class ContactStep:
         pair: The contact pair.
         neighbourhood: Segments in reach.
         active: Active nodes of this rank, shape ``(n,)``.
-        sliding: Active nodes that slide, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N].
-        traction: Tractions in the frames of the segments at t_n, shape
-            ``(n, 2)`` [N].
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
         touched: Whether one was, in any iteration.
@@ -108,16 +104,18 @@ class ContactStep:
         self._gap: Floats = at_n[1]
         self._moves = np.zeros(len(nodes), dtype=np.int32)
         self.num_active, self.touched = 0, False
-        self._contact_pivoting, self._stick_pivoting = Pivoting(self.comm), Pivoting(self.comm)
+        self._pivoting = Pivoting(self.comm)
         self.active = history.active & eligible
-        # A node that arrives slides until it is found to stick.
-        self.sliding = history.sliding | ~history.active
         self.lambda_N = np.where(self.active, history.lambda_N, 0.0)
-        n = len(nodes)
-        self.traction = np.zeros((n, 2))
-        # Model of the traction and slip of the last iteration.
-        self._explicit, self._direction, self._slip = np.zeros((3, n, 2))
-        self._turn_stiffness = np.zeros((n, 2, 2))
+        self._tangential = (
+            None if pair.friction is None else Tangential(pair, self._stiffness, self.comm)
+        )
+
+    @property
+    def sliding(self) -> Flags:
+        """Active nodes that slide, shape ``(n,)``."""
+        flags: Flags = self.active.copy()
+        return flags if self._tangential is None else flags & self._tangential.sliding
 
     def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactState:
         """Pair, evaluate the kernels, update multipliers and active set.
@@ -153,6 +151,13 @@ class ContactStep:
             changed = int(np.count_nonzero(active))
         return self._state(rows, slope, changed)
 
+    def _rub(self, rows: Rows, iteration: int) -> int:
+        """Decide on stick and slip; returns how many nodes do not fit."""
+        if self._tangential is None:
+            return 0
+        node = rows.node
+        return self._tangential.update(rows, -self.lambda_N[node], self.active[node], iteration)
+
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
 
@@ -164,7 +169,8 @@ class ContactStep:
         values = np.zeros(rows.shape)
         values[rows] = increments
         self.lambda_N[state.node] += values[:, 0]
-        self.traction[state.node] += values[:, 1:]
+        if self._tangential is not None:
+            self._tangential.traction[state.node] += values[:, 1:]
 
     def accepted(self, state: ContactState) -> ContactHistory:
         """What is to become the pair's history, from the last evaluation."""
@@ -178,15 +184,15 @@ class ContactStep:
         force[node] = -state.force[:, :3]
         offset, energy, spring, dissipation = np.zeros((4, n))
         slip = old.slip.copy()
-        if pair.friction is not None:
-            t = self.traction[node]
+        if self._tangential is not None:
+            t = self._tangential.traction[node]
             traction[node] = np.einsum("mi,mij->mj", t, rows.slip.frame)
             normal[node] = rows.slip.normal
             length = np.linalg.norm(rows.slip.value, axis=1)
-            slip[node] += np.where(self.active[node] & self.sliding[node], length, 0.0)
+            slip[node] += np.where(self.sliding[node], length, 0.0)
             dissipation[node] = rows.slip.work(t, (self._x - self._x_n)[state.dofs])
-            spring = self._slip_energy(traction)
-            dissipation -= spring - self._slip_energy(old.traction)
+            spring = self._tangential.energy(traction)
+            dissipation -= spring - self._tangential.energy(old.traction)
         if isinstance(pair.enforcement, Penalty):
             assert pair.eps_N is not None
             shift = self._offset(rows)
@@ -197,7 +203,7 @@ class ContactStep:
         return ContactHistory(
             key=key,
             active=self.active.copy(),
-            sliding=self.active & self.sliding,
+            sliding=self.sliding,
             lambda_N=self.lambda_N.copy(),
             force=force,
             gap=self._gap.copy(),
@@ -239,14 +245,6 @@ class ContactStep:
         )
         return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
 
-    def _slip_energy(self, traction: Floats) -> Floats:
-        """Energy of the tangential springs, shape ``(n,)`` [J]."""
-        if not self.pair.has_slip_spring:
-            return np.zeros(len(traction))
-        assert self.pair.eps_T is not None
-        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.pair.eps_T)
-        return energy
-
     def _find_pairs(self, x: Floats, iteration: int) -> tuple[Ints, int]:
         """Nodes that may transmit force; how many changed their segment."""
         node = self._eligible
@@ -263,9 +261,7 @@ class ContactStep:
             # All others are open and stay inactive.
             near &= self.active[node] | (self._gap[node] < 0)
         lost = node[~near & self.active[node]]
-        self.active[lost] = False
-        self.lambda_N[lost] = 0.0
-        self.traction[lost] = 0.0
+        self._release(lost)
         moved = int(np.count_nonzero(segment[near] != previous[near]))
         return node[near], moved + len(lost)
 
@@ -316,85 +312,19 @@ class ContactStep:
         self.active[rows.node] = lambda_N < 0
         return slope
 
-    def _rub(self, rows: Rows, iteration: int) -> int:
-        """Stick or slip and the model of the traction; returns changes."""
-        friction, node = self.pair.friction, rows.node
-        if friction is None:
-            return 0
-        p, slip, before = -self.lambda_N[node], rows.slip.value, self.sliding[node]
-        if self.pair.has_slip_spring:
-            assert self.pair.eps_T is not None
-            old, c = self.pair.history, self.pair.eps_T[node]
-            t = transport(
-                old.traction[node], old.normal[node], rows.slip.frame_n, rows.slip.normal_n
-            )
-        else:
-            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        trial = t + c[:, None] * slip
-        way = trial if self.pair.has_slip_spring else slip
-        sliding, violators, heading = before, 0, way
-        if iteration:
-            # With p < 0, which may pass, a traction points backwards.
-            heading = np.where(before[:, None], self._direction[node], self.traction[node])
-            arrives = ~np.any(heading != 0, axis=1)
-            heading = np.where(arrives[:, None], way, heading)
-            after = friction.slides(trial, way, p, heading, before)
-            flips, violators = self._stick_pivoting.select(
-                self.active[node] & (after != before), self.pair.nodes.node_ids[node], iteration
-            )
-            sliding = np.where(self.active[node], before ^ flips, after)
-        if self.pair.has_slip_spring:
-            model = friction.spring(trial, p, c, heading, sliding)
-        else:
-            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
-            model = friction.exact(known * t, slip, known * p, c, heading, sliding)
-        self.sliding[node] = sliding
-        self._slip[node] = slip
-        self._explicit[node] = model.explicit
-        self._direction[node] = model.direction
-        self._turn_stiffness[node] = model.stiffness
-        self.traction[node] = np.where(
-            (sliding | self.pair.has_slip_spring)[:, None],
-            model.explicit + p[:, None] * model.direction,
-            self.traction[node],
-        )
-        self.traction[node[~self.active[node]]] = 0.0
-        return violators
-
-    def _sticks(self, node: Ints) -> Flags:
-        """Active nodes held by multipliers in the tangent plane."""
-        exact = self.pair.friction is not None and not self.pair.has_slip_spring
-        flags: Flags = self.active[node] & ~self.sliding[node] & exact
-        return flags
-
     def _balance(self, rows: Rows, R: Floats | None) -> None:
         """Multipliers that balance the residual at the nodes."""
         if R is None:
             return
-        node, active = rows.node, self.active[rows.node]
-        rest: Floats = R
-        if self.pair.friction is None:
-            column = rows.columns[:, 0, :3]
-        else:
-            tangential = rows.columns[:, 1:, :3]
-            direction: Floats = self._direction[node]
-            explicit: Floats = self._explicit[node]
-            if not self.pair.has_slip_spring:
-                turned = rows.slip.value - self._slip[node]
-                explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
-            stick = self._sticks(node) & rows.eliminable
-            explicit = np.where(stick[:, None], 0.0, explicit)
-            rest = R + np.einsum("mi,mij->mj", explicit, tangential)
-            column = rows.columns[:, 0, :3] - np.einsum("mi,mij->mj", direction, tangential)
+        node, active, rest = rows.node, self.active[rows.node], R
+        column = rows.columns[:, 0, :3]
+        if self._tangential is not None:
+            rest, column = self._tangential.reduced(rows, R, active)
         response = np.einsum("mi,mi->m", rows.normal, column)
         response = np.where(np.abs(response) > 1e-3, response, np.inf)
         lambda_N = -np.einsum("mi,mi->m", rows.normal, rest) / response
-        if self.pair.friction is not None:
-            traction: Floats = explicit - lambda_N[:, None] * direction
-            A = rows.columns[stick, :, :3].transpose(0, 2, 1)
-            solution = np.linalg.solve(A, -rest[stick][:, :, None])[:, :, 0]
-            lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
-            self.traction[node] = np.where(active[:, None], traction, 0.0)
+        if self._tangential is not None:
+            lambda_N = self._tangential.balance(rows, rest, lambda_N, active)
         self.lambda_N[node] = np.where(active, lambda_N, 0.0)
 
     def _update_active(self, rows: Rows, iteration: int) -> int:
@@ -407,15 +337,18 @@ class ContactStep:
         else:
             after = self.pair.enforcement.active(self.lambda_N[node], excess, self._stiffness[node])
         ids = self.pair.nodes.node_ids[node]
-        changes, violators = self._contact_pivoting.select(after != before, ids, iteration)
+        changes, violators = self._pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes
-        released = node[~self.active[node]]
-        self.lambda_N[released] = 0.0
-        self.traction[released] = 0.0
-        arrived = node[changes & ~before]
-        self.sliding[arrived] = True
-        self._direction[arrived] = 0.0
+        self._release(node[~self.active[node]])
+        if self._tangential is not None:
+            self._tangential.arrive(node[changes & ~before])
         return violators
+
+    def _release(self, node: Ints) -> None:
+        self.active[node] = False
+        self.lambda_N[node] = 0.0
+        if self._tangential is not None:
+            self._tangential.release(node)
 
     def _state(self, rows: Rows, slope: Floats, changed: int) -> ContactState:
         """Residual and tangent from the multipliers and tractions."""
@@ -428,19 +361,9 @@ class ContactStep:
         rank = np.where(active, 1 if multiplier else 0, 0)
         force = lambda_N[:, None] * rows.force[:, 0]
         tangent = lambda_N[:, None, None] * rows.tangent
-        if self.pair.friction is not None:
-            t, direction = self.traction[node], self._direction[node]
-            stick = self._sticks(node)
-            rank = np.where(stick, 3, rank)
-            force += np.einsum("mi,mij->mj", t, rows.force[:, 1:])
-            tangent += rows.slip.hessian(t) / 2
-            model = np.where((active & ~stick)[:, None, None], self._turn_stiffness[node], 0.0)
-            tangent += np.einsum(
-                "mia,mij,mjb->mab", rows.force[:, 1:], model, rows.slip.gradient, optimize=True
-            )
-            slides = np.where((active & ~stick)[:, None], direction, 0.0)
-            columns = columns.copy()
-            columns[:, 0] -= np.einsum("mi,mij->mj", slides, columns[:, 1:])
+        if self._tangential is not None:
+            rank = np.where(self._tangential.sticks(node, active), 3, rank)
+            columns = self._tangential.add_to(rows, active, force, tangent)
         free = rows.free
         tangent *= free[:, :, None] * free[:, None, :]
         if not multiplier:

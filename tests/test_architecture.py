@@ -17,6 +17,7 @@ LAYERS = [
     {"loads", "stable_step"},
     {"search", "enforcement", "friction", "obstacles"},
     {"contact", "contact_rows"},
+    {"tangential"},
     {"contact_step", "report", "springs"},
     {"stepper"},
     {"elimination", "block_rows"},
