@@ -269,6 +269,7 @@ class ImplicitStepper(Stepper):
             steps,
             self._X[: self._num_owned],
             force_scale=force_scale,
+            inertia=self._inertia,
             timings=self.timings,
         )
         return steps, solution

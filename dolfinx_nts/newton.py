@@ -88,6 +88,7 @@ def solve(
     X: Floats,
     *,
     force_scale: float,
+    inertia: bool,
     timings: Timings,
 ) -> Solution:
     """Iterate from the present u. Collective.
@@ -98,6 +99,8 @@ def solve(
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
         force_scale: Norm of the forces known before the step [N].
+        inertia: Whether there is any; without, forces may be as small as
+            the round-off of strains.
         timings: Receives the wall time of the phases.
 
     Returns:
@@ -108,7 +111,7 @@ def solve(
     changes = 0
     du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
-    floor = _round_off(bulk)
+    floor = 0.0 if inertia else _round_off(bulk)
     iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
