@@ -32,6 +32,8 @@ class Bulk:
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
         loads: Virtual work of loads, each linear in the test function [N].
+        nearby: Bilinear form near the tangent that is definite whatever
+            the state, for preconditioners; None: the tangent itself.
 
     Attributes:
         u: The unknown.
@@ -43,7 +45,7 @@ class Bulk:
         nodal_size: Largest diameter of the cells of each owned node [m].
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
-        num_tangents: Assembled tangents.
+        num_tangents: Assembled matrices.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Bulk:
         u: fem.Function,
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form] = (),
+        nearby: ufl.Form | None = None,
     ) -> None:
         """Compile the forms and allocate."""
         V = u.function_space
@@ -75,7 +78,9 @@ class Bulk:
                 strict=True,
             )
         )
-        self._tangent = _compile(ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms)
+        self._derivatives = [ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms]
+        self._tangent: list[fem.Form] = []
+        self._nearby = None if nearby is None else _compile([nearby])
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self.num_dofs = 3 * V.dofmap.index_map.size_global
@@ -161,9 +166,17 @@ class Bulk:
         Collective.
         """
         if self._stiffness is None:
-            self.tangent()
+            self.nearby_matrix()
         assert self._stiffness is not None
         return self._stiffness
+
+    def nearby_matrix(self) -> Any:
+        """Matrix to be factorised and kept for many steps. Collective.
+
+        Returns:
+            As of `tangent`.
+        """
+        return self.tangent() if self._nearby is None else self._assemble(self._nearby)
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective.
@@ -171,12 +184,18 @@ class Bulk:
         Returns:
             PETSc matrix of 3 x 3 blocks; `rows` has the same values.
         """
+        if not self._tangent:
+            # Its kernels are the longest to compile, and few runs need them.
+            self._tangent = _compile(self._derivatives)
+        return self._assemble(self._tangent)
+
+    def _assemble(self, forms: Sequence[fem.Form]) -> Any:
         if self._rows is None:
-            self._rows = BlockRows(fem.create_matrix(self._tangent[0]))
-            self._matrix = fem_petsc.create_matrix(self._tangent[0], "baij")
+            self._rows = BlockRows(fem.create_matrix(forms[0]))
+            self._matrix = fem_petsc.create_matrix(forms[0], "baij")
         csr = self._rows.matrix
         csr.set_value(0.0)
-        for form in self._tangent:
+        for form in forms:
             fem.assemble_matrix(csr, form, self.bcs)
         csr.scatter_reverse()
         self._rows.insert(self._matrix)

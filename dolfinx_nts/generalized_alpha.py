@@ -89,7 +89,7 @@ class GeneralizedAlpha(ImplicitStepper):
         self._alpha_m, self._alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         self._gamma = 0.5 - self._alpha_m + self._alpha_f
         self._beta = (1 - self._alpha_m + self._alpha_f) ** 2 / 4
-        self._load_point = 1 - self._alpha_f
+        self._load_point = self._stress_share = 1 - self._alpha_f
         super().__init__(
             bodies,
             pairs,

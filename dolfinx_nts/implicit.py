@@ -80,6 +80,7 @@ class ImplicitStepper(Stepper):
     """
 
     _inertia: ClassVar[bool] = True  # whether rates matter
+    _stress_share: float = 0.5  # of the end of a step in its stress
     _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
 
     def __init__(
@@ -95,7 +96,7 @@ class ImplicitStepper(Stepper):
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
-        self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms())
+        self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms(), self._nearby_form())
         self._supports = self._bulk.supports
         self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
         self._rest = Rest(self._bulk, self.bodies, self.pairs, self.loads)
@@ -139,6 +140,30 @@ class ImplicitStepper(Stepper):
             if self._inertia:
                 work += rho * ufl.inner(self._acceleration(), eta)
                 work += self._damping(material, parameters, rho, eta)
+            return work
+
+        return bulk_form(self.bodies, integrand)
+
+    def _nearby_form(self) -> ufl.Form:
+        """Tangent at u_n without initial stress, with the moduli at C = 1.
+
+        Definite, where cells far from balance, or pressed, make the
+        tangent indefinite, which spoils incomplete factorisations.
+        """
+        V, dt = self.u.function_space, self._dt
+        eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)
+        F_n, G = ufl.Identity(3) + ufl.grad(self.u_n), ufl.grad(du)
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            share = self._stress_share
+            if self._inertia:
+                share += material.stiffness_damping / dt
+            P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)
+            work = ufl.inner(P, ufl.grad(eta))
+            if self._inertia:
+                rate = ufl.derivative(self._acceleration(), self.u, du)
+                rate += material.mass_damping / dt * du
+                work += rho * ufl.inner(rate, eta)
             return work
 
         return bulk_form(self.bodies, integrand)

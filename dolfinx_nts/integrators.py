@@ -57,6 +57,7 @@ class QuasiStatic(ImplicitStepper):
 
     _contact = "static"
     _inertia = False
+    _stress_share = 1.0
     _load_point = 1.0
     _trial = "extrapolated"
 

@@ -111,7 +111,7 @@ def solve(
     changes = 0
     du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
-    floor = 0.0 if inertia else _round_off(bulk)
+    floor = _round_off(bulk)
     iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
@@ -132,8 +132,10 @@ def solve(
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
-        target = max(_RESIDUAL_TOLERANCE * scale, floor)
-        small = norm <= _SMALL_RESIDUAL * scale and du_norm <= _INCREMENT_TOLERANCE * size
+        # With inertia the floor is that of the heaviest body, too much for others.
+        target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
+        small = norm <= max(_SMALL_RESIDUAL * scale, floor)
+        small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and excess <= _GAP_TOLERANCE * size and not changed
 

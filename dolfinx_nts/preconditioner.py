@@ -93,13 +93,13 @@ class Preconditioner:
         return 0 if self._patch is None else self._patch.num_builds
 
     def build(self) -> None:
-        """Assemble the bulk tangent at u and factorise it. Collective."""
+        """Assemble and factorise the matrix near the tangent. Collective."""
         if self._matrix is None and not self.is_strong:
             if self._operator.bulk.comm.size == 1:
                 self._use("ilu", {})
             else:
                 self._use("asm", _ON_RANKS)
-        self._matrix = self._operator.bulk.tangent()
+        self._matrix = self._operator.bulk.nearby_matrix()
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
             self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
