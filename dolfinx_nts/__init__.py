@@ -4,7 +4,9 @@ from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.explicit import CentralDifference
 from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 from dolfinx_nts.materials import (
@@ -26,11 +28,13 @@ __version__ = "0.1.0"
 __all__ = [
     "Body",
     "BodyForce",
+    "CentralDifference",
     "ContactPair",
     "ConvergenceError",
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "GeneralizedAlpha",
     "Gravity",
     "Hyperelastic",
     "LagrangeMultiplier",

@@ -95,10 +95,10 @@ class Diagnostics:
     Collective, as all its methods.
 
     Args:
-        stepper: Midpoint, EnergyMomentum or QuasiStatic.
+        stepper: The stepper.
 
     Raises:
-        TypeError: It is none of them.
+        TypeError: It is none.
     """
 
     def __init__(self, stepper: Stepper) -> None:
@@ -147,12 +147,14 @@ class Diagnostics:
         return self._motion()[2]
 
     def bulk_defect(self) -> float:
-        """Strain energy gained in the last step less the work done [J].
+        """Energy gained in the last step less the work done [J].
 
         The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of
-        the scheme: what the bulk added to the total energy.
+        the scheme, and `Stepper.inertia_defect`: what bulk and inertia
+        added to the total energy.
         """
-        return float(self._sum(fem.assemble_scalar(self._bulk_defect)))
+        defect = self._sum(fem.assemble_scalar(self._bulk_defect))
+        return float(defect + self._stepper.inertia_defect)
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on all nodes, shape ``(3,)`` [N]."""

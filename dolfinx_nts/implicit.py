@@ -8,7 +8,7 @@ of a step, divided by its length, is
    \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
 
 The schemes differ in the stress of f_int and in the kernel of the contact
-force F, in nothing else.
+force F; the generalised-alpha method also in its acceleration.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -128,7 +128,7 @@ class ImplicitStepper(Stepper):
         return values
 
     def _residual(self) -> ufl.Form:
-        u, u_n, v, dt = self.u, self.u_n, self.v, self._dt
+        u, u_n = self.u, self.u_n
         eta = ufl.TestFunction(u.function_space)
         F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
 
@@ -136,12 +136,16 @@ class ImplicitStepper(Stepper):
             P = self.first_piola(material, parameters, F_n, F)
             work = ufl.inner(P, ufl.grad(eta))
             if self._inertia:
-                momentum_rate = rho * 2 / dt * ((u - u_n) / dt - v)
-                work += ufl.inner(momentum_rate, eta)
+                work += rho * ufl.inner(self._acceleration(), eta)
                 work += self._damping(material, parameters, rho, eta)
             return work
 
         return bulk_form(self.bodies, integrand)
+
+    def _acceleration(self) -> Any:
+        """Mean acceleration of a step, UFL (3,)."""
+        dt = self._dt
+        return 2 / dt * ((self.u - self.u_n) / dt - self.v)
 
     def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
         """Virtual work of damping per reference volume, >= 0 for u - u_n."""

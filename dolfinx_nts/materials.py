@@ -168,7 +168,7 @@ class Hyperelastic:
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
             ) from error
         if self.stiffness_damping > 0:
-            least, most = np.linalg.eigvalsh(self._moduli())[[0, -1]]
+            least, most = np.linalg.eigvalsh(self.moduli())[[0, -1]]
             if least < -1e-10 * max(most, -least):
                 raise ValueError(
                     "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
@@ -185,8 +185,11 @@ class Hyperelastic:
             warnings.simplefilter("ignore")
             return float(first(())), float(ufl.diff(first, at)(()))
 
-    def _moduli(self) -> npt.NDArray[np.float64]:
-        """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa]."""
+    def moduli(self) -> npt.NDArray[np.float64]:
+        """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa].
+
+        In an orthonormal basis; for energies without fields in them.
+        """
         basis = np.zeros((6, 3, 3))
         for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
             D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)

@@ -1,7 +1,7 @@
 """Stepper: owns the accepted state and advances it.
 
 How a step is solved is up to `implicit.ImplicitStepper` and
-`explicit.ExplicitStepper`.
+`explicit.CentralDifference`.
 """
 
 import logging
@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +57,7 @@ class Stepper(ABC):
             work of all forces in it [J].
     """
 
-    _load_point: ClassVar[float] = 0.5  # where in a step the loads are taken
+    _load_point: float = 0.5  # where in a step the loads are taken
     _supports: Supports
 
     def __init__(
@@ -116,9 +116,12 @@ class Stepper(ABC):
 
     @dt.setter
     def dt(self, dt: float) -> None:
+        self._check_dt(dt)
+        self._dt.value = dt
+
+    def _check_dt(self, dt: float) -> None:
         if not (math.isfinite(dt) and dt > 0):
             raise ValueError(f"expected a step dt > 0, given {dt}")
-        self._dt.value = dt
 
     @property
     def x(self) -> Floats:
@@ -222,7 +225,7 @@ class Stepper(ABC):
                 self.t = end
                 yield replace(report, t=end)
         finally:
-            self.dt = dt
+            self._dt.value = dt
 
     def _progress(self, num_steps: int) -> Iterator[int]:
         """Count steps, with a bar on the terminal of rank 0 if it takes long."""

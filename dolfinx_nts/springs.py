@@ -1,0 +1,298 @@
+"""Contact by springs, evaluated at one state: for explicit steps.
+
+The force is minus the gradient of the springs' energy at that state, so
+that every evaluation leaves both momenta alone. Nothing is iterated.
+"""
+
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
+from dolfinx_nts.contact_rows import Slip
+from dolfinx_nts.enforcement import Penalty
+from dolfinx_nts.friction import transport
+from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["ContactSprings", "SpringState"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+
+# A node up to this part of a segment deep belongs to the segment; nodes are
+# looked at while they are within reach or may get there soon.
+_REACH, _MARGIN = 0.5, 0.25
+
+
+@dataclass(frozen=True)
+class SpringState:
+    """Forces of the springs of a pair at one state.
+
+    Attributes:
+        neighbourhood: Owned nodes and ghosts of the forces.
+        node: Position in the surface's nodes, shape ``(m,)``.
+        dofs: Nodes of the pairs in the neighbourhood, ``(m, 1+k)``.
+        force: On these nodes, shape ``(m, 1+k, 3)`` [N].
+        history: Contact at this state.
+        num_active: Nodes in contact on all ranks.
+    """
+
+    neighbourhood: Neighbourhood | ObstacleNeighbourhood
+    node: Ints
+    dofs: Ints
+    force: Floats
+    history: ContactHistory
+    num_active: int
+
+    def add_to(self, total: Floats) -> None:
+        """Add the forces to those of the owned nodes. Collective.
+
+        Args:
+            total: Shape ``(n, 3)`` [N].
+        """
+        if self.num_active:
+            forces = np.zeros((self.neighbourhood.num_local, 3))
+            np.add.at(forces, self.dofs.ravel(), self.force.reshape(-1, 3))
+            total += self.neighbourhood.to_owners(forces)
+
+    def work(self, du: Floats) -> Floats:
+        """Work of the forces, by contact node. Collective.
+
+        Args:
+            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
+
+        Returns:
+            Work at each node of the surface, shape ``(n,)`` [J].
+        """
+        work = np.zeros(len(self.history.key))
+        if self.num_active:
+            dx = self.neighbourhood.with_ghosts(du)[self.dofs]
+            work[self.node] = np.einsum("maj,maj->m", self.force, dx)
+        return work
+
+
+class ContactSprings:
+    """Springs of one contact pair by penalty. Collective.
+
+    Args:
+        pair: The pair.
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+
+    Attributes:
+        pair: The pair.
+
+    Raises:
+        ValueError: The pair is enforced by multipliers.
+    """
+
+    def __init__(self, pair: ContactPair, mass: Floats) -> None:
+        """Compute the masses that the springs move."""
+        if not isinstance(pair.enforcement, Penalty):
+            raise ValueError(
+                "expected contact by Penalty for an explicit step, "
+                f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
+            )
+        self.pair = pair
+        self._penalty = pair.enforcement.eps_N
+        self._comm: MPI.Comm = pair.nodes.V.mesh.comm
+        compliance = 1 / mass[pair.nodes.nodes]
+        if isinstance(pair.segments, Surface):
+            counts = np.array([len(pair.nodes.nodes), len(pair.segments.nodes)], dtype=float)
+            counts = self._comm.allreduce(counts)
+            lightest = mass[pair.segments.nodes].min(initial=np.inf)
+            lightest = self._comm.allreduce(lightest, op=MPI.MIN)
+            compliance += max(1.0, counts[0] / counts[1]) / lightest
+        self._reduced_mass: Floats = 1 / compliance
+        self._candidates: Ints
+        self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
+        self.forget()
+
+    def forget(self) -> None:
+        """Look at all nodes again: the state was set."""
+        self._travelled = np.inf
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the penalty is still to be chosen."""
+        return self.pair.eps_N is None and self._penalty is None
+
+    @property
+    def squared_frequency(self) -> float:
+        """Highest squared frequency of the springs [1/s^2]. Collective.
+
+        Of those that are known: 0 while `is_open`.
+        """
+        friction = self.pair.friction
+        normal = self._penalty if self.pair.eps_N is None else self.pair.eps_N
+        given = None if friction is None else friction.eps_T
+        tangential = given if self.pair.eps_T is None else self.pair.eps_T
+        highest = 0.0
+        for stiffness in (normal, tangential):
+            if stiffness is not None:
+                highest = max(highest, (stiffness / self._reduced_mass).max(initial=0.0))
+        return float(self._comm.allreduce(highest, op=MPI.MAX))
+
+    def settle(self, squared_frequency: float) -> None:
+        """Settle stiffnesses that the user left open.
+
+        Args:
+            squared_frequency: Frequency of the normal springs with the
+                reduced mass of a node and a segment's node [1/s^2].
+        """
+        # A pair makes its penalty ten times what it is given.
+        self.pair.fix_stiffness(0.1 * squared_frequency * self._reduced_mass)
+
+    def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
+        """Forces at x; never changes the pair.
+
+        Args:
+            x_n: Accepted positions of the local nodes, owned and ghost,
+                shape ``(l, 3)`` [m].
+            x: Positions at the end of the step, shape ``(l, 3)`` [m].
+            step: Largest motion of any node since the last evaluation,
+                the same on all ranks [m].
+        """
+        self._travelled += 2 * step
+        if self._travelled > _MARGIN * self.pair.segment_size:
+            self._look_around(x)
+        old, here = self.pair.history, self._neighbourhood
+        if self._idle:
+            return self._nothing()
+        owned = here.index_map.size_local
+        nodes, x = self.pair.nodes.nodes, here.with_ghosts(x[:owned])
+        x_n = here.with_ghosts(x_n[:owned]) if self.pair.friction is not None else x
+        segment = np.full(len(nodes), -1, dtype=np.int32)
+        gap = np.full(len(nodes), np.nan)
+        some = self._candidates
+        segment[some], gap[some] = here.pair(
+            x, nodes[some], here.find(old.key[some]), _REACH * self.pair.segment_size
+        )
+        node = np.flatnonzero(gap < 0).astype(np.int32)
+        num_active = self._comm.allreduce(len(node))
+        if not num_active:
+            return self._nothing()
+        return self._push(x_n, x, node, segment, gap, num_active)
+
+    def work(self, old: SpringState, new: SpringState, du: Floats) -> ContactWork:
+        """Work of the mean of two forces on a displacement, by cause.
+
+        Collective.
+
+        Args:
+            old: Springs at the start of the step.
+            new: Springs at its end.
+            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
+        """
+        if not (old.num_active or new.num_active):
+            return ContactWork()
+        a, b = old.history, new.history
+        stored = b.energy - a.energy
+        # What springs and friction do not account for.
+        rest = (old.work(du) + new.work(du)) / 2 + stored + b.dissipation
+        same = (a.key == b.key) | ~b.active
+        parts = np.array(
+            [
+                rest[a.active & same].sum(),
+                rest[~a.active].sum(),
+                rest[a.active & ~same].sum(),
+                -stored.sum(),
+                -b.dissipation.sum(),
+            ]
+        )
+        return ContactWork(*(float(part) for part in self._comm.allreduce(parts)))
+
+    def _look_around(self, x: Floats) -> None:
+        """Find the nodes that may be in reach before the next look."""
+        pair = self.pair
+        reach = (_REACH + _MARGIN) * pair.segment_size
+        here: Neighbourhood | ObstacleNeighbourhood
+        here, _ = pair.search.update(x, reach)
+        self._neighbourhood, self._travelled = here, 0.0
+        if isinstance(here, ObstacleNeighbourhood):
+            self._candidates = np.arange(len(pair.nodes.nodes), dtype=np.int32)
+        else:
+            vertices = here.with_ghosts(x[: here.index_map.size_local])[here.segments]
+            lower = vertices.min(axis=(0, 1), initial=np.inf) - reach
+            upper = vertices.max(axis=(0, 1), initial=-np.inf) + reach
+            x_nodes = x[pair.nodes.nodes]
+            near = np.all((x_nodes >= lower) & (x_nodes <= upper), axis=1)
+            self._candidates = np.flatnonzero(near).astype(np.int32)
+        self._idle = not self._comm.allreduce(len(self._candidates))
+
+    def _nothing(self) -> SpringState:
+        history = self.pair.history
+        if history.active.any():
+            none = ContactHistory.none(len(history.key))
+            history = replace(none, slip=history.slip, dissipation=self._slip_energy())
+        elif history.dissipation.any():
+            history = replace(history, dissipation=np.zeros(len(history.key)))
+        empty = np.empty(0, dtype=np.int32)
+        return SpringState(
+            self._neighbourhood, empty, empty[:, None], np.empty((0, 1, 3)), history, 0
+        )
+
+    def _slip_energy(self) -> Floats:
+        """Energy of the tangential springs at t_n, lost where a node leaves."""
+        t, eps_T = self.pair.history.traction, self.pair.eps_T
+        if eps_T is None:
+            return np.zeros(len(t))
+        energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
+        return energy
+
+    def _push(
+        self, x_n: Floats, x: Floats, node: Ints, segment: Ints, gap: Floats, num_active: int
+    ) -> SpringState:
+        """Forces of the nodes inside."""
+        pair, here, n = self.pair, self._neighbourhood, len(segment)
+        assert pair.eps_N is not None and isinstance(pair.enforcement, Penalty)
+        nodes, segments = pair.nodes.nodes[node], segment[node]
+        gradient = here.contact("static", x, x, nodes, segments)[3]
+        lambda_N, energy = np.zeros((2, n))
+        lambda_N[node] = pair.eps_N[node] * gap[node]
+        energy[node] = pair.enforcement.energy(gap[node], pair.eps_N[node])
+        force = -lambda_N[node, None] * gradient
+        key = np.full(n, -1, dtype=np.int64)
+        key[segment >= 0] = here.key[segment[segment >= 0]]
+        active, sliding = gap < 0, np.zeros(n, dtype=bool)
+        normal, traction, nodal = np.zeros((3, n, 3))
+        length, dissipation = pair.history.slip.copy(), self._slip_energy()
+        if pair.friction is not None:
+            assert pair.eps_T is not None
+            eps_T = pair.eps_T[node]
+            slip = Slip(here.slip(x_n, x, nodes, segments))
+            t_n = transport(
+                pair.history.traction[node], pair.history.normal[node], slip.frame_n, slip.normal_n
+            )
+            law = pair.friction.spring(t_n, slip.value, -lambda_N[node], eps_T)
+            t = law.explicit - lambda_N[node, None] * law.direction
+            force -= np.einsum("mi,mij->mj", t, slip.gradient)
+            lasting = slip.value - (t - t_n) / eps_T[:, None]
+            dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
+            energy[node] += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
+            length[node] += np.where(law.sliding, np.linalg.norm(lasting, axis=1), 0.0)
+            sliding[node] = law.sliding
+            traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
+            normal[node] = slip.normal
+        dofs = here.dofs(nodes, segments)
+        force = force.reshape(*dofs.shape, 3)
+        nodal[node] = force[:, 0]
+        history = ContactHistory(
+            key=key,
+            active=active,
+            sliding=sliding,
+            lambda_N=lambda_N,
+            force=nodal,
+            gap=gap,
+            offset=np.zeros(n),
+            normal=normal,
+            traction=traction,
+            slip=length,
+            energy=energy,
+            dissipation=dissipation,
+        )
+        return SpringState(here, node, dofs, force, history, num_active)
