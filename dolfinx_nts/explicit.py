@@ -23,9 +23,9 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_nts.assembly import JIT_OPTIONS
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
@@ -57,7 +57,7 @@ class NodalForce:
 
     def __init__(self, form: ufl.Form) -> None:
         """Compile the form and allocate."""
-        self._form = fem.form(form, jit_options=JIT_OPTIONS)
+        self._form = compile_form(form)
         index_map = form.arguments()[0].ufl_function_space().dofmap.index_map
         self._vector = la.vector(index_map, 3)
         self._num_owned = index_map.size_local
@@ -173,9 +173,7 @@ class CentralDifference(Stepper):
         self._loads = [NodalForce(load.form(self.u, self.u)) for load in loads]
         damped = [body for body in bodies if body.material.is_damped]
         self._damping = [NodalForce(bulk_form(damped, self._damping_work(eta)))] if damped else []
-        self._strain_energy = fem.form(
-            bulk_form(bodies, self._strain_energy_density), jit_options=JIT_OPTIONS
-        )
+        self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
         self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
         self._settle(dt)

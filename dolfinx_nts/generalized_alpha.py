@@ -15,10 +15,10 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_nts.assembly import JIT_OPTIONS
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
@@ -102,7 +102,7 @@ class GeneralizedAlpha(ImplicitStepper):
         momentum = bulk_form(
             bodies, lambda material, parameters, rho: rho * ufl.inner(self.a, self._eta)
         )
-        self._mass_form = fem.form(momentum, jit_options=JIT_OPTIONS)
+        self._mass_form = compile_form(momentum)
         self._known = False  # whether the acceleration belongs to the present state
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:

@@ -37,6 +37,7 @@ class Oscillator:
     """One cell held at a side, whose other side moves without contraction."""
 
     def __init__(self, comm, rho_inf, omega_dt):
+        """Build the cell and stretch it."""
         E, rho, L = 1.0, 1.0, 1.0
         material = nts.SaintVenantKirchhoff(E, 0.0, rho)
         box = Box(comm, shape=(1, 1, 1), size=(L, L, L), material=material)
