@@ -65,9 +65,7 @@ def test_ledger_of_contact_closes_and_friction_takes_energy(comm, cell, friction
 
 @cells_
 def test_ledger_with_loads_damping_and_moving_supports_closes(comm, cell):
-    material = nts.SaintVenantKirchhoff(
-        1.0e3, 0.3, RHO, mass_damping=0.5, stiffness_damping=0.002
-    )
+    material = nts.SaintVenantKirchhoff(1.0e3, 0.3, RHO, mass_damping=0.5, stiffness_damping=0.002)
     box = Box(comm, cell, material)
     shift = fem.Function(box.V)
     dofs = box.dofs(0)
