@@ -22,6 +22,8 @@ _SHORT = {"t_start": 0.05, "t_end": 0.13}
 
 _DEFAULT: Rows = [
     *({"scene": "impact", "scheme": scheme, "t_end": 1.0} for scheme in SCHEMES),
+    {"scene": "impact", "element": "one point", "t_end": 1.0},
+    {"scene": "impact", "element": "one point", "scheme": EXPLICIT, "t_end": 1.0},
     {"scene": "first 20 steps", "n": 12},
     *(
         {"scene": "E = 1e7", "scheme": scheme, "h": 0.005, "E": 1e7}
@@ -85,6 +87,14 @@ _DEFAULT_ERRORS: Rows = [
     # Meshes of the ball: central differences are the cheapest way to the reference.
     {**_BALL, "scheme": "EM elastic", "n": 12, "h": (0.02, 0.01)},
     *({**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,)} for n in (12, 24)),
+    *(
+        {**_BALL, "scheme": "EM elastic", "n": n, "h": (0.02, 0.01), "element": "one point"}
+        for n in (6, 12)
+    ),
+    *(
+        {**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,), "element": "one point"}
+        for n in (6, 12, 24)
+    ),
 ]
 
 ERRORS: dict[str, Rows] = {

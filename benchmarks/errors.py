@@ -32,6 +32,7 @@ class Series:
         h: Steps [s]; of central differences parts of what they choose.
         h_reference: Step of the run that the displacements are compared
             with, of the same scheme [s]; 0 for none.
+        element: ``"full"``, or ``"one point"`` for the volumetric part.
     """
 
     scene: str
@@ -40,6 +41,7 @@ class Series:
     t_end: float
     h: tuple[float, ...]
     h_reference: float = 0.0
+    element: str = "full"
 
     def build(self, comm: MPI.Comm, h: float) -> Scene:
         """Scene with a step. Collective."""
@@ -51,7 +53,9 @@ class Series:
             scene = pressed_block(comm, self.scheme, h)
         else:
             E = {"ball": 1e5, "stiff ball": 1e7}[self.scene]
-            scene = ball_on_plate(comm, self.scheme, given, n=self.n, E=E)
+            scene = ball_on_plate(
+                comm, self.scheme, given, n=self.n, E=E, one_point=self.element == "one point"
+            )
         if explicit:
             scene.stepper.dt *= h
         return scene
@@ -91,7 +95,7 @@ def run(series: Series, comm: MPI.Comm) -> list[dict[str, Any]]:
             {
                 "scene": series.scene,
                 "scheme": series.scheme,
-                "element": "full",
+                "element": series.element,
                 "n": series.n,
                 "h": h,
                 "is_reference": is_reference,

@@ -43,10 +43,14 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def _curves(axes: Any, rows: Rows, x: str, y: str) -> None:
-    """One curve for each scheme."""
-    for mark, scheme in zip(_MARKS, dict.fromkeys(row["scheme"] for row in rows), strict=False):
-        points = sorted((row[x], row[y]) for row in rows if row["scheme"] == scheme)
-        axes.loglog(*zip(*points, strict=True), marker=mark, markersize=4, label=scheme)
+    """One curve for each scheme and element."""
+    names = [
+        row["scheme"] + (", volumetric part one point" if row["element"] != "full" else "")
+        for row in rows
+    ]
+    for mark, name in zip(_MARKS, dict.fromkeys(names), strict=False):
+        points = sorted((r[x], r[y]) for r, n in zip(rows, names, strict=True) if n == name)
+        axes.loglog(*zip(*points, strict=True), marker=mark, markersize=4, label=name)
 
 
 def _slopes(axes: Any, rows: Rows, orders: Sequence[int]) -> None:
@@ -70,8 +74,12 @@ def _errors(path: Path, errors: Rows) -> None:
     )
     figure, grid = plt.subplots(2, 2, figsize=(10, 7.5))
     for axes, (scene, quantity, n, title) in zip(grid.flat, panels, strict=True):
-        rows = _selected(errors, scene=scene, quantity=quantity)
-        _curves(axes, [r for r in rows if n in (None, r["n"])], "cpu_seconds", "error")
+        rows = [
+            row
+            for row in _selected(errors, scene=scene, quantity=quantity)
+            if n is None or (row["n"] == n and row["element"] == "full")
+        ]
+        _curves(axes, rows, "cpu_seconds", "error")
         axes.set(title=title, xlabel="CPU time [s]")
         axes.set_ylabel("error of v / v0 [-]" if scene == "bar" else "error of v_z [m/s]")
         if rows:

@@ -62,7 +62,8 @@ def _fine_mesh(runs: list[Run]) -> float | None:
     values = {
         run["n"]: run["values"]["v_z"]
         for run in reversed(runs)  # the longest step counts: the same for all meshes
-        if run["scene"] == "ball" and run["scheme"] == _EXPLICIT and not run["is_reference"]
+        if (run["scene"], run["scheme"], run["element"]) == ("ball", _EXPLICIT, "full")
+        and not run["is_reference"]
     }
     if not all(n in values for n in (6, 12, 24)):
         return None

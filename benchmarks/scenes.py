@@ -40,6 +40,7 @@ def ball_on_plate(
     E: float = 1e5,
     rho: float = 1e3,
     friction: Any = None,
+    one_point: bool = False,
 ) -> Scene:
     """Hollow ball that flies obliquely onto a free plate.
 
@@ -53,6 +54,7 @@ def ball_on_plate(
         E: Young's modulus [Pa].
         rho: Density [kg/m^3].
         friction: Law of friction or None.
+        one_point: Integrate the volumetric part with one point a cell.
     """
 
     def build(model: Any) -> None:
@@ -70,7 +72,7 @@ def ball_on_plate(
 
     mesh, cells, facets, tag = _mesh(comm, build)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E, 0.4, rho)
+    material = nts.SaintVenantKirchhoff(E, 0.4, rho, one_point=["lmbda"] if one_point else [])
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
     integrator, enforcement = SCHEMES[scheme]
     pair = nts.ContactPair(

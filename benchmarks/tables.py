@@ -56,7 +56,7 @@ def _text(value: Any) -> str:
 
 def _find(steps: Rows, **values: Any) -> Mapping[str, Any]:
     """First row with these values; KeyError if there is none."""
-    values = {"scheme": _EM, "ranks": 1} | values
+    values = {"scheme": _EM, "element": "full", "ranks": 1} | values
     for row in steps:
         if all(row[name] == value for name, value in values.items()):
             return row
@@ -85,9 +85,9 @@ def _targets(steps: Rows) -> str:
 
         return value
 
-    def speedup() -> float:
+    def speedup(name: str) -> float:
         one, two = (_find(steps, scene="contact", n=24, ranks=ranks) for ranks in (1, 2))
-        return float(one["wall_seconds"] / two["wall_seconds"])
+        return float(one[name] / two[name])
 
     cost, sizes = "cpu_seconds_per_step", (6, 12, 24, 36)
     soft = "E = 1e5, same step"
@@ -157,7 +157,8 @@ def _targets(steps: Rows) -> str:
             "<=",
             2,
         ),
-        ("2 ranks against 1, n = 24, wall time", speedup, ">=", 1.6),
+        ("2 ranks against 1, n = 24, wall time", lambda: speedup("wall_seconds"), ">=", 1.6),
+        ("the same, CPU time of the slower rank", lambda: speedup("cpu_seconds"), ">=", 1.6),
         (
             "2 ranks against 1, difference of results",
             lambda: _difference(
@@ -183,6 +184,7 @@ def _steps(steps: Rows) -> str:
     head = (
         "scene",
         "scheme",
+        "element",
         "unknowns",
         "ranks",
         "h [s]",
@@ -199,6 +201,7 @@ def _steps(steps: Rows) -> str:
         (
             row["scene"],
             row["scheme"],
+            row["element"],
             row["dofs"],
             row["ranks"],
             row["h"],
@@ -228,11 +231,11 @@ def _errors(errors: Rows) -> str:
     parts = []
     for scene, quantity in keys:
         rows = [
-            (row["scheme"], row["dofs"], row["h"], row["cpu_seconds"], row["value"], row["error"])
+            [row[k] for k in ("scheme", "element", "dofs", "h", "cpu_seconds", "value", "error")]
             for row in errors
             if (row["scene"], row["quantity"]) == (scene, quantity)
         ]
-        head = ("scheme", "unknowns", "h [s]", "CPU s", "value", "error")
+        head = ("scheme", "element", "unknowns", "h [s]", "CPU s", "value", "error")
         parts.append(f"{scene}, {quantity}:\n\n{_table(head, rows)}")
     return "\n\n".join(parts)
 
