@@ -7,6 +7,7 @@ case runs in a process of its own, one at a time.
 
 import argparse
 import csv
+import importlib.util
 import json
 import os
 import subprocess
@@ -21,7 +22,7 @@ from benchmarks import cases, plots, references, tables
 ROOT = Path(__file__).parents[1]
 
 
-def child(module: str, argument: Mapping[str, Any], ranks: int = 1, preload: str = "") -> Any:
+def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:
     """Run a module on ranks of its own; what it prints as JSON."""
     # A process that has started MPI leaves traces that confuse mpirun.
     traces = ("OMPI_COMM", "OMPI_MCA_orte", "PMIX_", "PRTE_")
@@ -60,6 +61,11 @@ def measure_steps(size: str) -> list[dict[str, Any]]:
     for case in cases.STEPS[size]:
         progress(f"steps: {case}")
         rows.append(child("benchmarks.steps", case, case.get("ranks", 1)))
+    if importlib.util.find_spec("getfem") is None:
+        progress("no peer: python3-getfem is not installed")
+    elif steps := cases.PEER_STEPS[size]:
+        progress("steps: GetFEM")
+        rows.append(child("benchmarks.peer", steps))
     return rows
 
 

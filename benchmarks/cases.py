@@ -2,7 +2,7 @@
 
 from typing import Any
 
-__all__ = ["ERRORS", "MESSAGES", "STEPS"]
+__all__ = ["ERRORS", "MESSAGES", "PEER_STEPS", "STEPS"]
 
 Rows = list[dict[str, Any]]
 
@@ -24,7 +24,7 @@ _DEFAULT: Rows = [
     *({"scene": "impact", "scheme": scheme, "t_end": 1.0} for scheme in SCHEMES),
     {"scene": "impact", "element": "one point", "t_end": 1.0},
     {"scene": "impact", "element": "one point", "scheme": EXPLICIT, "t_end": 1.0},
-    {"scene": "first 20 steps", "n": 12},
+    *({"scene": "first 20 steps", "n": n} for n in (6, 12)),
     *(
         {"scene": "E = 1e7", "scheme": scheme, "h": 0.005, "E": 1e7}
         for scheme in ("EM elastic", EXPLICIT)
@@ -59,6 +59,9 @@ STEPS: dict[str, Rows] = {
         ]
     ),
 }
+
+# Of h = 0.01 s; the first five are without contact.
+PEER_STEPS = {"tiny": 0, "default": 20, "full": 100}
 
 # Steps of central differences are parts of those that they choose.
 _PARTS = (1.0, 0.5, 0.25)
