@@ -15,9 +15,8 @@ bench: ## run time against error, SIZE=default (15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
 	@echo "The results lie in $(CURDIR)/results/bench"
 
-bench-publish: ## put the figures and tables of the last bench into docs
-	cp results/bench/bench_*.png docs/figures/
-	cp results/bench/tables.md docs/benchmarks.md
+bench-publish: ## put figures and tables of the last bench into README and docs
+	$(RUN) python3 -m benchmarks.publish
 
 test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) $(PYTEST)

@@ -10,6 +10,7 @@ import csv
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -80,6 +81,9 @@ def measure_errors(size: str) -> list[dict[str, Any]]:
 
 def count_messages(size: str, folder: Path) -> list[dict[str, Any]]:
     """Rows of ``messages.csv``."""
+    if shutil.which("mpicc") is None:
+        progress("no messages: mpicc is not installed")
+        return []
     library = folder / "libcount_messages.so"
     source = Path(__file__).parent / "count_messages.c"
     subprocess.run(["mpicc", "-shared", "-fPIC", "-O2", "-o", library, source], check=True)

@@ -61,7 +61,7 @@ STEPS: dict[str, Rows] = {
 }
 
 # Of h = 0.01 s; the first five are without contact.
-PEER_STEPS = {"tiny": 0, "default": 20, "full": 100}
+PEER_STEPS = {"tiny": 0, "default": 20, "full": 20}
 
 # Steps of central differences are parts of those that they choose.
 _PARTS = (1.0, 0.5, 0.25)

@@ -29,7 +29,7 @@ def markdown(steps: Rows, errors: Rows, messages: Rows) -> str:
         _steps(steps),
         _errors(errors),
         _orders(errors),
-        _messages(messages),
+        _messages(messages) if messages else "",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -216,10 +216,10 @@ def _steps(steps: Rows) -> str:
             row["h"],
             row["cpu_seconds_per_step"],
             0.01 * row["cpu_seconds_per_step"] / row["h"],
-            row.get("residuals_per_step", "–"),
+            row.get("residuals_per_step", "-"),
             row["newton_iterations"] / row["steps"],
-            row["krylov_iterations"] / row["steps"] if "krylov_iterations" in row else "–",
-            f"{100 * row['contact_share']:.0f} %" if "contact_share" in row else "–",
+            row["krylov_iterations"] / row["steps"] if "krylov_iterations" in row else "-",
+            f"{100 * row['contact_share']:.0f} %" if "contact_share" in row else "-",
             round(row["peak_mb"]),
             row["energy_drift"],
         )

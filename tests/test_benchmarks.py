@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import publish
+
 ROOT = Path(__file__).parents[1]
 
 STEPS = {
@@ -95,3 +97,16 @@ def test_messages_are_counted(folder):
 def test_there_is_a_figure_of_each_kind(folder):
     names = {path.stem for path in folder.glob("*.png")}
     assert names == {"bench_errors", "bench_order", "bench_phases", "bench_scaling"}
+
+
+@pytest.mark.serial
+def test_figures_and_tables_get_into_the_documents(folder, tmp_path):
+    (tmp_path / "docs" / "figures").mkdir(parents=True)
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{publish.BEGIN}\nold\n{publish.END}\nafter\n")
+    publish.publish(folder, tmp_path)
+    text = readme.read_text()
+    assert text.startswith("before") and text.endswith("after\n")
+    assert "old" not in text and "Measured on" in text
+    assert "Order of accuracy" in (tmp_path / "docs" / "benchmarks.md").read_text()
+    assert len(list((tmp_path / "docs" / "figures").iterdir())) == 4
