@@ -1,5 +1,6 @@
 # Each target sets up what it needs, see environment/run.
 RUN := environment/run
+SIZE := default
 PYTEST := python3 -m pytest -p no:cacheprovider
 
 help: ## list the targets
@@ -9,6 +10,13 @@ demo: ## ball on plate with both schemes
 	@mkdir -p results
 	cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
 	@echo "The results lie in $(CURDIR)/results"
+
+bench: ## run time against error, SIZE=default (15 minutes) or full
+	$(RUN) python3 -m benchmarks --size $(SIZE)
+	@echo "The results lie in $(CURDIR)/results/bench"
+
+bench-publish: ## put figures and tables of the last bench into README and docs
+	$(RUN) python3 -m benchmarks.publish
 
 test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) $(PYTEST)
@@ -30,4 +38,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo test lint shell clean
+.PHONY: help demo bench bench-publish test lint shell clean

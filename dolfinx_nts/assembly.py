@@ -107,25 +107,19 @@ class Bulk:
         R[self._given] = 0
         return R
 
-    def leave_out(
-        self,
-        regions: Sequence[tuple[int, npt.NDArray[np.int32]]] | None,
-        nodes: npt.NDArray[np.int32],
-    ) -> None:
+    def leave_out(self, cells: npt.NDArray[np.int32] | None, nodes: npt.NDArray[np.int32]) -> None:
         """Give nodes their present displacement until the next call.
 
         The residual and the action of the tangent are then assembled on
         the other cells only. Collective.
 
         Args:
-            regions: The other cells, by number of the material; None: all.
+            cells: Owned cells left out; None: none on any rank.
             nodes: Owned nodes that are only in cells left out.
         """
         for forms, body in zip((self._residual, self._action), self._bodies, strict=True):
-            forms[0] = body.everywhere if regions is None else body.on(regions)
-        self.num_cells = self._all_cells
-        if regions is not None:
-            self.num_cells = sum(len(cells) for _, cells in regions)
+            forms[0] = body.everywhere if cells is None else body.without(cells)
+        self.num_cells = self._all_cells - (0 if cells is None else len(cells))
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
         self._given = np.union1d(self.fixed, dofs)
 

@@ -2,10 +2,11 @@
 
 Bodies of one material share their forms. Quadrature is the rule of
 degree 2 (2 x 2 x 2 Gauss points in a hexahedron), which integrates the
-consistent mass of straight cells exactly.
+consistent mass of straight cells exactly; and that of degree 1, one point,
+for terms of the energy that a material names.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import basix
@@ -19,7 +20,7 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies", "regions"]
+__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies"]
 
 QUADRATURE_DEGREE = 2
 
@@ -75,47 +76,42 @@ def bulk_form(
     Args:
         bodies: Bodies of one space.
         integrand: ``integrand(material, parameters, rho)`` as UFL per
-            reference volume; parameters and density are constants.
+            reference volume, linear in the material's parameters and in
+            the density. They are constants, or 0 where the rule leaves
+            them out.
 
     Returns:
         The form.
     """
     mesh = bodies[0].V.mesh
-    dx = ufl.Measure(
-        "dx",
-        domain=mesh,
-        subdomain_data=regions(bodies),
-        metadata={"quadrature_degree": QUADRATURE_DEGREE},
-    )
-    form = ufl.Form([])
-    for i, material in enumerate(_materials(bodies)):
+    terms: list[tuple[Any, npt.NDArray[np.int32], int]] = []
+    for material in dict.fromkeys(body.material for body in bodies):
+        cells = np.concatenate([body.cells for body in bodies if body.material is material])
         parameters = {
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
-        rho = fem.Constant(mesh, material.rho)
-        form += integrand(material, parameters, rho) * dx(i)
+        # Degree of the rule, parameters that it leaves out, density.
+        rules: list[tuple[int, Iterable[str], Any]] = [
+            (QUADRATURE_DEGREE, material.one_point, fem.Constant(mesh, material.rho))
+        ]
+        if material.one_point:
+            rules.append((1, parameters.keys() - material.one_point, 0.0))
+        for degree, without, rho in rules:
+            some = parameters | dict.fromkeys(without, 0.0)
+            value = ufl.as_ufl(integrand(material, some, rho))
+            if value != 0:
+                terms.append((value, np.sort(cells), degree))
+    # A region for each term, even where cells are the same: FFCx 0.9 gets
+    # functionals wrong that have two rules in one region.
+    dx = ufl.Measure(
+        "dx",
+        domain=mesh,
+        subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)],
+    )
+    form = ufl.Form([])
+    for i, (value, _, degree) in enumerate(terms):
+        form += value * dx(i, metadata={"quadrature_degree": degree})
     return form
-
-
-def regions(
-    bodies: Sequence[Body], without: Collection[Body] = ()
-) -> list[tuple[int, npt.NDArray[np.int32]]]:
-    """Number and owned cells of each material in the forms of bodies.
-
-    Args:
-        bodies: Bodies of one space.
-        without: Those of them whose cells are left out.
-    """
-    result = []
-    for i, material in enumerate(_materials(bodies)):
-        cells = [b.cells for b in bodies if b.material is material and b not in without]
-        together = np.concatenate(cells) if cells else np.empty(0, dtype=np.int32)
-        result.append((i, np.sort(together)))
-    return result
-
-
-def _materials(bodies: Sequence[Body]) -> list[Hyperelastic]:
-    return list(dict.fromkeys(body.material for body in bodies))
 
 
 def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:

@@ -1,6 +1,5 @@
 """Forms: how FFCx compiles them, and forms on a part of their cells."""
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -30,7 +29,7 @@ compile_form = partial(fem.form, jit_options=_OPTIONS)
 
 
 class CellForm:
-    """A form of cell integrals with one argument, compiled once.
+    """A form of `bulk_form` with one argument, compiled once.
 
     Args:
         form: Linear form.
@@ -42,14 +41,15 @@ class CellForm:
     def __init__(self, form: ufl.Form) -> None:
         """Compile."""
         self._ufl = form
+        self._regions = form.integrals()[0].subdomain_data()
         self.everywhere: fem.Form = compile_form(form)
         self._compiled: Any = None
 
-    def on(self, regions: Sequence[tuple[int, npt.NDArray[np.int32]]]) -> fem.Form:
-        """On other cells; collective for the first time.
+    def without(self, cells: npt.NDArray[np.int32]) -> fem.Form:
+        """On all cells but these; collective for the first time.
 
         Args:
-            regions: Number of each measure and its owned cells.
+            cells: Owned cells.
         """
         form, V = self._ufl, self._ufl.arguments()[0].ufl_function_space()
         if self._compiled is None:
@@ -58,7 +58,7 @@ class CellForm:
             self._compiled,
             [V],
             V.mesh,
-            {fem.IntegralType.cell: list(regions)},
+            {fem.IntegralType.cell: [(i, np.setdiff1d(all_, cells)) for i, all_ in self._regions]},
             {item: item for item in extract_coefficients(form)},
             {item: item for item in extract_constants(form)},
         )

@@ -7,7 +7,7 @@ nothing.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -55,13 +55,21 @@ class Hyperelastic:
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
+        one_point: Names of parameters whose terms of ``psi`` are
+            integrated with one point a cell, which keeps hexahedra of
+            nearly incompressible materials from locking if they are the
+            volumetric ones; ``psi`` must be linear in the parameters.
+            Energy is conserved as well as without: each point has its
+            own energy and its own conserving stress.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Raises:
         TypeError: ``psi`` cannot be called.
         ValueError: A number is not finite or has the wrong sign; ``psi``
             is no scalar, or not twice differentiable at C = 1; stiffness
-            damping would add energy, as moduli at C = 1 are negative.
+            damping would add energy, as moduli at C = 1 are negative;
+            ``one_point`` names no parameter or all of them, or ``psi``
+            is not the sum of both parts.
             An energy with fields in it is not evaluated at C = 1.
     """
 
@@ -72,6 +80,7 @@ class Hyperelastic:
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
+        one_point: Sequence[str] = (),
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -89,6 +98,11 @@ class Hyperelastic:
         self.rho = float(rho)
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
         self.parameters = {name: float(value) for name, value in parameters.items()}
+        self.one_point = frozenset(one_point)
+        if self.one_point and not self.one_point < parameters.keys():
+            raise ValueError(
+                f"expected one_point out of {sorted(parameters)}, but not all, given {one_point}"
+            )
         self._psi = psi
         self._check_energy()
 
@@ -167,6 +181,7 @@ class Hyperelastic:
             raise ValueError(
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
             ) from error
+        self._check_parts()
         if self.stiffness_damping > 0:
             least, most = np.linalg.eigvalsh(self.moduli())[[0, -1]]
             if least < -1e-10 * max(most, -least):
@@ -174,6 +189,23 @@ class Hyperelastic:
                     "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
                     f"given {least:g} Pa"
                 )
+
+    def _check_parts(self) -> None:
+        """Compare the energy of a state with that of its parts."""
+        if not self.one_point:
+            return
+        C = ufl.Identity(3) + ufl.as_matrix((0.1 * _GENERIC).tolist())
+        names = self.parameters.keys()
+        parts = [
+            float(ufl.as_ufl(self.psi(C, **self.parameters | dict.fromkeys(without, 0.0)))(()))
+            for without in (self.one_point, names - self.one_point)
+        ]
+        total = float(self.psi(C, **self.parameters)(()))
+        if not abs(total - sum(parts)) <= 1e-10 * (abs(total) + np.abs(parts).sum()):
+            raise ValueError(
+                "expected an energy that is linear in its parameters for one_point, "
+                f"given {total:g} J/m^3 and parts of {parts}"
+            )
 
     def _along(self, D: npt.NDArray[np.float64], s: float = 0.0) -> tuple[float, float]:
         """First and second derivative of psi(1 + s D) by s."""
@@ -211,16 +243,16 @@ class SaintVenantKirchhoff(Hyperelastic):
         E: Young's modulus [Pa].
         nu: Poisson's ratio [-].
         rho: Reference density [kg/m^3].
-        **damping: ``mass_damping`` and ``stiffness_damping``.
+        **options: See `Hyperelastic`.
 
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in
             (-1, 0.5).
     """
 
-    def __init__(self, E: float, nu: float, rho: float, **damping: float) -> None:
+    def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
         """Check the numbers and convert them to Lame's."""
-        super().__init__(_saint_venant_kirchhoff, rho=rho, **_lame(E, nu), **damping)
+        super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
 
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress [Pa], UFL (3, 3)."""
@@ -245,7 +277,7 @@ class NeoHookean(Hyperelastic):
         nu: Poisson's ratio of small strains [-].
         rho: Reference density [kg/m^3].
         volumetric: ``"log"`` or ``"quadratic"``.
-        **damping: ``mass_damping`` and ``stiffness_damping``.
+        **options: See `Hyperelastic`.
 
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
@@ -253,13 +285,13 @@ class NeoHookean(Hyperelastic):
     """
 
     def __init__(
-        self, E: float, nu: float, rho: float, volumetric: str = "log", **damping: float
+        self, E: float, nu: float, rho: float, volumetric: str = "log", **options: Any
     ) -> None:
         """Check the numbers and convert them to Lame's."""
         energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
         if volumetric not in energies:
             raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
-        super().__init__(energies[volumetric], rho=rho, **_lame(E, nu), **damping)
+        super().__init__(energies[volumetric], rho=rho, **(_lame(E, nu) | options))
 
 
 class MooneyRivlin(Hyperelastic):
@@ -273,17 +305,17 @@ class MooneyRivlin(Hyperelastic):
         c01: Coefficient of the second invariant [Pa].
         kappa: Bulk modulus [Pa].
         rho: Reference density [kg/m^3].
-        **damping: ``mass_damping`` and ``stiffness_damping``.
+        **options: See `Hyperelastic`.
 
     Raises:
         ValueError: ``c10 + c01``, ``kappa`` or ``rho`` is not positive.
     """
 
-    def __init__(self, c10: float, c01: float, kappa: float, rho: float, **damping: float) -> None:
+    def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
         """Check the moduli of small strains."""
         _check_positive("c10 + c01", c10 + c01)
         _check_positive("kappa", kappa)
-        super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **damping)
+        super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
 
 
 class Yeoh(Hyperelastic):
@@ -298,19 +330,19 @@ class Yeoh(Hyperelastic):
         c30: Cubic coefficient [Pa].
         kappa: Bulk modulus [Pa].
         rho: Reference density [kg/m^3].
-        **damping: ``mass_damping`` and ``stiffness_damping``.
+        **options: See `Hyperelastic`.
 
     Raises:
         ValueError: ``c10``, ``kappa`` or ``rho`` is not positive.
     """
 
     def __init__(
-        self, c10: float, c20: float, c30: float, kappa: float, rho: float, **damping: float
+        self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any
     ) -> None:
         """Check the moduli of small strains."""
         _check_positive("c10", c10)
         _check_positive("kappa", kappa)
-        super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **damping)
+        super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk
-from dolfinx_nts.bodies import Body, regions
+from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.loads import Load
@@ -127,6 +127,7 @@ class Rest:
         if bodies == self.bodies:
             return
         self.bodies = bodies
-        nodes = [np.empty(0, dtype=np.int32), *(self._nodes[body] for body in bodies)]
-        others = regions(self._all, bodies) if bodies else None
-        self._bulk.leave_out(others, np.unique(np.concatenate(nodes)))
+        none = np.empty(0, dtype=np.int32)
+        cells = np.concatenate([none, *(body.cells for body in bodies)])
+        nodes = np.concatenate([none, *(self._nodes[body] for body in bodies)])
+        self._bulk.leave_out(cells if bodies else None, np.unique(nodes))

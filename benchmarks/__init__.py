@@ -1,0 +1,1 @@
+"""Benchmarks: run time against error, see `__main__`."""

@@ -1,0 +1,119 @@
+"""Run time against error: ``python3 -m benchmarks [--size SIZE] [--folder FOLDER]``.
+
+Writes ``steps.csv``, ``errors.csv``, ``messages.csv``, figures and
+``tables.md``, and prints the tables and whether the targets are met. Each
+case runs in a process of its own, one at a time.
+"""
+
+import argparse
+import csv
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks import cases, plots, references, tables
+
+ROOT = Path(__file__).parents[1]
+
+
+def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:
+    """Run a module on ranks of its own; what it prints as JSON."""
+    # A process that has started MPI leaves traces that confuse mpirun.
+    traces = ("OMPI_COMM", "OMPI_MCA_orte", "PMIX_", "PRTE_")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(traces)}
+    environment["OMP_NUM_THREADS"] = "1"
+    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", module, json.dumps(argument)]
+    if preload:
+        command = ["env", f"LD_PRELOAD={preload}", *command]
+    if ranks > 1:
+        command = ["mpirun", "-n", str(ranks), *command]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("ROW ")]
+    if done.returncode or not lines:
+        raise RuntimeError(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
+    return json.loads(lines[-1].removeprefix("ROW "))
+
+
+def write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a table; columns in the order of their first use."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, names)
+        table.writeheader()
+        table.writerows(rows)
+
+
+def progress(text: str) -> None:
+    """Say on the terminal what is being done."""
+    print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)
+
+
+def measure_steps(size: str) -> list[dict[str, Any]]:
+    """Rows of ``steps.csv``."""
+    rows = []
+    for case in cases.STEPS[size]:
+        progress(f"steps: {case}")
+        rows.append(child("benchmarks.steps", case, case.get("ranks", 1)))
+    if importlib.util.find_spec("getfem") is None:
+        progress("no peer: python3-getfem is not installed")
+    elif steps := cases.PEER_STEPS[size]:
+        progress("steps: GetFEM")
+        rows.append(child("benchmarks.peer", steps))
+    return rows
+
+
+def measure_errors(size: str) -> list[dict[str, Any]]:
+    """Rows of ``errors.csv``."""
+    runs = []
+    for series in cases.ERRORS[size]:
+        progress(f"errors: {series}")
+        runs += child("benchmarks.errors", series)
+    return references.rows(runs)
+
+
+def count_messages(size: str, folder: Path) -> list[dict[str, Any]]:
+    """Rows of ``messages.csv``."""
+    if shutil.which("mpicc") is None:
+        progress("no messages: mpicc is not installed")
+        return []
+    library = folder / "libcount_messages.so"
+    source = Path(__file__).parent / "count_messages.c"
+    subprocess.run(["mpicc", "-shared", "-fPIC", "-O2", "-o", library, source], check=True)
+    rows = []
+    for case in cases.MESSAGES[size]:
+        progress(f"messages: {case}")
+        argument = {name: value for name, value in case.items() if name != "ranks"}
+        rows.append(child("benchmarks.messages", argument, case["ranks"], str(library)))
+    return rows
+
+
+def main() -> None:
+    """Run everything of a size."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", choices=sorted(cases.STEPS), default="default")
+    parser.add_argument("--folder", type=Path, default=Path("results/bench"))
+    arguments = parser.parse_args()
+    folder = arguments.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = measure_steps(arguments.size)
+    write(folder / "steps.csv", steps)
+    errors = measure_errors(arguments.size)
+    write(folder / "errors.csv", errors)
+    messages = count_messages(arguments.size, folder)
+    write(folder / "messages.csv", messages)
+    plots.draw(folder, steps, errors)
+    text = tables.markdown(steps, errors, messages)
+    (folder / "tables.md").write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""What each size of the benchmark runs; data only."""
+
+from typing import Any
+
+__all__ = ["ERRORS", "MESSAGES", "PEER_STEPS", "STEPS"]
+
+Rows = list[dict[str, Any]]
+
+IMPLICIT = ("EM elastic", "EM plastic", "EM penalty", "midpoint", "generalised-alpha")
+EXPLICIT = "central differences"
+SCHEMES = (*IMPLICIT, EXPLICIT)
+
+
+def _with_choice(rows: Rows) -> Rows:
+    """Let central differences choose their step."""
+    return [{**row, "h": None} if row.get("scheme") == EXPLICIT else row for row in rows]
+
+
+# In contact from t = 0.05 on; the steps before it are not measured.
+_WINDOW = {"t_start": 0.05, "t_end": 0.2}
+_SHORT = {"t_start": 0.05, "t_end": 0.13}
+
+_DEFAULT: Rows = [
+    *({"scene": "impact", "scheme": scheme, "t_end": 1.0} for scheme in SCHEMES),
+    {"scene": "impact", "element": "one point", "t_end": 1.0},
+    {"scene": "impact", "element": "one point", "scheme": EXPLICIT, "t_end": 1.0},
+    *({"scene": "first 20 steps", "n": n} for n in (6, 12)),
+    *(
+        {"scene": "E = 1e7", "scheme": scheme, "h": 0.005, "E": 1e7}
+        for scheme in ("EM elastic", EXPLICIT)
+    ),
+    {"scene": "E = 1e5, same step", "h": 0.005},
+    *({"scene": "contact", "n": n, **_WINDOW} for n in (6, 12, 24)),
+    {"scene": "contact", "n": 36, **_SHORT},
+    *({"scene": "contact", "scheme": EXPLICIT, "n": n, **_WINDOW} for n in (6, 12, 24, 36)),
+    {"scene": "contact", "n": 24, "ranks": 2, **_WINDOW},
+    {"scene": "contact", "scheme": EXPLICIT, "n": 24, "ranks": 2, **_WINDOW},
+    {"scene": "friction", "n": 12, "friction": 0.3, **_WINDOW},
+    {"scene": "friction, spring", "n": 12, "friction": 0.3, "eps_T": 1e5, **_WINDOW},
+    {"scene": "rho = 1", "n": 24, "rho": 1.0, **_SHORT},
+]
+
+STEPS: dict[str, Rows] = {
+    "tiny": _with_choice(
+        [
+            {"scene": "contact", "n": 3, "t_start": 0.05, "t_end": 0.08},
+            {"scene": "contact", "n": 3, "ranks": 2, "t_start": 0.05, "t_end": 0.08},
+            {"scene": "contact", "n": 3, "scheme": EXPLICIT, "t_start": 0.05, "t_end": 0.08},
+        ]
+    ),
+    "default": _with_choice(_DEFAULT),
+    "full": _with_choice(
+        [
+            *_DEFAULT,
+            *({"scene": "impact", "scheme": s, "n": 12, "t_end": 1.0} for s in SCHEMES),
+            {"scene": "E = 1e7", "n": 12, "h": 0.005, "E": 1e7},
+            {"scene": "contact", "n": 36, "ranks": 2, **_SHORT},
+            {"scene": "contact", "n": 48, **_SHORT},
+        ]
+    ),
+}
+
+# Of h = 0.01 s; the first five are without contact.
+PEER_STEPS = {"tiny": 0, "default": 20, "full": 20}
+
+# Steps of central differences are parts of those that they choose.
+_PARTS = (1.0, 0.5, 0.25)
+_BALL = {"scene": "ball", "n": 6, "t_end": 1.0}
+_STIFF = {"scene": "stiff ball", "n": 6, "t_end": 0.2}
+_BLOCK = {"scene": "block", "n": 2, "t_end": 0.1}
+_BAR = {"scene": "bar", "t_end": 25.0}
+
+_DEFAULT_ERRORS: Rows = [
+    *(
+        {**_BALL, "scheme": s, "h": (0.02, 0.01, 0.005, 0.0025), "h_reference": 0.001}
+        for s in IMPLICIT
+    ),
+    {**_BALL, "scheme": EXPLICIT, "h": _PARTS, "h_reference": 0.0625},
+    *(
+        {**_STIFF, "scheme": s, "h": (0.01, 0.005, 0.0025, 0.00125), "h_reference": 0.0003125}
+        for s in ("EM elastic", "EM penalty", "generalised-alpha")
+    ),
+    {**_STIFF, "scheme": EXPLICIT, "h": _PARTS, "h_reference": 0.125},
+    *(
+        {**_BLOCK, "scheme": s, "h": (4e-3, 2e-3, 1e-3, 5e-4), "h_reference": 6.25e-5}
+        for s in IMPLICIT
+    ),
+    *({**_BAR, "scheme": s, "n": n, "h": (10.0 / n,)} for s in IMPLICIT for n in (25, 50, 100)),
+    *({**_BAR, "scheme": EXPLICIT, "n": n, "h": (1.0,)} for n in (25, 50, 100)),
+    # Meshes of the ball: central differences are the cheapest way to the reference.
+    {**_BALL, "scheme": "EM elastic", "n": 12, "h": (0.02, 0.01)},
+    *({**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,)} for n in (12, 24)),
+    *(
+        {**_BALL, "scheme": "EM elastic", "n": n, "h": (0.02, 0.01), "element": "one point"}
+        for n in (6, 12)
+    ),
+    *(
+        {**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,), "element": "one point"}
+        for n in (6, 12, 24)
+    ),
+]
+
+ERRORS: dict[str, Rows] = {
+    "tiny": [
+        {"scene": "block", "n": 1, "t_end": 0.02, "scheme": s, "h": (2e-3, 1e-3), "h_reference": r}
+        for s, r in (("EM elastic", 1.25e-4), ("EM plastic", 1.25e-4))
+    ],
+    "default": _DEFAULT_ERRORS,
+    "full": [
+        *_DEFAULT_ERRORS,
+        {**_BALL, "scheme": "EM elastic", "n": 24, "h": (0.02,)},
+        {**_BALL, "scheme": EXPLICIT, "n": 48, "h": (1.0,)},
+    ],
+}
+
+MESSAGES: dict[str, Rows] = {
+    "tiny": [{"n": 3, "h": 0.01, "skip": 5, "steps": 3, "ranks": 2}],
+    "default": [
+        {"n": n, "h": 0.01, "skip": 5, "steps": 10, "ranks": ranks}
+        for n in (6, 12)
+        for ranks in (2, 3, 4)
+    ],
+}
+MESSAGES["full"] = MESSAGES["default"]

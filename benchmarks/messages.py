@@ -1,0 +1,94 @@
+"""Messages and bytes that the ranks send in a step, by phase.
+
+Run with ``count_messages.c`` preloaded; prints a row of ``messages.csv`` as
+JSON. Counted are calls of MPI, whoever makes them: DOLFINx, PETSc, mpi4py.
+"""
+
+import ctypes
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from benchmarks.profile import CONTACT, Profile
+from benchmarks.scenes import ball_on_plate
+
+__all__ = ["count"]
+
+
+class Counter(Profile):
+    """Counts messages of the phases in the place of their time.
+
+    Attributes:
+        counts: By phase: messages, their bytes, collectives, their bytes.
+    """
+
+    def __init__(self) -> None:
+        """Find the counters that are preloaded."""
+        super().__init__()
+        self._read = ctypes.CDLL(None).nts_counts
+        self.counts: dict[str, np.ndarray[Any, Any]] = {}
+
+    def now(self) -> Any:
+        """Counts of this rank so far."""
+        values = np.zeros(4)
+        self._read(values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)))
+        return values
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Count the block, but for what phases in it count."""
+        start, inner = self.now(), sum(self.counts.values(), np.zeros(4))
+        try:
+            with super().phase(name):
+                yield
+        finally:
+            name = self.label(name)
+            within = sum(self.counts.values(), np.zeros(4)) - inner
+            own = self.now() - start - within
+            self.counts[name] = self.counts.get(name, np.zeros(4)) + own
+
+
+def count(n: int, h: float, skip: int, steps: int, comm: MPI.Comm) -> dict[str, Any]:
+    """Row of ``messages.csv``: the rank that sends most. Collective."""
+    counter = Counter()
+    stepper = ball_on_plate(comm, "EM elastic", h, n=n).stepper
+    stepper.timings = counter
+    start, newton, krylov = counter.now(), 0, 0
+    for step in range(skip + steps):
+        if step == skip:
+            counter.counts.clear()
+            start, newton, krylov = counter.now(), 0, stepper._solver.num_iterations
+            exchanges = stepper.pairs[0].search.exchanges
+        newton += stepper.advance().newton_iterations
+    total = counter.now() - start
+    contact = sum((counter.counts.get(name, np.zeros(4)) for name in CONTACT), np.zeros(4))
+    krylov = stepper._solver.num_iterations - krylov
+    exchanges = stepper.pairs[0].search.exchanges - exchanges
+    index_map = stepper.u.function_space.dofmap.index_map
+    row = {
+        "n": n,
+        "dofs": 3 * index_map.size_global,
+        "ranks": comm.size,
+        "steps": steps,
+        "newton_per_step": newton / steps,
+        "krylov_per_step": krylov / steps,
+        "searches": exchanges,
+        "ghosts": comm.allreduce(index_map.num_ghosts, op=MPI.MAX),
+    }
+    names = ("messages", "message_bytes", "collectives", "collective_bytes")
+    for prefix, values in (("", total), ("contact_", contact)):
+        for name, value in zip(names, values, strict=True):
+            row[f"{prefix}{name}_per_step"] = comm.allreduce(value, op=MPI.MAX) / steps
+    return row
+
+
+if __name__ == "__main__":
+    result = count(**json.loads(sys.argv[1]), comm=MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.rank == 0:
+        print("ROW", json.dumps(result))

@@ -1,0 +1,80 @@
+"""CPU time by phase, each second counted once."""
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from dolfinx_nts import assembly, contact_step, elimination, linear, newton, patch
+
+__all__ = ["CONTACT", "Profile"]
+
+# What there would be none of without contact.
+CONTACT = ("search and projection", "elimination", "patch")
+
+_LABELS = {"assembly": "residual", "contact": "search and projection", "solve": "Krylov"}
+
+
+class Profile:
+    """Stands in for the timings of a stepper, and watches its parts.
+
+    A phase within a phase interrupts the outer one.
+
+    Attributes:
+        seconds: CPU time by phase [s].
+    """
+
+    def __init__(self) -> None:
+        """Watch the parts of an implicit step that have no phase."""
+        self.seconds: dict[str, float] = {}
+        self._open: list[str] = []
+        self._since = 0.0
+        for owner, name, phase in (
+            (contact_step.ContactStep, "accepted", "contact"),
+            (assembly.Bulk, "action", "action"),
+            (assembly.Bulk, "residual", "assembly"),
+            (assembly.SaddleSystem, "solve", "direct"),
+            (linear._Preconditioner, "build", "factors"),
+            (linear, "Elimination", "elimination"),
+            (linear, "coupled", "elimination"),
+            (elimination.Elimination, "particular", "elimination"),
+            (elimination.Elimination, "constrain", "elimination"),
+            (elimination.Elimination, "act", "elimination"),
+            (patch.Patch, "update", "patch"),
+            (patch.Patch, "correct", "patch"),
+            (newton, "contact_residual", "contact"),
+        ):
+            setattr(owner, name, self._watched(getattr(owner, name), phase))
+
+    @staticmethod
+    def label(name: str) -> str:
+        """Name in the tables of a phase of the stepper."""
+        return _LABELS.get(name, name)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Count the CPU time of the block."""
+        name = self.label(name)
+        self._switch()
+        self._open.append(name)
+        try:
+            yield
+        finally:
+            self._switch()
+            self._open.pop()
+
+    def _switch(self) -> None:
+        now = time.process_time()
+        if self._open:
+            name = self._open[-1]
+            self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
+        self._since = now
+
+    def _watched(self, function: Callable[..., Any], phase: str) -> Callable[..., Any]:
+        @functools.wraps(function, updated=())
+        def call(*args: Any, **kwargs: Any) -> Any:
+            with self.phase(phase):
+                return function(*args, **kwargs)
+
+        return call

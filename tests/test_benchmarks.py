@@ -1,0 +1,112 @@
+"""The smallest benchmark runs and its files have what they promise."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import publish
+
+ROOT = Path(__file__).parents[1]
+
+STEPS = {
+    "scene",
+    "scheme",
+    "dofs",
+    "ranks",
+    "steps",
+    "cpu_seconds",
+    "cpu_seconds_per_step",
+    "residual_seconds",
+    "residuals_per_step",
+    "contact_share",
+    "newton_iterations",
+    "krylov_iterations",
+    "peak_mb",
+}
+ERRORS = {
+    "scene",
+    "scheme",
+    "element",
+    "h",
+    "dofs",
+    "cpu_seconds",
+    "quantity",
+    "value",
+    "reference",
+    "error",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    for module in ("gmsh", "matplotlib"):
+        pytest.importorskip(module)
+    folder = tmp_path_factory.mktemp("bench")
+    command = [sys.executable, "-m", "benchmarks", "--size", "tiny", "--folder", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, env=os.environ, capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    assert (folder / "tables.md").read_text() in done.stdout
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.serial
+def test_each_scheme_and_rank_count_has_a_row_of_costs(folder):
+    table = rows(folder / "steps.csv")
+    assert set(table[0]) >= STEPS
+    assert {(row["scheme"], row["ranks"]) for row in table} == {
+        ("EM elastic", "1"),
+        ("EM elastic", "2"),
+        ("central differences", "1"),
+    }
+    for row in table:
+        shares = [float(value) for name, value in row.items() if name[:6] == "share:" and value]
+        assert sum(shares) == pytest.approx(1)
+        assert 0 < float(row["contact_share"]) < 1
+        assert float(row["residuals_per_step"]) > 1
+    one, two = (row for row in table if row["scheme"] == "EM elastic")
+    assert float(one["v_z"]) == pytest.approx(float(two["v_z"]), rel=1e-9)
+
+
+@pytest.mark.serial
+def test_errors_fall_with_the_square_of_the_step_while_contact_persists(folder):
+    table = rows(folder / "errors.csv")
+    assert set(table[0]) >= ERRORS
+    for scheme in ("EM elastic", "EM plastic"):
+        coarse, fine = (float(row["error"]) for row in table if row["scheme"] == scheme)
+        assert coarse / fine == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.serial
+def test_messages_are_counted(folder):
+    (row,) = rows(folder / "messages.csv")
+    # Two for each residual: its vector to the owners, displacements to ghosts.
+    assert float(row["messages_per_step"]) > 2 * float(row["newton_per_step"])
+    assert float(row["contact_messages_per_step"]) < float(row["messages_per_step"])
+
+
+@pytest.mark.serial
+def test_there_is_a_figure_of_each_kind(folder):
+    names = {path.stem for path in folder.glob("*.png")}
+    assert names == {"bench_errors", "bench_order", "bench_phases", "bench_scaling"}
+
+
+@pytest.mark.serial
+def test_figures_and_tables_get_into_the_documents(folder, tmp_path):
+    (tmp_path / "docs" / "figures").mkdir(parents=True)
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{publish.BEGIN}\nold\n{publish.END}\nafter\n")
+    publish.publish(folder, tmp_path)
+    text = readme.read_text()
+    assert text.startswith("before") and text.endswith("after\n")
+    assert "old" not in text and "Measured on" in text
+    assert "Order of accuracy" in (tmp_path / "docs" / "benchmarks.md").read_text()
+    assert len(list((tmp_path / "docs" / "figures").iterdir())) == 4
