@@ -10,7 +10,8 @@ with the contact force F of the step and the gap gradient G at its end; the
 matrix is not symmetric.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from mpi4py import MPI
@@ -50,6 +51,8 @@ class Bulk:
         supports: The conditions.
         fixed: Owned scalar dofs with a Dirichlet condition, sorted.
         cell_size: Smallest cell diameter of the mesh [m].
+        point: Values of all functions and constants of the tangent when
+            it was last assembled; None before.
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
         num_tangents: Assembled tangents.
@@ -72,7 +75,10 @@ class Bulk:
         self._direction = fem.Function(V)
         forms = [residual, *(-load for load in loads)]
         self._residual = _compile(forms)
-        self._tangent = _compile(ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms)
+        tangents = [ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms]
+        self._tangent = _compile(tangents)
+        self._inputs = _inputs(tangents)
+        self.point: Sequence[npt.NDArray[Any]] | None = None
         self._action = _compile(ufl.derivative(form, u, self._direction) for form in forms)
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
@@ -154,7 +160,26 @@ class Bulk:
         total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
         self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
+        self.point = [array.copy() for array in self._inputs]
         return self._matrix
+
+    @contextmanager
+    def at(self, point: Sequence[npt.NDArray[Any]]) -> Iterator[None]:
+        """Context in which functions and constants have other values. Local.
+
+        Args:
+            point: A former `point`.
+        """
+        present = [array.copy() for array in self._inputs]
+        _set(self._inputs, point)
+        try:
+            yield
+        finally:
+            _set(self._inputs, present)
+
+    def forget(self) -> None:
+        """Be as before the first tangent. Local."""
+        self.point = self._stiffness = None
 
     def rigid_modes(self) -> Any:
         """Rigid motions of the present positions, a PETSc null space. Collective."""
@@ -259,6 +284,19 @@ def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
     """Compile forms, leaving out those without integrals."""
     expanded = (expand_derivatives(form) for form in forms)
     return [compile_form(form) for form in expanded if not form.empty()]
+
+
+def _inputs(forms: Sequence[ufl.Form]) -> list[npt.NDArray[Any]]:
+    """Values of all functions and constants of forms, which they share."""
+    expanded = [expand_derivatives(form) for form in forms]
+    functions = dict.fromkeys(f for form in expanded for f in form.coefficients())
+    constants = dict.fromkeys(c for form in expanded for c in form.constants())
+    return [*(f.x.array for f in functions), *(c.value for c in constants)]
+
+
+def _set(arrays: Sequence[npt.NDArray[Any]], values: Sequence[npt.NDArray[Any]]) -> None:
+    for array, value in zip(arrays, values, strict=True):
+        array[...] = value
 
 
 def contact_residual(

@@ -5,10 +5,12 @@ replaces a pair's history.
 """
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
@@ -234,6 +236,28 @@ class ContactPair:
             everywhere.find(self.history.key),
             np.inf,
         )[1]
+
+    def exchange(self, archive: Archive, name: str) -> None:
+        """Exchange the accepted contact. Collective.
+
+        Args:
+            archive: Takes it or gives it.
+            name: First part of the names of the values.
+        """
+        ids = self.nodes.node_ids
+        kept: dict[str, Any] = {
+            f.name: archive.nodal(f"{name}/{f.name}", ids, getattr(self.history, f.name))
+            for f in fields(ContactHistory)
+        }
+        self.history = ContactHistory(**kept)
+        for spring in ("eps_N", "eps_T"):
+            value = getattr(self, spring)
+            if archive.same(f"{name}/has_{spring}", value is not None):
+                value = np.zeros(len(ids)) if value is None else value
+                setattr(self, spring, archive.nodal(f"{name}/{spring}", ids, value))
+            else:
+                setattr(self, spring, None)
+        self.search.exchange(archive, f"{name}/search")
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> None:

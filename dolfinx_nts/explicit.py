@@ -14,6 +14,7 @@ both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 from mpi4py import MPI
@@ -23,6 +24,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair, ContactWork
 from dolfinx_nts.forms import compile_form
@@ -181,6 +183,36 @@ class CentralDifference(Stepper):
         self._known = False  # whether `_old` belongs to the present state
         # Since the state was set: energy then, work since, and its turnover.
         self._energy = self._worked = self._turnover = 0.0
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the state, also the forces."""
+        super().exchange(archive)
+        old = self._old
+        totals = archive.same(
+            "watch",
+            np.array(
+                [self._energy, self._worked, self._turnover, self.stable_step, self._smallest]
+            ),
+        )
+        self._energy, self._worked, self._turnover, self.stable_step, self._smallest = (
+            float(value) for value in totals
+        )
+        parts = (old.load, old.damping, old.total, old.acceleration)
+        forces = archive.local(
+            "forces", [part.copy() for part in parts] if self._known else None
+        )
+        states = [
+            springs.exchange(archive, f"springs_{number}", state)
+            for number, (springs, state) in enumerate(
+                zip_longest(self._springs, old.springs), start=1
+            )
+        ]
+        if archive.giving:
+            # Without them the next step evaluates the forces.
+            known = tuple(state for state in states if state is not None)
+            self._known = forces is not None and len(known) == len(states)
+            if forces is not None and self._known:
+                self._old = Forces(*(part.copy() for part in forces), known)
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """Mean of the stresses at both ends of the step."""

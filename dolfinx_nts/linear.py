@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk, SaddleSystem
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -90,6 +91,7 @@ class _Preconditioner:
         self._scalar: Any = None
         self._patch: Patch | None = None
         self.is_strong = False
+        self.point: Sequence[npt.NDArray[Any]] | None = None  # `Bulk.point` of the factors
         self.num_builds = 0
 
     def build(self) -> None:
@@ -100,6 +102,9 @@ class _Preconditioner:
             else:
                 self._use("asm", _ON_RANKS)
         self._matrix = self._operator.bulk.tangent()
+        if self.is_strong:
+            # What a first factorisation chose would last.
+            self._pc.reset()
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
             self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
@@ -110,7 +115,41 @@ class _Preconditioner:
         else:
             self._pc.setOperators(self._matrix)
         self._pc.setUp()
+        self.point = self._operator.bulk.point
         self.num_builds += 1
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange where factors and patch were made. Collective."""
+        bulk = self._operator.bulk
+        shared = archive.same("factors_are_last", self.point is bulk.point)
+        strong = archive.same("factors_are_strong", self.is_strong)
+        last = archive.local("tangent", bulk.point)
+        point = last if shared else archive.local("factors", self.point)
+        if archive.giving and not (last is bulk.point and point is self.point):
+            self._restore(point, last, strong)
+        if self._patch is None and bulk.point is not None:
+            self._patch = Patch(bulk.rows)
+        if self._patch is not None:
+            self._patch.exchange(archive, bulk.num_tangents)
+
+    def _restore(
+        self,
+        point: Sequence[npt.NDArray[Any]] | None,
+        last: Sequence[npt.NDArray[Any]] | None,
+        strong: bool,
+    ) -> None:
+        bulk = self._operator.bulk
+        self._matrix, self.is_strong, self.point = None, False, None
+        bulk.forget()
+        if point is not None:
+            with bulk.at(point):
+                self.build()
+                if strong:
+                    self.strengthen()
+                    self.build()
+        if last is not None and last is not point:
+            with bulk.at(last):
+                bulk.tangent()
 
     def strengthen(self) -> None:
         """Change to a complete factorisation or multigrid. Collective."""
@@ -134,7 +173,7 @@ class _Preconditioner:
         """Bring the patch up to the present pairs and factors. Collective."""
         if self._patch is None:
             self._patch = Patch(self._operator.bulk.rows)
-        self._patch.update(self._operator.elimination, self.num_builds)
+        self._patch.update(self._operator.elimination, self._operator.bulk.num_tangents)
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
@@ -155,10 +194,19 @@ class _Age:
         excess: Iterations beyond those that fresh factors would need.
     """
 
-    def __init__(self) -> None:
-        self._iterations = self._decades = 0.0
-        self._fresh: float | None = None
-        self.excess = 0.0
+    def __init__(
+        self,
+        iterations: float = 0.0,
+        decades: float = 0.0,
+        fresh: float = np.nan,
+        excess: float = 0.0,
+    ) -> None:
+        self._iterations, self._decades = iterations, decades
+        self._fresh, self.excess = fresh, excess  # iterations per decade of fresh factors
+
+    def values(self) -> Floats:
+        """What the constructor takes."""
+        return np.array([self._iterations, self._decades, self._fresh, self.excess])
 
     @property
     def rate(self) -> float:
@@ -166,7 +214,7 @@ class _Age:
 
     def count(self, iterations: int, decades: float) -> None:
         """Add a solve."""
-        if self._fresh is None:
+        if np.isnan(self._fresh):
             self._iterations += iterations
             self._decades += decades
             if self._decades >= _DECADES:
@@ -240,7 +288,7 @@ class LinearSolver:
             return self._solve_direct(R, steps, states)
         elimination = Elimination(steps, states)
         preconditioner = self._preconditioner
-        fresh = preconditioner.num_builds == 0 or self._age.excess > _REBUILD_COST
+        fresh = preconditioner.point is None or self._age.excess > _REBUILD_COST
         if fresh:
             self._build()
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
@@ -255,6 +303,14 @@ class LinearSolver:
             preconditioner.strengthen()
             self._build()
         return du, None
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange what is kept from step to step. Collective."""
+        self._preconditioner.exchange(archive)
+        age = archive.same("age_of_factors", self._age.values())
+        if archive.giving:
+            known = self._preconditioner.point is not None
+            self._age = _Age(*age) if known else _Age()
 
     def _build(self) -> None:
         self._preconditioner.build()

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import Slip
 from dolfinx_nts.enforcement import Penalty
@@ -115,6 +116,39 @@ class ContactSprings:
     def forget(self) -> None:
         """Look at all nodes again: the state was set."""
         self._travelled = np.inf
+
+    def exchange(
+        self, archive: Archive, name: str, state: SpringState | None
+    ) -> SpringState | None:
+        """Exchange the last evaluation and the nodes that are looked at.
+
+        Collective, after the pair.
+
+        Args:
+            archive: Takes them or gives them.
+            name: Name of the values.
+            state: The last evaluation, None if there is none.
+
+        Returns:
+            The evaluation; None without, or for another partition.
+        """
+        if archive.giving or state is None or not np.isfinite(self._travelled):
+            arrays = None
+        else:
+            flags = np.array([self._travelled, self._idle, state.num_active])
+            arrays = [self._candidates, flags, state.node, state.dofs, state.force]
+        kept = archive.local(name, arrays)
+        if not archive.giving:
+            return state
+        if kept is None:
+            self.forget()
+            return None
+        self._candidates, (travelled, idle, num_active), node, dofs, force = kept
+        self._travelled, self._idle = float(travelled), bool(idle)
+        self._neighbourhood = self.pair.search.neighbourhood
+        return SpringState(
+            self._neighbourhood, node, dofs, force, self.pair.history, int(num_active)
+        )
 
     @property
     def is_open(self) -> bool:

@@ -13,14 +13,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, la
 from tqdm import tqdm
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]
@@ -53,6 +55,7 @@ class Stepper(ABC):
         u: Displacement at t.
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
+        node_ids: Numbers of the owned nodes in the mesh as read, ``(n,)``.
         inertia_defect: Kinetic energy gained in the last step less the
             work of all forces in it [J].
     """
@@ -92,6 +95,8 @@ class Stepper(ABC):
         self.u.name, self.v.name = "displacement", "velocity"
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
+        self.node_ids = input_ids(V)[: self._num_owned]
+        self._origin = (0.0, 0)  # time and number of the step from which steps are counted
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -124,10 +129,44 @@ class Stepper(ABC):
             raise ValueError(f"expected a step dt > 0, given {dt}")
 
     @property
+    def supports(self) -> Supports:
+        """The Dirichlet conditions."""
+        return self._supports
+
+    @property
     def x(self) -> Floats:
         """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
         x: Floats = self._X + self.u.x.array.reshape(-1, 3)
         return x
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the accepted state and all that the next step depends on.
+
+        But for what ``update`` and the functions of loads remember.
+
+        Args:
+            archive: Takes the state or gives it.
+        """
+        self.t = archive.same("t", self.t)
+        self.step = archive.same("step", self.step)
+        self._dt.value = archive.same("dt", self.dt)
+        t, step = self._origin
+        self._origin = archive.same("start_time", t), archive.same("start_step", step)
+        self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
+        for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
+            self._exchange_nodal(archive, name, function.x.array)
+        for number, pair in enumerate(self.pairs, start=1):
+            pair.exchange(archive, f"pair_{number}")
+
+    def _exchange_nodal(self, archive: Archive, name: str, values: Floats) -> None:
+        """Exchange values of the local nodes, shape ``(3 l,)``."""
+        n = 3 * self._num_owned
+        owned = archive.nodal(name, self.node_ids, values[:n].reshape(-1, 3))
+        if archive.giving:
+            vector = la.vector(self.u.function_space.dofmap.index_map, 3)
+            vector.array[:n] = owned.ravel()
+            vector.scatter_forward()
+            values[:] = vector.array
 
     def set_displacement(self, body: Body, value: Any) -> None:
         """Set the displacement of a body, before or between steps.
@@ -215,17 +254,32 @@ class Stepper(ABC):
         """
         if not math.isfinite(until):
             raise ValueError(f"expected a finite time until, given {until}")
-        start, dt = self.t, self.dt
-        num_steps = math.ceil((until - start) / dt - 1e-6)
+        dt = self.dt
+        # A run that is resumed counts on, with the same round-off.
+        if self.t != self._time_of(self.step, dt):
+            self._origin = (self.t, self.step)
+        num_steps = math.ceil((until - self.t) / dt - 1e-6)
+        for i in self._progress(num_steps):
+            if i == num_steps - 1:
+                yield self._advance_to(until, until - self.t)
+            else:
+                yield self._advance_to(self._time_of(self.step + 1, dt), dt)
+
+    def _time_of(self, step: int, dt: float) -> float:
+        """Time at the end of a step of the present run [s]."""
+        t, first = self._origin
+        return t + (step - first) * dt
+
+    def _advance_to(self, end: float, dt: float) -> StepReport:
+        """A step of length dt that ends exactly at a time; keeps `dt`."""
+        usual = self.dt
         try:
-            for i in self._progress(num_steps):
-                end = until if i == num_steps - 1 else start + (i + 1) * dt
-                self.dt = end - self.t if i == num_steps - 1 else dt
-                report = self.advance()
-                self.t = end
-                yield replace(report, t=end)
+            self.dt = dt
+            report = self.advance()
         finally:
-            self._dt.value = dt
+            self._dt.value = usual
+        self.t = end
+        return replace(report, t=end)
 
     def _progress(self, num_steps: int) -> Iterator[int]:
         """Count steps, with a bar on the terminal of rank 0 if it takes long."""
