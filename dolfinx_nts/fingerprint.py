@@ -48,9 +48,11 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
 
     owned = np.arange(mesh.topology.index_map(3).size_local)
     original = mesh.topology.original_cell_index
-    X = V.tabulate_dof_coordinates()[: len(stepper.node_ids)]
+    n = mesh.geometry.index_map().size_local
+    # Those of the dofs are computed, with a round-off that the partition decides.
+    nodes = rows(mesh.geometry.input_global_indices[:n], mesh.geometry.x[:n])
     cells = rows(original[owned], ids[V.dofmap.list[owned]])
-    scene = {"integrator": type(stepper).__name__, "mesh": f"{rows(stepper.node_ids, X)} {cells}"}
+    scene = {"integrator": type(stepper).__name__, "mesh": f"{nodes} {cells}"}
     if isinstance(stepper, GeneralizedAlpha):
         scene["integrator"] += f" with rho_inf = {stepper.rho_inf}"
     for number, body in enumerate(stepper.bodies, start=1):
