@@ -28,6 +28,7 @@ class StepReport:
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].
         solver_work: Work of the residual that Newton left [J].
+        rejected: Longer steps that were tried before this one.
     """
 
     step: int
@@ -42,3 +43,4 @@ class StepReport:
     support_work: float
     damping_work: float
     solver_work: float
+    rejected: int = 0

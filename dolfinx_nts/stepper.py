@@ -260,10 +260,11 @@ class Stepper(ABC):
             self._origin = (self.t, self.step)
         num_steps = math.ceil((until - self.t) / dt - 1e-6)
         for i in self._progress(num_steps):
-            if i == num_steps - 1:
+            end = self._time_of(self.step + 1, dt)
+            if i == num_steps - 1 and end != until:
                 yield self._advance_to(until, until - self.t)
             else:
-                yield self._advance_to(self._time_of(self.step + 1, dt), dt)
+                yield self._advance_to(end, dt)
 
     def _time_of(self, step: int, dt: float) -> float:
         """Time at the end of a step of the present run [s]."""
