@@ -14,7 +14,6 @@ both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import Any
 
 from mpi4py import MPI
@@ -197,22 +196,19 @@ class CentralDifference(Stepper):
         self._energy, self._worked, self._turnover, self.stable_step, self._smallest = (
             float(value) for value in totals
         )
-        parts = (old.load, old.damping, old.total, old.acceleration)
-        forces = archive.local(
-            "forces", [part.copy() for part in parts] if self._known else None
-        )
-        states = [
-            springs.exchange(archive, f"springs_{number}", state)
+        self._known = archive.same("forces_are_known", self._known)
+        if not self._known:
+            self._state_was_set()
+            return
+        for name in ("load", "damping", "total", "acceleration"):
+            setattr(old, name, archive.nodal(f"force/{name}", self.node_ids, getattr(old, name)))
+        states = old.springs or (None,) * len(self._springs)
+        old.springs = tuple(
+            springs.exchange(archive, f"springs_{number}", state, self.x)
             for number, (springs, state) in enumerate(
-                zip_longest(self._springs, old.springs), start=1
+                zip(self._springs, states, strict=True), start=1
             )
-        ]
-        if archive.giving:
-            # Without them the next step evaluates the forces.
-            known = tuple(state for state in states if state is not None)
-            self._known = forces is not None and len(known) == len(states)
-            if forces is not None and self._known:
-                self._old = Forces(*(part.copy() for part in forces), known)
+        )
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """Mean of the stresses at both ends of the step."""

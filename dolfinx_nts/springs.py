@@ -117,9 +117,7 @@ class ContactSprings:
         """Look at all nodes again: the state was set."""
         self._travelled = np.inf
 
-    def exchange(
-        self, archive: Archive, name: str, state: SpringState | None
-    ) -> SpringState | None:
+    def exchange(self, archive: Archive, name: str, state: SpringState, x: Floats) -> SpringState:
         """Exchange the last evaluation and the nodes that are looked at.
 
         Collective, after the pair.
@@ -127,28 +125,35 @@ class ContactSprings:
         Args:
             archive: Takes them or gives them.
             name: Name of the values.
-            state: The last evaluation, None if there is none.
+            state: The last evaluation; any while the archive gives.
+            x: Its positions of the local nodes, shape ``(l, 3)`` [m].
 
         Returns:
-            The evaluation; None without, or for another partition.
+            The evaluation.
         """
-        if archive.giving or state is None or not np.isfinite(self._travelled):
-            arrays = None
-        else:
-            flags = np.array([self._travelled, self._idle, state.num_active])
-            arrays = [self._candidates, flags, state.node, state.dofs, state.force]
-        kept = archive.local(name, arrays)
+        pair = self.pair
+        looked = None
+        if not archive.giving and np.isfinite(self._travelled):
+            looked = [self._candidates, np.array([self._travelled, self._idle])]
+        looked = archive.local(f"{name}/looked", looked)
+        if archive.giving and looked is None:
+            self._look_around(x)
+        elif archive.giving and looked is not None:
+            self._candidates, (travelled, idle) = looked
+            self._travelled, self._idle = float(travelled), bool(idle)
+            self._neighbourhood = pair.search.neighbourhood
+        k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
+        force = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
+        if not archive.giving:
+            force[state.node] = state.force
+        force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
         if not archive.giving:
             return state
-        if kept is None:
-            self.forget()
-            return None
-        self._candidates, (travelled, idle, num_active), node, dofs, force = kept
-        self._travelled, self._idle = float(travelled), bool(idle)
-        self._neighbourhood = self.pair.search.neighbourhood
-        return SpringState(
-            self._neighbourhood, node, dofs, force, self.pair.history, int(num_active)
-        )
+        history, here = pair.history, self._neighbourhood
+        node = np.flatnonzero(history.active).astype(np.int32)
+        dofs = here.dofs(pair.nodes.nodes[node], here.find(history.key[node]))
+        num_active = self._comm.allreduce(len(node))
+        return SpringState(here, node, dofs, force[node], history, num_active)
 
     @property
     def is_open(self) -> bool:
