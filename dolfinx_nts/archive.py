@@ -79,7 +79,7 @@ class Snapshot(Archive):
         """Exchange arrays of this rank, the very same."""
         if not self.giving:
             self._kept[name] = arrays
-        kept: Sequence[Array] | None = self._kept[name]
+        kept: Sequence[Array] | None = self._kept.get(name)
         return kept
 
     def _copy(self, name: str, value: T) -> T:

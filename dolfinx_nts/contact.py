@@ -237,6 +237,26 @@ class ContactPair:
             np.inf,
         )[1]
 
+    def loose(self, x: Floats, gap_tol: float) -> Flags:
+        """Nodes at a distance at which elastic impact holds them. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and
+                ghost, shape ``(l, 3)`` [m].
+            gap_tol: Distance that counts [m].
+
+        Returns:
+            Nodes further than that, held or inside; shape ``(n,)``.
+        """
+        law = self.enforcement
+        if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
+            return np.zeros(len(self.nodes.nodes), dtype=bool)
+        gap = self.gap(x)
+        # A node deeper than half a segment belongs to another side.
+        inside = (gap < 0) & (gap > -0.5 * self.segment_size)
+        flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
+        return flags
+
     def exchange(self, archive: Archive, name: str) -> None:
         """Exchange the accepted contact. Collective.
 

@@ -198,7 +198,8 @@ class CentralDifference(Stepper):
         )
         self._known = archive.same("forces_are_known", self._known)
         if not self._known:
-            self._state_was_set()
+            if archive.giving:
+                self._state_was_set()
             return
         for name in ("load", "damping", "total", "acceleration"):
             setattr(old, name, archive.nodal(f"force/{name}", self.node_ids, getattr(old, name)))
@@ -268,6 +269,9 @@ class CentralDifference(Stepper):
         contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
         bulk, self._smallest = self._cells.limits(self.x)
         return bulk + contact
+
+    def _longest_step(self) -> float:
+        return self.stable_step / (1 + 1e-5)
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)

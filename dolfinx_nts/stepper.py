@@ -16,18 +16,21 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from tqdm import tqdm
 
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.archive import Archive, Snapshot
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.step_control import StepControl, StepLength
 from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -97,6 +100,7 @@ class Stepper(ABC):
         self._num_owned = V.dofmap.index_map.size_local
         self.node_ids = input_ids(V)[: self._num_owned]
         self._origin = (0.0, 0)  # time and number of the step from which steps are counted
+        self._length = StepLength()
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -152,6 +156,8 @@ class Stepper(ABC):
         self._dt.value = archive.same("dt", self.dt)
         t, step = self._origin
         self._origin = archive.same("start_time", t), archive.same("start_step", step)
+        self._length.cuts = archive.same("cuts", self._length.cuts)
+        self._length.accepted = archive.same("accepted", self._length.accepted)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             self._exchange_nodal(archive, name, function.x.array)
@@ -243,17 +249,26 @@ class Stepper(ABC):
             )
         return report
 
-    def run(self, until: float) -> Iterator[StepReport]:
+    def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.
 
         Args:
             until: Time at the end [s].
+            control: Cuts steps that fail; None: every step has the length
+                `dt`, but for the last.
 
         Yields:
             The report of each step, after it has been accepted.
+
+        Raises:
+            ConvergenceError: A step failed, with a control at its smallest
+                length. The state is that of the last accepted step.
         """
         if not math.isfinite(until):
             raise ValueError(f"expected a finite time until, given {until}")
+        if control is not None:
+            yield from self._run_controlled(until, control)
+            return
         dt = self.dt
         # A run that is resumed counts on, with the same round-off.
         if self.t != self._time_of(self.step, dt):
@@ -265,6 +280,66 @@ class Stepper(ABC):
                 yield self._advance_to(until, until - self.t)
             else:
                 yield self._advance_to(end, dt)
+
+    def _run_controlled(self, until: float, control: StepControl) -> Iterator[StepReport]:
+        smallest = 2.0**-20 * self.dt if control.smallest is None else control.smallest
+        loose = None if control.gap_tol is None else self._loose_nodes(control.gap_tol)
+        rejected = 0
+        while until - self.t > 1e-6 * smallest:
+            longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
+            end = control.end(self.t, longest, until)
+            before = Snapshot()
+            self.exchange(before)
+            try:
+                report = self._advance_to(end, end - self.t)
+                if loose is not None and control.gap_tol is not None:
+                    loose = self._check_loose(loose, control.gap_tol)
+            except ConvergenceError as error:
+                self.exchange(before.rewind())
+                if (end - self.t) / 2 < smallest:
+                    raise ConvergenceError(
+                        f"{error}; dt has been cut to {end - self.t:.3g} s, half of which is "
+                        f"less than the smallest step of {smallest:.3g} s",
+                        error.reports,
+                    ) from None
+                self._log_cut(error)
+                self._length.cut()
+                rejected += 1
+                continue
+            self._length.accept()
+            yield replace(report, rejected=rejected)
+            rejected = 0
+
+    def _longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
+        return math.inf
+
+    def _log_cut(self, error: ConvergenceError) -> None:
+        if self.u.function_space.mesh.comm.rank == 0:
+            _logger.info("step %d from t = %g is cut: %s", self.step + 1, self.t, error)
+
+    def _loose_nodes(self, gap_tol: float) -> list[Flags]:
+        """Nodes of each pair that are held, or inside, beyond the tolerance."""
+        x = self.x
+        return [pair.loose(x, gap_tol) for pair in self.pairs]
+
+    def _check_loose(self, before: list[Flags], gap_tol: float) -> list[Flags]:
+        """Loose nodes of the step just done; raises if there are new ones."""
+        after = self._loose_nodes(gap_tol)
+        comm = self.u.function_space.mesh.comm
+        new = [
+            pair.nodes.node_ids[now & ~then]
+            for pair, now, then in zip(self.pairs, after, before, strict=True)
+        ]
+        nodes = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *sum(comm.allgather(new), [])]))
+        if len(nodes):
+            raise ConvergenceError(
+                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "
+                f"{gap_tol:g} m from the surface that catches them: {_listed(nodes)}; the state is "
+                "that of the last accepted step",
+                [],
+            )
+        return after
 
     def _time_of(self, step: int, dt: float) -> float:
         """Time at the end of a step of the present run [s]."""
@@ -296,3 +371,8 @@ class Stepper(ABC):
         for name, count in zip(("displacement", "velocity"), bad, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
+
+
+def _listed(nodes: npt.NDArray[np.int64]) -> str:
+    """The first of some numbers of nodes."""
+    return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

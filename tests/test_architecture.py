@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"_kernels", "compat", "forms", "timing"},
+    {"_kernels", "archive", "compat", "forms", "interrupts", "ranks", "step_control", "timing"},
     {"materials", "meshing"},
     {"surfaces"},
     {"bodies"},
@@ -18,15 +18,15 @@ LAYERS = [
     {"search", "enforcement", "friction", "obstacles"},
     {"contact", "contact_rows"},
     {"contact_step", "report", "springs"},
-    {"stepper"},
     {"elimination", "assembly"},
     {"patch"},
     {"linear"},
     {"newton"},
+    {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics"},
-    {"plotting", "xdmf"},
+    {"diagnostics", "fingerprint"},
+    {"checkpoint", "plotting", "xdmf"},
     {"output"},
     {"__init__"},
 ]
@@ -39,7 +39,8 @@ ONLY = {
     "gmsh": {"meshing"},
     "pyvista": {"plotting"},
     "matplotlib": {"plotting"},
-    "dolfinx.io": {"compat", "xdmf"},
+    "dolfinx.io": {"compat"},
+    "h5py": {"checkpoint", "xdmf"},
 }
 
 modules = pytest.mark.parametrize("module", MODULES)
