@@ -138,11 +138,10 @@ class _Reader(Archive):
         return kept if isinstance(value, np.ndarray) else type(value)(kept.item())
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
-        none = np.empty(0, dtype=np.int64)
-        found = (none, none)
-        if self.comm.rank == 0:
-            found = self._find(f"{name}/nodes"), self._find(f"{name}/values")
-        return scattered(self.comm, ids, *found).astype(values.dtype, copy=False)
+        on_root(self.comm, lambda: (self._find(f"{name}/nodes"), None)[1])
+        all_ids = self._values.get(f"{name}/nodes", np.empty(0, dtype=np.int64))
+        kept = self._values.get(f"{name}/values", np.empty(0))
+        return scattered(self.comm, ids, all_ids, kept).astype(values.dtype, copy=False)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
         if not self._is_same_partition:

@@ -177,6 +177,7 @@ class CentralDifference(Stepper):
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
         self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
+        self._smallest = 0.0  # cell [m]
         self._settle(dt)
         self._old, self._new = Forces.none(n), Forces.none(n)
         self._known = False  # whether `_old` belongs to the present state

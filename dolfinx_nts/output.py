@@ -93,9 +93,7 @@ class Recorder:
         if every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {every}")
         if checkpoint_every is not None and checkpoint_every < 1:
-            raise ValueError(
-                f"expected checkpoints every 1 step or more, given {checkpoint_every}"
-            )
+            raise ValueError(f"expected checkpoints every 1 step or more, given {checkpoint_every}")
         self.diagnostics = Diagnostics(stepper)
         self._name, self._stepper, self._every = str(name), stepper, every
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
@@ -151,9 +149,8 @@ class Recorder:
             archive: Takes them or gives them.
         """
         self._step = archive.same("record/step", self._step)
-        self._iterations = archive.same(
-            "record/iterations", np.array(self._iterations, dtype=np.int64)
-        ).tolist()
+        iterations = archive.same("record/iterations", np.array(self._iterations, dtype=np.int64))
+        self._iterations = [int(count) for count in iterations]
         self._table_size = archive.same("record/table_size", self._table_size)
         for name in ("_bulk", "_loads", "_supports", "_damping", "_solver"):
             setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))

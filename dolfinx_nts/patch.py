@@ -119,7 +119,9 @@ class _Whole:
     def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
         self.factors = _kernels.Patch(rows.start, rows.column, rows.value)
         for p in pairs:
-            self.factors.add(p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent)
+            self.factors.add(
+                p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
+            )
 
     def correct(self, r: Floats, z: Floats, exists: bool) -> None:
         if exists:

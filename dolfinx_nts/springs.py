@@ -4,7 +4,9 @@ The force is minus the gradient of the springs' energy at that state, so
 that every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from mpi4py import MPI
 
@@ -110,6 +112,7 @@ class ContactSprings:
             compliance += max(1.0, counts[0] / counts[1]) / lightest
         self._reduced_mass: Floats = 1 / compliance
         self._candidates: Ints
+        self._idle = False
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
         self.forget()
 
@@ -117,7 +120,9 @@ class ContactSprings:
         """Look at all nodes again: the state was set."""
         self._travelled = np.inf
 
-    def exchange(self, archive: Archive, name: str, state: SpringState, x: Floats) -> SpringState:
+    def exchange(
+        self, archive: Archive, name: str, state: SpringState | None, x: Floats
+    ) -> SpringState:
         """Exchange the last evaluation and the nodes that are looked at.
 
         Collective, after the pair.
@@ -125,14 +130,15 @@ class ContactSprings:
         Args:
             archive: Takes them or gives them.
             name: Name of the values.
-            state: The last evaluation; any while the archive gives.
+            state: The last evaluation, if there is one; not needed while
+                the archive gives.
             x: Its positions of the local nodes, shape ``(l, 3)`` [m].
 
         Returns:
             The evaluation.
         """
         pair = self.pair
-        looked = None
+        looked: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
             looked = [self._candidates, np.array([self._travelled, self._idle])]
         looked = archive.local(f"{name}/looked", looked)
@@ -143,11 +149,11 @@ class ContactSprings:
             self._travelled, self._idle = float(travelled), bool(idle)
             self._neighbourhood = pair.search.neighbourhood
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
-        force = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
-        if not archive.giving:
+        force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
+        if state is not None:
             force[state.node] = state.force
         force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
-        if not archive.giving:
+        if state is not None and not archive.giving:
             return state
         history, here = pair.history, self._neighbourhood
         node = np.flatnonzero(history.active).astype(np.int32)

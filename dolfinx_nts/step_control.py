@@ -47,8 +47,8 @@ class StepControl:
             raise ValueError(f"expected finite times, given {self.times}")
         self.smallest, self.gap_tol = smallest, gap_tol
 
-    def end(self, t: float, dt: float, until: float) -> float:
-        """Time at which a step ends that may be as long as dt [s].
+    def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
+        """Length [s] of a step that may be as long as dt, and its end [s].
 
         The last two steps before a given time are of equal length, so that
         none is much shorter than the others.
@@ -57,8 +57,9 @@ class StepControl:
         target = min([until, *self.times[next_time : next_time + 1]])
         rest = (target - t) / dt
         if rest <= 1 + _SLIVER:
-            return target
-        return t + dt * (rest / 2 if rest < 2 - _SLIVER else 1.0)
+            return target - t, target
+        dt *= rest / 2 if rest < 2 - _SLIVER else 1.0
+        return dt, t + dt
 
 
 class StepLength:

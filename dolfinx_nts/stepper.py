@@ -287,18 +287,18 @@ class Stepper(ABC):
         rejected = 0
         while until - self.t > 1e-6 * smallest:
             longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
-            end = control.end(self.t, longest, until)
+            dt, end = control.next_step(self.t, longest, until)
             before = Snapshot()
             self.exchange(before)
             try:
-                report = self._advance_to(end, end - self.t)
+                report = self._advance_to(end, dt)
                 if loose is not None and control.gap_tol is not None:
                     loose = self._check_loose(loose, control.gap_tol)
             except ConvergenceError as error:
                 self.exchange(before.rewind())
-                if (end - self.t) / 2 < smallest:
+                if dt / 2 < smallest:
                     raise ConvergenceError(
-                        f"{error}; dt has been cut to {end - self.t:.3g} s, half of which is "
+                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
                         f"less than the smallest step of {smallest:.3g} s",
                         error.reports,
                     ) from None
@@ -331,7 +331,8 @@ class Stepper(ABC):
             pair.nodes.node_ids[now & ~then]
             for pair, now, then in zip(self.pairs, after, before, strict=True)
         ]
-        nodes = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *sum(comm.allgather(new), [])]))
+        none = np.empty(0, dtype=np.int64)
+        nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
         if len(nodes):
             raise ConvergenceError(
                 f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "

@@ -6,7 +6,6 @@ import resource
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -17,6 +16,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import checkpoint, linear
+from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
 
 # Between numbers of ranks, relative to lengths of about one.
@@ -30,32 +30,7 @@ def folder(comm, tmp_path):
     return comm.bcast(tmp_path)
 
 
-def layers(middle):
-    """Owner of the cells: by their place, the same in every call."""
-    return (np.argsort(np.argsort(middle[:, 0])) % MPI.COMM_WORLD.size).astype(int)
-
-
-def with_law(scheme, enforcement, friction, bodies, pairs, dt):
-    """Return a stepper whose pairs have another law."""
-    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, friction) for p in pairs]
-    return scheme(bodies, pairs, dt=dt)
-
-
-SCHEMES = {
-    "multiplier": nts.EnergyMomentum,
-    "stick": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3)),
-    "spring": partial(with_law, nts.Midpoint, nts.Penalty(), nts.Coulomb(0.3)),
-    "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
-    "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
-    "strong": nts.EnergyMomentum,
-}
 schemes = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
-
-
-def scene(comm, scheme=nts.EnergyMomentum, **options):
-    """Three blocks, whose contacts begin before and after the break."""
-    dt = 0.1 * BLOCK_STEP if scheme is SCHEMES["explicit"] else BLOCK_STEP
-    return blocks(comm, scheme, num_bodies=3, dt=dt, **options)
 
 
 def record(stepper, path, num_steps, **options):

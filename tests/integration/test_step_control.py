@@ -9,8 +9,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts import implicit, linear
 from dolfinx_nts.contact import ContactHistory
+from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
-from test_checkpoint import SCHEMES, layers, scene
 
 # Of the energy at the start.
 ENERGY_TOLERANCE = 1e-11
