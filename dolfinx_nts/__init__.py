@@ -21,6 +21,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.step_control import StepControl
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
@@ -51,6 +52,7 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "SaintVenantKirchhoff",
+    "StepControl",
     "StepReport",
     "Surface",
     "Traction",

@@ -1,6 +1,7 @@
 """Assembly: the forms of the bodies, and the forces of contact."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from mpi4py import MPI
@@ -43,6 +44,8 @@ class Bulk:
         cell_size: Smallest cell diameter of the mesh [m].
         num_cells: Owned cells that residual and action go over.
         nodal_size: Largest diameter of the cells of each owned node [m].
+        point: What `restore` needs to make the last matrix again: the values
+            of all functions and constants in the forms; None before.
         num_residuals: Assembled residuals.
         num_actions: Assembled actions of the tangent.
         num_tangents: Assembled matrices.
@@ -81,6 +84,8 @@ class Bulk:
         self._derivatives = [ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms]
         self._tangent: list[fem.Form] = []
         self._nearby = None if nearby is None else _compile([nearby])
+        self._inputs = _inputs([*forms, *([] if nearby is None else [nearby])])
+        self.point: Sequence[npt.NDArray[Any]] | None = None
         self._vector = la.vector(V.dofmap.index_map, 3)
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self.num_dofs = 3 * V.dofmap.index_map.size_global
@@ -170,7 +175,9 @@ class Bulk:
         Returns:
             As of `tangent`.
         """
-        return self.tangent() if self._nearby is None else self._assemble(self._nearby)
+        if self._nearby is None:
+            return self.tangent()
+        return self._assemble(self._nearby, is_exact=False)
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective.
@@ -181,9 +188,9 @@ class Bulk:
         if not self._tangent:
             # Its kernels are the longest to compile, and few runs need them.
             self._tangent = _compile(self._derivatives)
-        return self._assemble(self._tangent)
+        return self._assemble(self._tangent, is_exact=True)
 
-    def _assemble(self, forms: Sequence[fem.Form]) -> Any:
+    def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> Any:
         if self._rows is None:
             self._rows = BlockRows(fem.create_matrix(forms[0]))
             self._matrix = fem_petsc.create_matrix(forms[0], "baij")
@@ -197,7 +204,38 @@ class Bulk:
         total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
         self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
+        self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
         return self._matrix
+
+    def restore(self, point: Sequence[npt.NDArray[Any]]) -> None:
+        """Make a former matrix again. Collective.
+
+        Args:
+            point: The `point` that it left.
+        """
+        with self.at(point):
+            if point[0]:
+                self.tangent()
+            else:
+                self.nearby_matrix()
+
+    @contextmanager
+    def at(self, point: Sequence[npt.NDArray[Any]]) -> Iterator[None]:
+        """Context in which functions and constants have other values. Local.
+
+        Args:
+            point: A former `point`.
+        """
+        present = [array.copy() for array in self._inputs]
+        _set(self._inputs, point[1:])
+        try:
+            yield
+        finally:
+            _set(self._inputs, present)
+
+    def forget(self) -> None:
+        """Be as before the first tangent. Local."""
+        self.point = self._stiffness = None
 
     def rigid_modes(self) -> Any:
         """Rigid motions of the present positions, a PETSc null space. Collective."""
@@ -237,6 +275,18 @@ def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
     """Compile forms, leaving out those without integrals."""
     expanded = (expand_derivatives(form) for form in forms)
     return [compile_form(form) for form in expanded if not form.empty()]
+
+
+def _inputs(forms: Sequence[ufl.Form]) -> list[npt.NDArray[Any]]:
+    """Values of all functions and constants of forms, which they share."""
+    functions = dict.fromkeys(f for form in forms for f in form.coefficients())
+    constants = dict.fromkeys(c for form in forms for c in form.constants())
+    return [*(f.x.array for f in functions), *(c.value for c in constants)]
+
+
+def _set(arrays: Sequence[npt.NDArray[Any]], values: Sequence[npt.NDArray[Any]]) -> None:
+    for array, value in zip(arrays, values, strict=True):
+        array[...] = value
 
 
 def contact_residual(

@@ -6,12 +6,14 @@ replaces a pair's history.
 
 import logging
 from dataclasses import dataclass, fields
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
@@ -278,6 +280,53 @@ class ContactPair:
             everywhere.find(self.history.key),
             np.inf,
         )[1]
+
+    def loose(self, x: Floats, gap_tol: float) -> Flags:
+        """Nodes at a distance at which elastic impact holds them. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and
+                ghost, shape ``(l, 3)`` [m].
+            gap_tol: Distance that counts [m].
+
+        Returns:
+            Nodes further than that, held or inside; shape ``(n,)``.
+        """
+        law = self.enforcement
+        if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
+            return np.zeros(len(self.nodes.nodes), dtype=bool)
+        gap = self.gap(x)
+        # A node deeper than half a segment belongs to another side.
+        inside = (gap < 0) & (gap > -0.5 * self.segment_size)
+        flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
+        return flags
+
+    def exchange(self, archive: Archive, name: str) -> None:
+        """Exchange the accepted contact. Collective.
+
+        Args:
+            archive: Takes it or gives it.
+            name: First part of the names of the values.
+        """
+        ids = self.nodes.node_ids
+        kept: dict[str, Any] = {
+            f.name: archive.nodal(f"{name}/{f.name}", ids, getattr(self.history, f.name))
+            for f in fields(ContactHistory)
+        }
+        self.history = ContactHistory(**kept)
+        for spring in ("eps_N", "eps_T"):
+            value = getattr(self, spring)
+            if archive.same(f"{name}/has_{spring}", value is not None):
+                value = np.zeros(len(ids)) if value is None else value
+                setattr(self, spring, archive.nodal(f"{name}/{spring}", ids, value))
+            else:
+                setattr(self, spring, None)
+        settled = archive.same(f"{name}/settled", self._springs is not None)
+        if archive.giving:
+            springs = {"eps_N": self.eps_N, "eps_T": self.eps_T}
+            ranges = {key: self._range(value) for key, value in springs.items() if value is not None}
+            self._springs = ranges if settled else None
+        self.search.exchange(archive, f"{name}/search")
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> None:

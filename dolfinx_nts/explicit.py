@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair, ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
@@ -109,11 +110,40 @@ class CentralDifference(Stepper):
         self._given.ravel()[self._supports.fixed] = True
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
         self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
+        self._smallest = 0.0  # cell [m]
         self._settle(dt)
         self._old, self._new = Forces.none(n), Forces.none(n)
         self._known = False  # whether `_old` belongs to the present state
         # Since the state was set: energy then, work since, and its turnover.
         self._energy = self._worked = self._turnover = 0.0
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the state, also the forces."""
+        super().exchange(archive)
+        old = self._old
+        totals = archive.same(
+            "watch",
+            np.array(
+                [self._energy, self._worked, self._turnover, self.stable_step, self._smallest]
+            ),
+        )
+        self._energy, self._worked, self._turnover, self.stable_step, self._smallest = (
+            float(value) for value in totals
+        )
+        self._known = archive.same("forces_are_known", self._known)
+        if not self._known:
+            if archive.giving:
+                self._state_was_set()
+            return
+        for name in ("load", "damping", "total", "acceleration"):
+            setattr(old, name, archive.nodal(f"force/{name}", self.node_ids, getattr(old, name)))
+        states = old.springs or (None,) * len(self._springs)
+        old.springs = tuple(
+            springs.exchange(archive, f"springs_{number}", state, self.x)
+            for number, (springs, state) in enumerate(
+                zip(self._springs, states, strict=True), start=1
+            )
+        )
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """Mean of the stresses at both ends of the step."""
@@ -145,6 +175,9 @@ class CentralDifference(Stepper):
         contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
         bulk, self._smallest = self._cells.limits(self.x)
         return bulk + contact
+
+    def _longest_step(self) -> float:
+        return self.stable_step / (1 + 1e-5)
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)

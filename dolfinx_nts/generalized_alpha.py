@@ -15,6 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
@@ -104,6 +105,12 @@ class GeneralizedAlpha(ImplicitStepper):
         )
         self._mass_form = compile_form(momentum)
         self._known = False  # whether the acceleration belongs to the present state
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the state, also the acceleration."""
+        super().exchange(archive)
+        self._exchange_nodal(archive, "a", self.a.x.array)
+        self._known = archive.same("a_is_known", self._known)
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
         """Stress at the weighted deformation gradient."""

@@ -24,6 +24,7 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts import newton
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair, ContactWork
@@ -114,6 +115,13 @@ class ImplicitStepper(Stepper):
             compile_form(bulk_form(bodies, lambda m, parameters, rho: rho * sum(eta)))
         )
         self._mean_velocity: Floats = self.v.x.array.copy()
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the state, also that of the linear solver."""
+        super().exchange(archive)
+        self._internal_force = archive.same("internal_force", self._internal_force)
+        self._exchange_nodal(archive, "mean_velocity", self._mean_velocity)
+        self._solver.exchange(archive)
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s].

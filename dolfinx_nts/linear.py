@@ -17,6 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -53,10 +54,19 @@ class _Age:
         excess: Iterations beyond those that fresh factors would need.
     """
 
-    def __init__(self) -> None:
-        self._iterations = self._decades = 0.0
-        self._fresh: float | None = None
-        self.excess = 0.0
+    def __init__(
+        self,
+        iterations: float = 0.0,
+        decades: float = 0.0,
+        fresh: float = np.nan,
+        excess: float = 0.0,
+    ) -> None:
+        self._iterations, self._decades = iterations, decades
+        self._fresh, self.excess = fresh, excess  # iterations per decade of fresh factors
+
+    def values(self) -> Floats:
+        """What the constructor takes."""
+        return np.array([self._iterations, self._decades, self._fresh, self.excess])
 
     @property
     def rate(self) -> float:
@@ -64,7 +74,7 @@ class _Age:
 
     def count(self, iterations: int, decades: float) -> None:
         """Add a solve."""
-        if self._fresh is None:
+        if np.isnan(self._fresh):
             self._iterations += iterations
             self._decades += decades
             if self._decades >= _DECADES:
@@ -148,7 +158,7 @@ class LinearSolver:
             return self._solve_direct(R, steps, states)
         elimination = Elimination(steps, states)
         preconditioner = self._preconditioner
-        fresh = preconditioner.num_builds == 0 or self._age.excess > _REBUILD_COST
+        fresh = preconditioner.point is None or self._age.excess > _REBUILD_COST
         if fresh:
             self._build()
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
@@ -175,11 +185,18 @@ class LinearSolver:
             f"{pc.num_patches} of patches, {self.num_direct} systems factorised as a whole"
         )
 
+    def exchange(self, archive: Archive) -> None:
+        """Exchange what is kept from step to step. Collective."""
+        self._preconditioner.exchange(archive)
+        age = archive.same("age_of_factors", self._age.values())
+        if archive.giving:
+            known = self._preconditioner.point is not None
+            self._age = _Age(*age) if known else _Age()
+
     def _build(self) -> None:
-        if self._preconditioner.num_builds == 0:
-            self._crossings = self._wave_crossings()
-            if self._crossings > _MOST_CROSSINGS:
-                self._preconditioner.strengthen()
+        self._crossings = self._wave_crossings()
+        if self._preconditioner.point is None and self._crossings > _MOST_CROSSINGS:
+            self._preconditioner.strengthen()
         self._preconditioner.build()
         self._age = _Age()
 

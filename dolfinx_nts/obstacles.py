@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
@@ -288,6 +289,14 @@ class ObstacleNeighbourhood:
     def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
         """Itself: there is nothing to search."""
         return self, False
+
+    @property
+    def neighbourhood(self) -> "ObstacleNeighbourhood":
+        """Itself."""
+        return self
+
+    def exchange(self, archive: Archive, name: str) -> None:
+        """Nothing: an obstacle has no state."""
 
     def find(self, key: GlobalInts) -> Ints:
         """Facet of each key, -1 where there is none."""

@@ -4,7 +4,9 @@ import csv
 import logging
 import os
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
@@ -13,9 +15,13 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import checkpoint
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactWork
-from dolfinx_nts.diagnostics import Diagnostics
+from dolfinx_nts.diagnostics import Balance, Diagnostics
+from dolfinx_nts.interrupts import Interrupts
 from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.ranks import on_root
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.timing import Timings
@@ -42,69 +48,124 @@ class Recorder:
     ``summary``.
 
     Columns of the table, in SI units: ``step``, ``dt``, those of `Balance`,
-    ``newton_iterations``, and the change of the total energy since the
+    ``newton_iterations``, ``rejected``, and the change of the total energy since the
     first row by cause: ``energy_bulk``, ``energy_loads``,
     ``energy_supports``, ``energy_damping``, ``energy_persistent_contact``,
     ``energy_activation``, ``energy_facet_change``, ``energy_friction``,
     ``energy_solver``. Each is summed on its own; ``energy_unaccounted``
     is the rest: round-off, unless the state is set between steps.
 
+    With ``checkpoint_every``, checkpoints ``name.checkpoint.h5`` hold all that
+    the run depends on. They are also written at the end, and on Ctrl-C or
+    SIGTERM, which then take effect after the present step (a second one takes
+    effect at once). With ``resume``, entering goes on from there, on any
+    number of ranks: a script that is started again continues its run, and the
+    files go on after the step of the checkpoint.
+
     Args:
         name: Path of the files without suffix, in an existing folder.
-        stepper: Midpoint, EnergyMomentum or QuasiStatic.
+        stepper: What is run.
         every: Steps from one state of the fields to the next; the first
             and the last state are always there.
+        times: Times at which the fields are written instead [s], those of
+            a `StepControl` for instance.
+        checkpoint_every: Steps from one checkpoint to the next.
+        resume: Go on from the checkpoint, if there is one.
 
     Attributes:
         diagnostics: Diagnostics of the stepper.
 
     Raises:
-        ValueError: ``every`` is less than 1.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1.
     """
 
-    def __init__(self, name: str | Path, stepper: Stepper, *, every: int = 1) -> None:
+    def __init__(
+        self,
+        name: str | Path,
+        stepper: Stepper,
+        *,
+        every: int = 1,
+        times: Sequence[float] | None = None,
+        checkpoint_every: int | None = None,
+        resume: bool = False,
+    ) -> None:
         """Check the arguments; nothing is created yet."""
         if every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {every}")
+        if checkpoint_every is not None and checkpoint_every < 1:
+            raise ValueError(f"expected checkpoints every 1 step or more, given {checkpoint_every}")
         self.diagnostics = Diagnostics(stepper)
         self._name, self._stepper, self._every = str(name), stepper, every
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._timings: Timings = stepper.timings
+        self._times = None if times is None else {float(t) for t in times}
+        self._checkpoint = Path(f"{name}.checkpoint.h5")
+        self._checkpoint_every, self._resume = checkpoint_every, resume
         self._fields: FieldFile | None = None
         self._table: TextIO | None = None
 
     def __enter__(self) -> "Recorder":
-        """Open the files and write the present state.
+        """Open the files and write the present state, or resume.
 
         Raises:
             OSError: The folder does not exist, or a file cannot be
                 created or replaced; nothing has been created.
+            ValueError: The checkpoint is damaged or of another scene, or
+                the table does not reach to its step; nothing has been
+                changed.
         """
         self._time, self._seconds = time.perf_counter(), dict(self._timings.seconds)
         with self._timings.phase("output"):
             self._first = self._last = self.diagnostics.balance()
-            self._step = self._stepper.step
+            self._step = self._saved = self._stepper.step
             self._iterations: list[int] = []
             self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
             self._contact = ContactWork()
             self._drift = dict.fromkeys(_CONSERVED, 0.0)
-            error: OSError | None = None
-            if self._comm.rank == 0:
-                try:
-                    self._table = _open_table(self._name)
-                except OSError as failure:
-                    error = failure
-            if error := self._comm.bcast(error):
-                raise error
+            self._table_size = 0
+            resume = on_root(self._comm, lambda: self._resume and self._checkpoint.exists())
+            if resume:
+                checkpoint.load(self._checkpoint, self._stepper, self)
+                self._saved = self._step
+            on_root(self._comm, lambda: self._open_table(resume))
             with ExitStack() as files:
                 if self._table:
                     files.enter_context(self._table)
-                self._fields = FieldFile(Path(f"{self._name}.xdmf"), self._stepper)
+                path = Path(f"{self._name}.xdmf")
+                self._fields = FieldFile(path, self._stepper, resume=resume)
                 files.callback(self._fields.close)
-                self._fields.write()
-                self._write_row(0.0, 0)
+                if not resume:
+                    self._fields.write()
+                    self._write_row(0.0)
+                if self._checkpoint_every is not None:
+                    self._interrupts = files.enter_context(Interrupts(self._comm))
                 self._files = files.pop_all()
         return self
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the sums of the table. Collective.
+
+        Args:
+            archive: Takes them or gives them.
+        """
+        self._step = archive.same("record/step", self._step)
+        iterations = archive.same("record/iterations", np.array(self._iterations, dtype=np.int64))
+        self._iterations = [int(count) for count in iterations]
+        self._table_size = archive.same("record/table_size", self._table_size)
+        for name in ("_bulk", "_loads", "_supports", "_damping", "_solver"):
+            setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
+        for name in self._drift:
+            self._drift[name] = archive.same(f"record/drift/{name}", self._drift[name])
+        for name, kind, value in (
+            ("contact", ContactWork, self._contact),
+            ("first", Balance, self._first),
+            ("last", Balance, self._last),
+        ):
+            kept = {
+                f.name: archive.same(f"record/{name}/{f.name}", getattr(value, f.name))
+                for f in fields(kind)
+            }
+            setattr(self, f"_{name}", kind(**kept))
 
     def write(self, step: StepReport) -> None:
         """Add the row of a step and, when it is their turn, the fields.
@@ -131,9 +192,16 @@ class Recorder:
             self._solver += step.solver_work
             self._step, self._last = step.step, self.diagnostics.balance()
             self._iterations.append(step.newton_iterations)
-            self._write_row(step.dt, step.newton_iterations)
-            if len(self._iterations) % self._every == 0:
+            self._write_row(step.dt, step.newton_iterations, step.rejected)
+            due = len(self._iterations) % self._every == 0
+            if due if self._times is None else step.t in self._times:
                 self._fields.write()
+            if self._checkpoint_every is not None:
+                signum = self._interrupts.received()
+                if signum or len(self._iterations) % self._checkpoint_every == 0:
+                    self._save()
+                if signum:
+                    self._interrupts.take_effect(signum)
 
     def __exit__(
         self,
@@ -143,13 +211,23 @@ class Recorder:
     ) -> None:
         """Write the last fields, unless ranks may be apart, and close."""
         with self._timings.phase("output"):
-            fields, self._fields = self._fields, None
             with self._files:
-                if fields and (error is None or isinstance(error, ConvergenceError)):
-                    fields.write()
+                if self._fields and (error is None or isinstance(error, ConvergenceError)):
+                    self._fields.write()
+                    if self._checkpoint_every is not None and self._saved != self._step:
+                        self._save()
+            self._fields = None
         self._time = time.perf_counter() - self._time
         if self._comm.rank == 0:
             _logger.info("%s", self.summary())
+
+    def _save(self) -> None:
+        """Write a checkpoint, after all that it relies on."""
+        assert self._fields is not None
+        self._fields.flush()
+        on_root(self._comm, self._flush_table)
+        checkpoint.save(self._checkpoint, self._stepper, self)
+        self._saved = self._step
 
     def summary(self) -> str:
         """Steps, iterations, drifts and wall time, after the ``with`` block.
@@ -173,7 +251,7 @@ class Recorder:
         times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
         return "\n".join([*lines, f"wall time: {self._time:.1f} s ({times})"])
 
-    def _write_row(self, dt: float, newton_iterations: int) -> None:
+    def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
         first, last, contact = self._first, self._last, self._contact
         for name in _CONSERVED:
             change = float(np.linalg.norm(getattr(last, name) - getattr(first, name)))
@@ -196,22 +274,43 @@ class Recorder:
             "dt": dt,
             **last.columns(),
             "newton_iterations": newton_iterations,
+            "rejected": rejected,
             **causes,
             "energy_unaccounted": rest,
         }
-        if self._table:
-            table = csv.writer(self._table)
-            if not self._iterations:
-                table.writerow(row)
-            table.writerow(row.values())
-            self._table.flush()
+        on_root(self._comm, lambda: self._add_row(row))
 
+    def _add_row(self, row: dict[str, float]) -> None:
+        assert self._table is not None
+        table = csv.writer(self._table)
+        if not self._iterations:
+            table.writerow(row)
+        table.writerow(row.values())
+        self._table.flush()
 
-def _open_table(name: str) -> TextIO:
-    """Open the table, after a look whether all files can be written."""
-    if not (folder := Path(name).parent).is_dir():
-        raise FileNotFoundError(f"expected an existing folder, given {folder}")
-    for path in (Path(f"{name}.{suffix}") for suffix in ("h5", "xdmf", "csv")):
-        if path.exists() and not (path.is_file() and os.access(path, os.W_OK)):
-            raise OSError(f"expected a file that can be replaced, given {path}")
-    return open(f"{name}.csv", "w", newline="", encoding="utf-8")
+    def _flush_table(self) -> None:
+        """Bring the table to the disk itself."""
+        assert self._table is not None
+        os.fsync(self._table.fileno())
+        self._table_size = os.fstat(self._table.fileno()).st_size
+
+    def _open_table(self, resume: bool) -> None:
+        """Open the table, after a look whether all files can be written."""
+        if not (folder := Path(self._name).parent).is_dir():
+            raise FileNotFoundError(f"expected an existing folder, given {folder}")
+        path = Path(f"{self._name}.csv")
+        for other in (path, *(Path(f"{self._name}.{suffix}") for suffix in ("h5", "xdmf"))):
+            if other.exists() and not (other.is_file() and os.access(other, os.W_OK)):
+                raise OSError(f"expected a file that can be replaced, given {other}")
+        if not resume:
+            self._checkpoint.unlink(missing_ok=True)
+            self._table = open(path, "w", newline="", encoding="utf-8")
+            return
+        size = path.stat().st_size if path.exists() else 0
+        if size < self._table_size:
+            raise ValueError(
+                f"expected a table {path} of {self._table_size} bytes or more, which it had at "
+                f"the checkpoint, given one of {size}"
+            )
+        os.truncate(path, self._table_size)
+        self._table = open(path, "a", newline="", encoding="utf-8")

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import common, la
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.elimination import ActivePairs, Elimination
 
@@ -42,6 +43,7 @@ class Patch:
         self._version = -1
         self._domain: _Whole | _Overlapping
         self._exists = False
+        self._pairs: list[_GlobalPairs] = []
         self.num_builds = 0
 
     def update(self, elimination: Elimination, version: int) -> None:
@@ -55,11 +57,33 @@ class Patch:
         if not self._comm.allreduce(is_new, op=MPI.LOR):
             return
         self._version, self._pairing = version, elimination.pairing
-        pairs = elimination.pairs
+        self._pairs = [_GlobalPairs.of(pairs) for pairs in elimination.pairs]
+        self._build()
+
+    def exchange(self, archive: Archive, version: int) -> None:
+        """Exchange what the patch was last made of. Collective.
+
+        Args:
+            archive: Takes it or gives it.
+            version: Number of the matrix's values.
+        """
+        valid = version == self._version
+        kept = archive.local("patch", [a for p in self._pairs for a in p.arrays] if valid else None)
+        if not archive.giving:
+            return
+        self._version = -1
+        if kept is not None:
+            parts = [kept[i : i + 6] for i in range(0, len(kept), 6)]
+            self._pairs = [_GlobalPairs(*part) for part in parts]
+            self._pairing = b"".join(a.tobytes() for part in parts for a in part[:2])
+            self._version = version
+            self._build()
+
+    def _build(self) -> None:
         if self._comm.size == 1:
-            self._domain = _Whole(self._rows, pairs)
+            self._domain = _Whole(self._rows, self._pairs)
         else:
-            self._domain = _Overlapping(self._rows, pairs)
+            self._domain = _Overlapping(self._rows, self._pairs)
         self._exists = self._domain.factors.build()
         self.num_builds += 1
 
@@ -73,13 +97,31 @@ class Patch:
         self._domain.correct(r, z, self._exists)
 
 
+class _GlobalPairs:
+    """Pairs with global numbers of the nodes, otherwise `ActivePairs`."""
+
+    def __init__(self, nodes: GlobalInts, *arrays: Any) -> None:
+        self.nodes = nodes
+        self.rank, self.normal, self.gradients, self.columns, self.tangent = arrays
+
+    @classmethod
+    def of(cls, p: ActivePairs) -> "_GlobalPairs":
+        return cls(p.global_dofs(), p.rank, p.normal, p.gradients, p.columns, p.tangent)
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        return self.nodes, self.rank, self.normal, self.gradients, self.columns, self.tangent
+
+
 class _Whole:
     """The nodes of the only rank."""
 
-    def __init__(self, rows: BlockRows, pairs: list[ActivePairs]) -> None:
+    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
         self.factors = _kernels.Patch(rows.start, rows.column, rows.value)
         for p in pairs:
-            self.factors.add(p.dofs, p.rank, p.normal, p.gradients, p.columns, p.tangent)
+            self.factors.add(
+                p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
+            )
 
     def correct(self, r: Floats, z: Floats, exists: bool) -> None:
         if exists:
@@ -89,12 +131,12 @@ class _Whole:
 class _Overlapping:
     """Nodes around the pairs of the nodes that a rank owns. Collective."""
 
-    def __init__(self, rows: BlockRows, pairs: list[ActivePairs]) -> None:
+    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
         space = rows.index_map
         first, last = space.local_range
         ends = np.array(space.comm.allgather(last))
-        everywhere = [_exchanged(p, ends) for p in pairs]
-        contacts = _unique([p.dofs for p in everywhere])
+        everywhere = [_exchanged(p, ends, space.comm) for p in pairs]
+        contacts = _unique([p.nodes for p in everywhere])
         _, ring, _ = rows.gather(contacts, ends)
         domain = _unique([contacts, ring])
         start, column, value = rows.gather(domain, ends)
@@ -104,7 +146,7 @@ class _Overlapping:
         place = _Places(domain, halo)
         self.factors = _kernels.Patch(start, place(column), value)
         for p in everywhere:
-            dofs = place(p.dofs.ravel()).reshape(p.dofs.shape)
+            dofs = place(p.nodes.ravel()).reshape(p.nodes.shape)
             self.factors.add(dofs, p.rank, p.normal, p.gradients, p.columns, p.tangent)
 
         nodes = np.concatenate([domain, halo])
@@ -147,20 +189,17 @@ class _Places:
         return place
 
 
-def _exchanged(pairs: ActivePairs, ends: GlobalInts) -> ActivePairs:
-    """Pairs that nodes of this rank take part in, with global nodes. Collective."""
-    comm = pairs.here.index_map.comm
-    nodes = pairs.global_dofs()
-    owner = np.searchsorted(ends, nodes, side="right")
-    given = (nodes, pairs.rank, pairs.normal, pairs.gradients, pairs.columns, pairs.tangent)
+def _exchanged(pairs: _GlobalPairs, ends: GlobalInts, comm: MPI.Comm) -> _GlobalPairs:
+    """Pairs that nodes of this rank take part in. Collective."""
+    owner = np.searchsorted(ends, pairs.nodes, side="right")
     parts = comm.alltoall(
         [
-            tuple(array[np.any(owner == rank, axis=1)] for array in given)
+            tuple(array[np.any(owner == rank, axis=1)] for array in pairs.arrays)
             for rank in range(comm.size)
         ]
     )
     arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
-    return ActivePairs(pairs.here, *arrays)
+    return _GlobalPairs(*arrays)
 
 
 def _unique(arrays: list[Any]) -> GlobalInts:

@@ -1,10 +1,13 @@
-"""Operator and preconditioner of the projected tangent, as PETSc asks for them."""
+"""Operator and preconditioner of the projected tangent, for PETSc."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from petsc4py import PETSc
 
+import numpy.typing as npt
+
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.elimination import Elimination
 from dolfinx_nts.patch import Patch
@@ -67,6 +70,7 @@ class Preconditioner:
 
     Attributes:
         is_strong: Whether the factors are complete, or multigrid.
+        point: `Bulk.point` of the factors; None before the first.
         num_builds: Factorisations so far.
 
     ``str`` tells the kind of factors.
@@ -81,6 +85,7 @@ class Preconditioner:
         self._scalar: Any = None
         self._patch: Patch | None = None
         self.is_strong = False
+        self.point: Sequence[npt.NDArray[Any]] | None = None
         self.num_builds = 0
 
     def __str__(self) -> str:
@@ -100,6 +105,9 @@ class Preconditioner:
             else:
                 self._use("asm", _ON_RANKS)
         self._matrix = self._operator.bulk.nearby_matrix()
+        if self.is_strong:
+            # What a first factorisation chose would last.
+            self._pc.reset()
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
             self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
@@ -110,7 +118,40 @@ class Preconditioner:
         else:
             self._pc.setOperators(self._matrix)
         self._pc.setUp()
+        self.point = self._operator.bulk.point
         self.num_builds += 1
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange where factors and patch were made. Collective."""
+        bulk = self._operator.bulk
+        shared = archive.same("factors_are_last", self.point is bulk.point)
+        strong = archive.same("factors_are_strong", self.is_strong)
+        last = archive.local("tangent", bulk.point)
+        point = last if shared else archive.local("factors", self.point)
+        if archive.giving and not (last is bulk.point and point is self.point):
+            self._restore(point, last, strong)
+        if self._patch is None and bulk.point is not None:
+            self._patch = Patch(bulk.rows)
+        if self._patch is not None:
+            self._patch.exchange(archive, bulk.num_tangents)
+
+    def _restore(
+        self,
+        point: Sequence[npt.NDArray[Any]] | None,
+        last: Sequence[npt.NDArray[Any]] | None,
+        strong: bool,
+    ) -> None:
+        bulk = self._operator.bulk
+        self._matrix, self.is_strong, self.point = None, False, None
+        bulk.forget()
+        if point is not None:
+            with bulk.at(point):
+                self.build()
+                if strong:
+                    self.strengthen()
+                    self.build()
+        if last is not None and last is not point:
+            bulk.restore(last)
 
     def strengthen(self) -> None:
         """Change to a complete factorisation or multigrid. Collective."""
@@ -134,7 +175,7 @@ class Preconditioner:
         """Bring the patch up to the present pairs and factors. Collective."""
         if self._patch is None:
             self._patch = Patch(self._operator.bulk.rows)
-        self._patch.update(self._operator.elimination, self.num_builds)
+        self._patch.update(self._operator.elimination, self._operator.bulk.num_tangents)
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Factors of the bulk, then the patch; called by PETSc."""

@@ -31,6 +31,7 @@ class StepReport:
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].
         solver_work: Work of the residual that Newton left [J].
+        rejected: Longer steps that were tried before this one.
     """
 
     step: int
@@ -47,3 +48,4 @@ class StepReport:
     support_work: float
     damping_work: float
     solver_work: float
+    rejected: int = 0

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dolfinx import common, la
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Neighbourhood", "Search"]
@@ -213,6 +214,27 @@ class Search:
         self._neighbourhood = self._exchange(x, reach)
         self.exchanges += 1
         return self._neighbourhood, True
+
+    @property
+    def neighbourhood(self) -> Neighbourhood:
+        """The last neighbourhood."""
+        assert self._neighbourhood is not None
+        return self._neighbourhood
+
+    def exchange(self, archive: Archive, name: str) -> None:
+        """Exchange where the neighbourhood was made. Collective."""
+        covered = self._covered
+        arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
+        kept = archive.local(name, arrays)
+        if not archive.giving:
+            return
+        self._covered = self._neighbourhood = None
+        if kept is not None:
+            x_nodes, x_vertices, reach = kept
+            self._covered = (x_nodes, x_vertices, float(reach))
+            x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
+            x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
+            self._neighbourhood = self._exchange(x, float(reach))
 
     def _exchange(self, x: Floats, reach: float) -> Neighbourhood:
         space = self._segments.V.dofmap.index_map

@@ -4,13 +4,16 @@ The force is minus the gradient of the springs' energy at that state, so
 that every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import Slip
 from dolfinx_nts.enforcement import Penalty
@@ -109,12 +112,54 @@ class ContactSprings:
             compliance += max(1.0, counts[0] / counts[1]) / lightest
         self._reduced_mass: Floats = 1 / compliance
         self._candidates: Ints
+        self._idle = False
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
         self.forget()
 
     def forget(self) -> None:
         """Look at all nodes again: the state was set."""
         self._travelled = np.inf
+
+    def exchange(
+        self, archive: Archive, name: str, state: SpringState | None, x: Floats
+    ) -> SpringState:
+        """Exchange the last evaluation and the nodes that are looked at.
+
+        Collective, after the pair.
+
+        Args:
+            archive: Takes them or gives them.
+            name: Name of the values.
+            state: The last evaluation, if there is one; not needed while
+                the archive gives.
+            x: Its positions of the local nodes, shape ``(l, 3)`` [m].
+
+        Returns:
+            The evaluation.
+        """
+        pair = self.pair
+        looked: Sequence[Any] | None = None
+        if not archive.giving and np.isfinite(self._travelled):
+            looked = [self._candidates, np.array([self._travelled, self._idle])]
+        looked = archive.local(f"{name}/looked", looked)
+        if archive.giving and looked is None:
+            self._look_around(x)
+        elif archive.giving and looked is not None:
+            self._candidates, (travelled, idle) = looked
+            self._travelled, self._idle = float(travelled), bool(idle)
+            self._neighbourhood = pair.search.neighbourhood
+        k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
+        force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
+        if state is not None:
+            force[state.node] = state.force
+        force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
+        if state is not None and not archive.giving:
+            return state
+        history, here = pair.history, self._neighbourhood
+        node = np.flatnonzero(history.active).astype(np.int32)
+        dofs = here.dofs(pair.nodes.nodes[node], here.find(history.key[node]))
+        num_active = self._comm.allreduce(len(node))
+        return SpringState(here, node, dofs, force[node], history, num_active)
 
     @property
     def is_open(self) -> bool:

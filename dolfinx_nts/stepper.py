@@ -13,19 +13,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, la
 from tqdm import tqdm
 
+from dolfinx_nts.archive import Archive, Snapshot
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.step_control import StepControl, StepLength
+from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -53,6 +58,7 @@ class Stepper(ABC):
         u: Displacement at t.
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
+        node_ids: Numbers of the owned nodes in the mesh as read, ``(n,)``.
         inertia_defect: Kinetic energy gained in the last step less the
             work of all forces in it [J].
     """
@@ -97,6 +103,9 @@ class Stepper(ABC):
         self.u.name, self.v.name = "displacement", "velocity"
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
+        self.node_ids = input_ids(V)[: self._num_owned]
+        self._origin = (0.0, 0)  # time and number of the step from which steps are counted
+        self._length = StepLength()
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -133,10 +142,46 @@ class Stepper(ABC):
             raise ValueError(f"expected a step dt > 0, given {dt}")
 
     @property
+    def supports(self) -> Supports:
+        """The Dirichlet conditions."""
+        return self._supports
+
+    @property
     def x(self) -> Floats:
         """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
         x: Floats = self._X + self.u.x.array.reshape(-1, 3)
         return x
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the accepted state and all that the next step depends on.
+
+        But for what ``update`` and the functions of loads remember.
+
+        Args:
+            archive: Takes the state or gives it.
+        """
+        self.t = archive.same("t", self.t)
+        self.step = archive.same("step", self.step)
+        self._dt.value = archive.same("dt", self.dt)
+        t, step = self._origin
+        self._origin = archive.same("start_time", t), archive.same("start_step", step)
+        self._length.cuts = archive.same("cuts", self._length.cuts)
+        self._length.accepted = archive.same("accepted", self._length.accepted)
+        self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
+        for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
+            self._exchange_nodal(archive, name, function.x.array)
+        for number, pair in enumerate(self.pairs, start=1):
+            pair.exchange(archive, f"pair_{number}")
+
+    def _exchange_nodal(self, archive: Archive, name: str, values: Floats) -> None:
+        """Exchange values of the local nodes, shape ``(3 l,)``."""
+        n = 3 * self._num_owned
+        owned = archive.nodal(name, self.node_ids, values[:n].reshape(-1, 3))
+        if archive.giving:
+            vector = la.vector(self.u.function_space.dofmap.index_map, 3)
+            vector.array[:n] = owned.ravel()
+            vector.scatter_forward()
+            values[:] = vector.array
 
     def set_displacement(self, body: Body, value: Any) -> None:
         """Set the displacement of a body, before or between steps.
@@ -213,28 +258,114 @@ class Stepper(ABC):
             )
         return report
 
-    def run(self, until: float) -> Iterator[StepReport]:
+    def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.
 
         Args:
             until: Time at the end [s].
+            control: Cuts steps that fail; None: every step has the length
+                `dt`, but for the last.
 
         Yields:
             The report of each step, after it has been accepted.
+
+        Raises:
+            ConvergenceError: A step failed, with a control at its smallest
+                length. The state is that of the last accepted step.
         """
         if not math.isfinite(until):
             raise ValueError(f"expected a finite time until, given {until}")
-        start, dt = self.t, self.dt
-        num_steps = math.ceil((until - start) / dt - 1e-6)
+        if control is not None:
+            yield from self._run_controlled(until, control)
+            return
+        dt = self.dt
+        # A run that is resumed counts on, with the same round-off.
+        if self.t != self._time_of(self.step, dt):
+            self._origin = (self.t, self.step)
+        num_steps = math.ceil((until - self.t) / dt - 1e-6)
+        for i in self._progress(num_steps):
+            end = self._time_of(self.step + 1, dt)
+            if i == num_steps - 1 and end != until:
+                yield self._advance_to(until, until - self.t)
+            else:
+                yield self._advance_to(end, dt)
+
+    def _run_controlled(self, until: float, control: StepControl) -> Iterator[StepReport]:
+        smallest = 2.0**-20 * self.dt if control.smallest is None else control.smallest
+        loose = None if control.gap_tol is None else self._loose_nodes(control.gap_tol)
+        rejected = 0
+        while until - self.t > 1e-6 * smallest:
+            longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
+            dt, end = control.next_step(self.t, longest, until)
+            before = Snapshot()
+            self.exchange(before)
+            try:
+                report = self._advance_to(end, dt)
+                if loose is not None and control.gap_tol is not None:
+                    loose = self._check_loose(loose, control.gap_tol)
+            except ConvergenceError as error:
+                self.exchange(before.rewind())
+                if dt / 2 < smallest:
+                    raise ConvergenceError(
+                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
+                        f"less than the smallest step of {smallest:.3g} s",
+                        error.reports,
+                    ) from None
+                self._log_cut(error)
+                self._length.cut()
+                rejected += 1
+                continue
+            self._length.accept()
+            yield replace(report, rejected=rejected)
+            rejected = 0
+
+    def _longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
+        return math.inf
+
+    def _log_cut(self, error: ConvergenceError) -> None:
+        if self.u.function_space.mesh.comm.rank == 0:
+            _logger.info("step %d from t = %g is cut: %s", self.step + 1, self.t, error)
+
+    def _loose_nodes(self, gap_tol: float) -> list[Flags]:
+        """Nodes of each pair that are held, or inside, beyond the tolerance."""
+        x = self.x
+        return [pair.loose(x, gap_tol) for pair in self.pairs]
+
+    def _check_loose(self, before: list[Flags], gap_tol: float) -> list[Flags]:
+        """Loose nodes of the step just done; raises if there are new ones."""
+        after = self._loose_nodes(gap_tol)
+        comm = self.u.function_space.mesh.comm
+        new = [
+            pair.nodes.node_ids[now & ~then]
+            for pair, now, then in zip(self.pairs, after, before, strict=True)
+        ]
+        none = np.empty(0, dtype=np.int64)
+        nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
+        if len(nodes):
+            raise ConvergenceError(
+                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "
+                f"{gap_tol:g} m from the surface that catches them: {_listed(nodes)}; the state is "
+                "that of the last accepted step",
+                [],
+            )
+        return after
+
+    def _time_of(self, step: int, dt: float) -> float:
+        """Time at the end of a step of the present run [s]."""
+        t, first = self._origin
+        return t + (step - first) * dt
+
+    def _advance_to(self, end: float, dt: float) -> StepReport:
+        """A step of length dt that ends exactly at a time; keeps `dt`."""
+        usual = self.dt
         try:
-            for i in self._progress(num_steps):
-                end = until if i == num_steps - 1 else start + (i + 1) * dt
-                self.dt = end - self.t if i == num_steps - 1 else dt
-                report = self.advance()
-                self.t = end
-                yield replace(report, t=end)
+            self.dt = dt
+            report = self.advance()
         finally:
-            self._dt.value = dt
+            self._dt.value = usual
+        self.t = end
+        return replace(report, t=end)
 
     def _progress(self, num_steps: int) -> Iterator[int]:
         """Count steps, with a bar on the terminal of rank 0 if it takes long."""
@@ -250,3 +381,8 @@ class Stepper(ABC):
         for name, count in zip(("displacement", "velocity"), bad, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
+
+
+def _listed(nodes: npt.NDArray[np.int64]) -> str:
+    """The first of some numbers of nodes."""
+    return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-__all__ = ["Surface", "check_space", "check_tag"]
+__all__ = ["Surface", "check_space", "check_tag", "input_ids"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -151,7 +151,7 @@ class Surface:
     @cached_property
     def node_ids(self) -> GlobalInts:
         """Numbers of the nodes in the mesh as read, shape ``(n,)``."""
-        return _input_ids(self.V)[self.nodes]
+        return input_ids(self.V)[self.nodes]
 
     @cached_property
     def area(self) -> Floats:
@@ -169,7 +169,7 @@ class Surface:
     def _number(self) -> GlobalInts:
         """Rank of each owned segment among all, by its input node numbers."""
         comm = self.V.mesh.comm
-        mine = np.sort(_input_ids(self.V)[self.segments], axis=1)
+        mine = np.sort(input_ids(self.V)[self.segments], axis=1)
         parts = comm.allgather(mine)
         order = np.lexsort(np.concatenate(parts).T[::-1])
         key = np.empty(len(order), dtype=np.int64)
@@ -178,7 +178,7 @@ class Surface:
         return key[first : first + len(mine)]
 
 
-def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
+def input_ids(V: fem.FunctionSpace) -> GlobalInts:
     """Number in the mesh as read of every local node of V."""
     geometry = V.mesh.geometry
     ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)

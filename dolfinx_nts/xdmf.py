@@ -1,17 +1,45 @@
-"""XDMF file with the fields of a stepper, one time series for ParaView."""
+"""XDMF file with the fields of a stepper, one time series for ParaView.
 
-import copy
+Rank 0 collects and writes them, in the numbers of the mesh as read: files do
+not depend on the partition, and another number of ranks can go on with them.
+"""
+
+import logging
+import os
+from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree as ET
+from typing import IO, Any
 
 from mpi4py import MPI
 
+import h5py
 import numpy as np
-from dolfinx import fem, io
+import numpy.typing as npt
 
+from dolfinx_nts.ranks import gathered, on_root
 from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.surfaces import input_ids
 
 __all__ = ["FieldFile"]
+
+Array = npt.NDArray[Any]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+_HEAD = """<?xml version="1.0" encoding="utf-8"?>
+<Xdmf Version="3.0">
+  <Domain>
+    <Grid Name="states" GridType="Collection" CollectionType="Temporal">
+"""
+_TAIL = """    </Grid>
+  </Domain>
+</Xdmf>
+"""
+# Name in XDMF, and order of its vertices in the one of DOLFINx.
+_CELLS = {
+    "tetrahedron": ("Tetrahedron", [0, 1, 2, 3]),
+    "hexahedron": ("Hexahedron", [0, 1, 3, 2, 4, 5, 7, 6]),
+}
 
 
 class FieldFile:
@@ -23,87 +51,176 @@ class FieldFile:
     pairs. The gap is NaN at other nodes and where a node faces no segment,
     the others are 0 there.
 
-    Collective, as all its methods.
+    Each state is on disk at once. Collective, as all its methods.
 
     Args:
         path: The file, ``.xdmf``; a file ``.h5`` comes with it.
-        stepper: Midpoint, EnergyMomentum or QuasiStatic.
+        stepper: What is run.
+        resume: Go on with the files that are there, whose states after
+            the present step are dropped, instead of replacing them.
+
+    Raises:
+        OSError: The files cannot be written.
     """
 
-    def __init__(self, path: Path, stepper: Stepper) -> None:
-        """Open the files and write the mesh."""
+    def __init__(self, path: Path, stepper: Stepper, *, resume: bool = False) -> None:
+        """Open the files; write the mesh, or drop what comes later."""
         self._path, self._stepper = path, stepper
-        V = stepper.u.function_space
-        mesh = V.mesh
-        self._comm: MPI.Comm = mesh.comm
-        Q, dofs = V.sub(0).collapse()
-        self._nodes = np.asarray(dofs) // 3
-        names = ["gap", "contact_pressure", "active"] if stepper.pairs else []
-        self._rubs = any(pair.friction is not None for pair in stepper.pairs)
-        if self._rubs:
-            names += ["slip_state", "accumulated_slip"]
-        self._contact = [fem.Function(Q, name=name) for name in names]
-        self._traction = fem.Function(V, name="friction_traction")
-        self._body = fem.Function(fem.functionspace(mesh, ("DG", 0)), name="body")
-        for number, body in enumerate(stepper.bodies):
-            self._body.x.array[body.cells] = number
-        self._written = -np.inf
-        self._file = io.XDMFFile(mesh.comm, str(path), "w")
-        self._file.write_mesh(mesh)
-        self._file.write_function(self._body)
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._data: Any = None
+        self._text: IO[bytes] | None = None
+        mesh = self._mesh()
+        on_root(self._comm, lambda: self._open(mesh, resume))
 
     def write(self) -> None:
-        """Write the present state, unless its time has been written."""
-        stepper, t = self._stepper, self._stepper.t
-        if t == self._written:
+        """Write the present state, unless it has been written.
+
+        Raises:
+            OSError: The disk is full, for instance.
+        """
+        name = f"states/{self._stepper.step:09d}"
+        if on_root(self._comm, lambda: name in self._data):
             return
-        values = np.zeros((5, len(stepper.x)))
-        values[0] = np.nan
-        traction = self._traction.x.array.reshape(-1, 3)
-        traction[:] = 0
-        for pair in stepper.pairs:
-            at = pair.nodes.nodes
-            values[0, at] = np.fmin(values[0, at], pair.gap(stepper.x))
-            values[1, at] += pair.pressure
-            history = pair.history
-            values[2, at] = np.maximum(values[2, at], history.active)
-            if pair.friction is not None:
-                state = history.active + 1.0 * history.sliding
-                values[3, at] = np.maximum(values[3, at], state)
-                values[4, at] += history.slip
-                traction[at] -= history.traction / pair.nodes.area[:, None]
-        for function, value in zip(self._contact, values, strict=False):
-            function.x.array[:] = value[self._nodes]
-        vectors = [stepper.u, stepper.v, *([self._traction] if self._rubs else [])]
-        for function in (*vectors, *self._contact):
-            self._file.write_function(function, t)
-        self._written = t
+        ids = self._stepper.node_ids
+        fields = {key: gathered(self._comm, ids, f)[1] for key, f in self._fields().items()}
+        on_root(self._comm, lambda: self._append(name, self._stepper.t, fields))
+
+    def flush(self) -> None:
+        """Bring all states to the disk itself."""
+        on_root(self._comm, self._sync)
 
     def close(self) -> None:
-        """Close the files and bring them into the form that readers want."""
-        self._file.close()
-        if self._comm.rank == 0:
-            tree = ET.parse(self._path)
-            _merge(tree.getroot()[0])
-            ET.indent(tree)
-            tree.write(self._path, encoding="utf-8", xml_declaration=True)
-        self._comm.barrier()
+        """Close the files."""
+        on_root(self._comm, self._close)
 
+    def _mesh(self) -> dict[str, Array]:
+        """Nodes, cells and number of the body by original numbers. Collective."""
+        V = self._stepper.u.function_space
+        mesh = V.mesh
+        n = mesh.geometry.index_map().size_local
+        numbers = mesh.geometry.input_global_indices[:n]
+        cell = np.arange(mesh.topology.index_map(3).size_local)
+        original = mesh.topology.original_cell_index[cell]
+        body = np.empty(len(cell), dtype=np.int32)
+        for number, b in enumerate(self._stepper.bodies):
+            body[b.cells] = number
+        order = _CELLS[mesh.topology.cell_name()][1]
+        cells = gathered(self._comm, original, input_ids(V)[V.dofmap.list[cell]][:, order])[1]
+        numbers, points = gathered(self._comm, numbers, mesh.geometry.x[:n])
+        return {
+            "points": points,
+            "cells": np.searchsorted(numbers, cells),
+            "body": gathered(self._comm, original, body)[1],
+        }
 
-def _merge(domain: ET.Element) -> None:
-    """Turn DOLFINx's series, one a function, into one of whole grids.
+    def _fields(self) -> dict[str, Array]:
+        """Values at the owned nodes. Collective."""
+        stepper, n = self._stepper, len(self._stepper.node_ids)
+        fields: dict[str, Array] = {
+            "displacement": stepper.u.x.array.reshape(-1, 3)[:n],
+            "velocity": stepper.v.x.array.reshape(-1, 3)[:n],
+        }
+        rubs = any(pair.friction is not None for pair in stepper.pairs)
+        gap = np.full(n, np.nan)
+        pressure, active, slip_state, slip = np.zeros((4, n))
+        traction = np.zeros((n, 3))
+        for pair in stepper.pairs:
+            at, history = pair.nodes.nodes, pair.history
+            gap[at] = np.fmin(gap[at], pair.gap(stepper.x))
+            pressure[at] += pair.pressure
+            active[at] = np.maximum(active[at], history.active)
+            if pair.friction is not None:
+                slip_state[at] = np.maximum(slip_state[at], history.active + 1.0 * history.sliding)
+                slip[at] += history.slip
+                traction[at] -= history.traction / pair.nodes.area[:, None]
+        if rubs:
+            fields["friction_traction"] = traction
+        if stepper.pairs:
+            fields |= {"gap": gap, "contact_pressure": pressure, "active": active}
+        if rubs:
+            fields |= {"slip_state": slip_state, "accumulated_slip": slip}
+        return fields
 
-    ParaView shows separate series as unrelated blocks, and VTK's Xdmf2
-    reader crashes on their references to the mesh (pyvista issue 6303).
-    """
-    mesh, (body,), *series = domain
-    for grids in zip(*series, strict=True):
-        state = grids[0]
-        fields = [field for grid in (*grids, body) for field in grid.iter("Attribute")]
-        state[:] = copy.deepcopy([*mesh, *state.iter("Time"), *fields])
-        state.set("Name", "state")
-        for item in state.iter("DataItem"):
-            if "NumberType" not in item.attrib:  # float32 by default
-                item.attrib.update(NumberType="Float", Precision="8")
-    domain[:] = series[:1]
-    domain[0].set("Name", "states")
+    def _open(self, mesh: dict[str, Array], resume: bool) -> None:
+        data = self._path.with_suffix(".h5")
+        if resume:
+            try:
+                self._data = h5py.File(data, "r+")
+                states = self._data["states"]
+                for name in [name for name in states if int(name) > self._stepper.step]:
+                    del states[name]
+            except (OSError, KeyError) as error:
+                # Killed in the instant of a write; the run itself is whole.
+                _logger.warning("the fields begin anew, as %s cannot be read: %s", data, error)
+                if data.exists():
+                    data.replace(f"{data}.damaged")
+                resume = False
+        if not resume:
+            self._data = h5py.File(data, "w")
+            states = self._data.create_group("states")
+            for name, values in mesh.items():
+                self._data[f"mesh/{name}"] = values
+        self._data.flush()
+        self._text = open(self._path, "wb")
+        self._text.write(_HEAD.encode())
+        self._end = self._text.tell()
+        self._add_text("".join(self._grid(f"states/{name}") for name in sorted(states)))
+
+    def _append(self, name: str, t: float, fields: dict[str, Array]) -> None:
+        for key, values in fields.items():
+            self._data[f"{name}/{key}"] = values
+        self._data[name].attrs["time"] = t
+        self._data.flush()
+        self._add_text(self._grid(name))
+
+    def _add_text(self, text: str) -> None:
+        assert self._text is not None
+        self._text.seek(self._end)
+        self._text.write((text + _TAIL).encode())
+        self._text.flush()
+        self._end += len(text.encode())
+
+    def _grid(self, name: str) -> str:
+        """XML of a state."""
+        group = self._data[name]
+        item: Callable[[str], str] = self._item
+        cell = _CELLS[self._stepper.u.function_space.mesh.topology.cell_name()][0]
+        number = len(self._data["mesh/cells"])
+        fields = "".join(
+            f'        <Attribute Name="{key}" AttributeType="{kind}" Center="{centre}">\n'
+            f"{item(where)}        </Attribute>\n"
+            for key, where, centre in [
+                *((key, f"{name}/{key}", "Node") for key in group),
+                ("body", "mesh/body", "Cell"),
+            ]
+            for kind in ["Vector" if self._data[where].ndim == 2 else "Scalar"]
+        )
+        return (
+            '      <Grid Name="state" GridType="Uniform">\n'
+            f'        <Topology TopologyType="{cell}" NumberOfElements="{number}">\n'
+            f"{item('mesh/cells')}        </Topology>\n"
+            f'        <Geometry GeometryType="XYZ">\n{item("mesh/points")}        </Geometry>\n'
+            f'        <Time Value="{float(group.attrs["time"])!r}"/>\n{fields}      </Grid>\n'
+        )
+
+    def _item(self, name: str) -> str:
+        """XML of a dataset."""
+        data = self._data[name]
+        dimensions = " ".join(str(n) for n in data.shape)
+        kind = "Float" if data.dtype.kind == "f" else "Int"
+        file = self._path.with_suffix(".h5").name
+        return (
+            f'          <DataItem Dimensions="{dimensions}" NumberType="{kind}" '
+            f'Precision="{data.dtype.itemsize}" Format="HDF">{file}:/{name}</DataItem>\n'
+        )
+
+    def _sync(self) -> None:
+        for path in (self._path, self._path.with_suffix(".h5")):
+            with open(path, "rb") as file:
+                os.fsync(file.fileno())
+
+    def _close(self) -> None:
+        if self._text is not None:
+            self._text.close()
+        if self._data is not None:
+            self._data.close()

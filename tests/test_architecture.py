@@ -10,7 +10,17 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"_kernels", "compat", "forms", "pivoting", "timing"},
+    {
+        "_kernels",
+        "archive",
+        "compat",
+        "forms",
+        "interrupts",
+        "pivoting",
+        "ranks",
+        "step_control",
+        "timing",
+    },
     {"materials", "meshing"},
     {"surfaces"},
     {"bodies"},
@@ -19,16 +29,16 @@ LAYERS = [
     {"contact", "contact_rows"},
     {"tangential"},
     {"contact_step", "report", "springs"},
-    {"stepper"},
     {"elimination", "block_rows"},
     {"assembly", "patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk"},
     {"linear"},
     {"newton"},
+    {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics"},
-    {"plotting", "xdmf"},
+    {"diagnostics", "fingerprint"},
+    {"checkpoint", "plotting", "xdmf"},
     {"output"},
     {"__init__"},
 ]
@@ -41,7 +51,8 @@ ONLY = {
     "gmsh": {"meshing"},
     "pyvista": {"plotting"},
     "matplotlib": {"plotting"},
-    "dolfinx.io": {"compat", "xdmf"},
+    "dolfinx.io": {"compat"},
+    "h5py": {"checkpoint", "xdmf"},
 }
 
 modules = pytest.mark.parametrize("module", MODULES)

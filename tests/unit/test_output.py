@@ -22,7 +22,7 @@ FIRST_COLUMNS = (
     "angular_momentum_x,angular_momentum_y,angular_momentum_z,"
     "contact_force_x,contact_force_y,contact_force_z,"
     "pair_1_force_x,pair_1_force_y,pair_1_force_z,"
-    "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations"
+    "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations,rejected"
 )
 LEDGER = (
     "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"

@@ -1,0 +1,117 @@
+"""Fingerprint of a scene: what must not change between the parts of a run.
+
+Texts by name, the same for any partition of the mesh; long values are
+replaced by digests.
+"""
+
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from dolfinx_nts.bodies import bulk_form
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.ranks import gathered
+from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.surfaces import Surface, input_ids
+
+__all__ = ["fingerprint"]
+
+Array = npt.NDArray[Any]
+
+
+def fingerprint(stepper: Stepper) -> dict[str, str]:
+    """Describe the scene of a stepper. Collective.
+
+    Mesh, bodies with materials, pairs with laws, kinds of loads, the dofs
+    of supports, and the integrator; not the state, nor the values of loads
+    and supports.
+
+    Args:
+        stepper: The stepper.
+
+    Returns:
+        Texts by name, the same on all ranks.
+    """
+    V = stepper.u.function_space
+    mesh = V.mesh
+    comm, ids = mesh.comm, input_ids(V)
+
+    def rows(number: Array, values: Array) -> str:
+        """Digest on rank 0 of rows that the ranks share."""
+        return _digest(*gathered(comm, number, values))
+
+    owned = np.arange(mesh.topology.index_map(3).size_local)
+    original = mesh.topology.original_cell_index
+    n = mesh.geometry.index_map().size_local
+    # Those of the dofs are computed, with a round-off that the partition decides.
+    nodes = rows(mesh.geometry.input_global_indices[:n], mesh.geometry.x[:n])
+    cells = rows(original[owned], ids[V.dofmap.list[owned]])
+    scene = {"integrator": type(stepper).__name__, "mesh": f"{nodes} {cells}"}
+    if isinstance(stepper, GeneralizedAlpha):
+        scene["integrator"] += f" with rho_inf = {stepper.rho_inf}"
+    for number, body in enumerate(stepper.bodies, start=1):
+        numbers = original[body.cells]
+        scene[f"body {number}"] = f"{rows(numbers, numbers)} of {_material(stepper, body.material)}"
+    for number, pair in enumerate(stepper.pairs, start=1):
+        scene[f"pair {number}"] = _pair(pair, ids, rows)
+    scene["loads"] = ", ".join(
+        f"{type(load).__name__} {_digest(load.form(stepper.u_n, stepper.u).signature())}"
+        for load in stepper.loads
+    )
+    fixed = stepper.supports.fixed
+    numbers = 3 * ids[fixed // 3] + fixed % 3
+    scene["supports"] = rows(numbers, numbers)
+    return comm.bcast(scene)  # type: ignore[no-any-return]
+
+
+def _digest(*values: Any) -> str:
+    """First digits of what identifies texts and arrays."""
+    digest = hashlib.sha256()
+    for value in values:
+        text = value.encode() if isinstance(value, str) else np.ascontiguousarray(value).tobytes()
+        digest.update(text)
+    return digest.hexdigest()[:12]
+
+
+def _material(stepper: Stepper, material: Hyperelastic) -> str:
+    body = next(body for body in stepper.bodies if body.material is material)
+    C = right_cauchy_green(ufl.Identity(3) + ufl.grad(stepper.u))
+    form = bulk_form([body], lambda law, parameters, rho: law.psi(C, **parameters))
+    numbers = {
+        "rho": material.rho,
+        "mass_damping": material.mass_damping,
+        "stiffness_damping": material.stiffness_damping,
+        **material.parameters,
+    }
+    return f"{_digest(form.signature())} with {_numbers(numbers)}"
+
+
+def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) -> str:
+    text = f"{rows(pair.nodes.node_ids, pair.nodes.node_ids)} against "
+    if isinstance(pair.segments, Surface):
+        text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
+    else:
+        text += _law(pair.segments)
+    return f"{text}, {_law(pair.enforcement)}, {_law(pair.friction)}"
+
+
+def _law(law: object) -> str:
+    """Name and numbers of a law or an obstacle."""
+    return "none" if law is None else f"{type(law).__name__}({_numbers(vars(law))})"
+
+
+def _numbers(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name.lstrip('_')}={_value(value)}" for name, value in values.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return _digest(value)
+    plain = value is None or isinstance(value, bool | int | float | str | np.number)
+    return str(value) if plain else type(value).__name__

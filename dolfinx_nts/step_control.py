@@ -1,0 +1,85 @@
+"""Control of the step size: which steps are cut, and how long the next is."""
+
+import bisect
+import math
+from collections.abc import Sequence
+
+__all__ = ["StepControl", "StepLength"]
+
+_SLIVER = 1e-6  # of a step: less is round-off
+_PATIENCE = 3  # steps of one size until a longer one is tried
+
+
+class StepControl:
+    """Cuts steps that fail and lets them grow again.
+
+    A step is tried again with half its length when Newton's method fails, a
+    cell is inverted, a normal turns by more than 90 degrees, an explicit
+    step is not stable, or a gap is held that exceeds ``gap_tol``; a cut step
+    leaves no trace. After some steps the length doubles again, up to the
+    ``dt`` of the stepper. Steps end exactly at the given times.
+
+    Args:
+        smallest: Length below which a step fails for good [s]; None:
+            2**-20 of the ``dt`` of the stepper.
+        gap_tol: Largest distance from the surface at which a node may be
+            caught, or be inside, of contact by elastic impact [m]; None:
+            any. A node that was further inside before stays what it is.
+        times: Times at which a step must end, for output for instance [s].
+
+    Raises:
+        ValueError: A number is not positive or not finite.
+    """
+
+    def __init__(
+        self,
+        *,
+        smallest: float | None = None,
+        gap_tol: float | None = None,
+        times: Sequence[float] = (),
+    ) -> None:
+        """Check the numbers."""
+        for name, value in (("smallest", smallest), ("gap_tol", gap_tol)):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"expected {name} > 0, given {value}")
+        self.times = tuple(sorted(float(t) for t in times))
+        if not all(map(math.isfinite, self.times)):
+            raise ValueError(f"expected finite times, given {self.times}")
+        self.smallest, self.gap_tol = smallest, gap_tol
+
+    def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
+        """Length [s] of a step that may be as long as dt, and its end [s].
+
+        The last two steps before a given time are of equal length, so that
+        none is much shorter than the others.
+        """
+        next_time = bisect.bisect_right(self.times, t + _SLIVER * dt)
+        target = min([until, *self.times[next_time : next_time + 1]])
+        rest = (target - t) / dt
+        if rest <= 1 + _SLIVER:
+            return target - t, target
+        dt *= rest / 2 if rest < 2 - _SLIVER else 1.0
+        return dt, t + dt
+
+
+class StepLength:
+    """Length of the steps, as a part of the usual one: 1, 1/2, 1/4, ...
+
+    Attributes:
+        cuts: Number of halvings.
+        accepted: Steps of this length or of what was left before a time.
+    """
+
+    def __init__(self) -> None:
+        """Begin with the whole."""
+        self.cuts = self.accepted = 0
+
+    def cut(self) -> None:
+        """Halve it."""
+        self.cuts, self.accepted = self.cuts + 1, 0
+
+    def accept(self) -> None:
+        """Count a step; double the length after some."""
+        self.accepted += 1
+        if self.accepted >= _PATIENCE and self.cuts:
+            self.cuts, self.accepted = self.cuts - 1, 0

@@ -1,0 +1,257 @@
+"""A run that is killed, stopped or resumed elsewhere is the same run."""
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import h5py
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts import checkpoint, linear
+from interrupted import SCHEMES, layers, scene
+from scenes import BLOCK_STEP, blocks
+
+# Between numbers of ranks, relative to lengths of about one.
+POSITION_TOLERANCE = 1e-10
+NUM_STEPS, BREAK = 9, 5
+
+
+@pytest.fixture
+def folder(comm, tmp_path):
+    """Return one folder for all ranks."""
+    return comm.bcast(tmp_path)
+
+
+schemes = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
+
+
+def record(stepper, path, num_steps, **options):
+    """Record until a step is done, counted from the start of the run. Collective."""
+    with nts.Recorder(path, stepper, checkpoint_every=2, resume=True, **options) as recorder:
+        for step in stepper.run(until=num_steps * stepper.dt):
+            recorder.write(step)
+
+
+def states(path):
+    """Every value in the fields, by name."""
+    values = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, x: values.update({name: x[()]} if hasattr(x, "shape") else {}))
+    return values
+
+
+@schemes
+def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
+    comm, folder, agree, scheme, request, monkeypatch
+):
+    if "strong" in request.node.callspec.id:
+        if comm.size > 1:
+            pytest.skip("MUMPS on several ranks does not repeat itself")
+        monkeypatch.setattr(linear, "_SLOW", 0.0)
+    whole = scene(comm, scheme, owner=layers).stepper
+    record(whole, folder / "whole", NUM_STEPS, every=3)
+    record(scene(comm, scheme, owner=layers).stepper, folder / "parts", BREAK, every=3)
+    stepper = scene(comm, scheme, owner=layers).stepper
+    record(stepper, folder / "parts", NUM_STEPS, every=3)
+    assert agree(stepper.t == whole.t and stepper.step == NUM_STEPS)
+    if "strong" in request.node.callspec.id:
+        assert stepper._solver._preconditioner.is_strong
+    for name in ("u", "v", "u_n"):
+        assert agree(np.array_equal(getattr(stepper, name).x.array, getattr(whole, name).x.array))
+    tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
+    assert agree(tables[0] == tables[1] and len(tables[0].splitlines()) == NUM_STEPS + 2)
+    one, other = (states(folder / f"{name}.h5") for name in ("whole", "parts"))
+    # The last state of a part is there as well.
+    extra = {name for name in other if f"{BREAK:09d}" in name}
+    assert agree(extra and other.keys() - extra == one.keys())
+    assert agree(all(np.array_equal(one[name], other[name], equal_nan=True) for name in one))
+
+
+@schemes
+def test_any_number_of_ranks_goes_on(comm, folder, agree, scheme):
+    whole = scene(comm, scheme)
+    for step in range(NUM_STEPS):
+        if step == BREAK:
+            checkpoint.save(folder / "all.h5", whole.stepper)
+        whole.stepper.advance()
+    alone = scene(MPI.COMM_SELF, scheme)
+    checkpoint.load(folder / "all.h5", alone.stepper)
+    if comm.rank == 0:
+        checkpoint.save(folder / "one.h5", alone.stepper)
+    comm.barrier()
+    again = scene(comm, scheme)
+    checkpoint.load(folder / "one.h5", again.stepper)
+    positions = whole.positions()
+    for other in (alone, again):
+        for _ in range(NUM_STEPS - BREAK):
+            other.stepper.advance()
+        assert agree(np.abs(other.positions() - positions).max() <= POSITION_TOLERANCE)
+        assert agree(other.stepper.t == whole.stepper.t)
+
+
+def test_a_checkpoint_does_not_change_the_run(comm, folder, agree):
+    plain, saved = (scene(comm, owner=layers).stepper for _ in range(2))
+    for _ in range(NUM_STEPS):
+        plain.advance()
+        saved.advance()
+        checkpoint.save(folder / "run.h5", saved)
+    assert agree(np.array_equal(plain.u.x.array, saved.u.x.array))
+
+
+def test_other_scenes_are_refused_with_what_differs(comm, folder, refused):
+    path = folder / "run.h5"
+    stepper = blocks(comm).stepper
+    checkpoint.save(path, stepper)
+    with refused(ValueError, "integrator is EnergyMomentum, here Midpoint"):
+        checkpoint.load(path, blocks(comm, nts.Midpoint).stepper)
+    with refused(ValueError, r"pair 1 is .*impact=elastic.*, here .*impact=plastic"):
+        checkpoint.load(path, blocks(comm, enforcement=nts.LagrangeMultiplier("plastic")).stepper)
+    with refused(ValueError, r"body 3 is missing, here .*; .*mesh is .*; pair 2 is missing"):
+        checkpoint.load(path, blocks(comm, num_bodies=3).stepper)
+    softer = nts.SaintVenantKirchhoff(E=2.0, nu=0.3, rho=1.0)
+    bodies = blocks(comm).stepper.bodies
+    for body in bodies:
+        body.material = softer
+    with refused(ValueError, "body 1 is .*rho=10.0.*, here .*rho=1.0"):
+        checkpoint.load(path, nts.EnergyMomentum(bodies, dt=1.0))
+    same = blocks(comm, dt=2 * BLOCK_STEP).stepper
+    checkpoint.load(path, same)
+    assert same.dt == stepper.dt
+
+
+def test_damaged_and_foreign_files_are_refused_with_the_reason(comm, folder, refused):
+    path = folder / "run.h5"
+    checkpoint.save(path, blocks(comm).stepper)
+    stepper, whole = blocks(comm).stepper, path.read_bytes()
+    with h5py.File("other", "w", driver="core", backing_store=False) as other:
+        other["x"] = np.ones(3)
+        other.flush()
+        foreign = other.id.get_file_image()
+    at = whole.index(stepper.u.x.array[:0].tobytes() + np.float64(BLOCK_STEP).tobytes())
+    flipped = whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]
+    for content, reason in (
+        (whole[: len(whole) // 2], "truncated"),
+        (b"", "checkpoint, given"),
+        (b"something else", "signature"),
+        (foreign, "HDF5 file of another kind"),
+        (flipped, "values are damaged"),
+    ):
+        comm.barrier()
+        if comm.rank == 0:
+            path.write_bytes(content)
+        comm.barrier()
+        with refused(ValueError, reason):
+            checkpoint.load(path, stepper)
+    assert stepper.t == 0 and not stepper.u.x.array.any()
+
+
+def test_a_table_that_is_too_short_is_refused(comm, folder, refused):
+    record(blocks(comm).stepper, folder / "run", 3)
+    if comm.rank == 0:
+        (folder / "run.csv").write_text("")
+    comm.barrier()
+    with refused(ValueError, "expected a table .*run.csv of .* bytes or more"):
+        record(blocks(comm).stepper, folder / "run", 4)
+
+
+def test_a_full_disk_is_an_error_that_leaves_the_last_checkpoint(comm, folder, refused):
+    path = folder / "run.h5"
+    stepper = blocks(comm).stepper
+    checkpoint.save(path, stepper)
+    stepper.advance()
+    before, limits = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    comm.barrier()
+    # No file may grow beyond that: as if the disk were full.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
+    try:
+        with refused(OSError, f"{os.strerror(errno.EFBIG)}; an earlier checkpoint is as it was"):
+            checkpoint.save(path, stepper)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == before
+    assert [file.name for file in folder.iterdir()] == ["run.h5"]
+
+
+def test_without_resume_an_old_checkpoint_goes(comm, folder):
+    record(blocks(comm).stepper, folder / "run", 3)
+    comm.barrier()
+    with nts.Recorder(folder / "run", blocks(comm).stepper):
+        pass
+    assert not (folder / "run.checkpoint.h5").exists()
+
+
+# --- processes that end before their time -------------------------------
+
+SCRIPT = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+from mpi4py import MPI
+import dolfinx_nts as nts
+from scenes import blocks
+stepper = blocks(MPI.COMM_WORLD, num_bodies=3).stepper
+when, signum = sys.argv[3], int(sys.argv[4])
+calls = 0
+def once(function, *arguments, **options):
+    global calls
+    calls += 1
+    if calls == int(sys.argv[5]):
+        os.kill(os.getpid(), signum)
+    return function(*arguments, **options)
+if when in ("fsync", "replace"):
+    function = getattr(os, when)
+    setattr(os, when, lambda *a, **k: once(function, *a, **k))
+with nts.Recorder(sys.argv[2], stepper, checkpoint_every=2, resume=True) as record:
+    for step in stepper.run(until=8 * stepper.dt):
+        if when == "step":
+            once(int)
+        record.write(step)
+"""
+
+
+def run_script(path, when="never", signum=0, call=0):
+    """Run the script, which sends itself a signal; returns how it ended."""
+    arguments = [str(Path(__file__).parents[1]), path, when, signum, call]
+    return subprocess.run(
+        [sys.executable, "-c", SCRIPT, *map(str, arguments)], capture_output=True, text=True
+    )
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("when", "signum", "call"),
+    [
+        ("step", signal.SIGKILL, 6),  # between checkpoints
+        ("fsync", signal.SIGKILL, 8),  # the second checkpoint is written, not yet renamed
+        ("replace", signal.SIGKILL, 2),
+        ("step", signal.SIGTERM, 5),
+        ("step", signal.SIGINT, 5),
+    ],
+)
+def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signum, call):
+    assert run_script(folder / "whole").returncode == 0
+    killed = run_script(folder / "parts", when, signum, call)
+    assert killed.returncode in (-signum, 128 + signum), killed.stderr
+    rows = (folder / "parts.csv").read_text().splitlines()
+    assert 3 < len(rows) < 10
+    if signum != signal.SIGKILL:
+        # Stopped with a checkpoint of the last step.
+        stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
+        with nts.Recorder(folder / "parts", stepper, resume=True):
+            assert stepper.step == len(rows) - 2
+    again = run_script(folder / "parts")
+    assert again.returncode == 0, again.stderr
+    tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
+    assert tables[0] == tables[1]
+    one, other = (states(folder / f"{name}.h5") for name in ("whole", "parts"))
+    assert one.keys() == other.keys()
+    assert all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
+    texts = [(folder / f"{name}.xdmf").read_text() for name in ("whole", "parts")]
+    assert texts[0].replace("whole", "parts") == texts[1]

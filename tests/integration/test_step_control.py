@@ -1,0 +1,189 @@
+"""Steps are cut and grow again, and the state does not tell that they were."""
+
+import csv
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts import implicit, linear
+from dolfinx_nts.contact import ContactHistory
+from interrupted import SCHEMES, layers, scene
+from scenes import BLOCK_STEP, blocks
+
+# Of the energy at the start.
+ENERGY_TOLERANCE = 1e-11
+UNTIL = 8 * BLOCK_STEP
+
+IMPLICIT = {name: scheme for name, scheme in SCHEMES.items() if name not in ("explicit", "strong")}
+
+
+@pytest.fixture
+def folder(comm, tmp_path):
+    """Return one folder for all ranks."""
+    return comm.bcast(tmp_path)
+
+
+def same_state(one, other):
+    """Whether two steppers on this rank have the same state, bit for bit."""
+    same = [np.array_equal(getattr(one, f).x.array, getattr(other, f).x.array) for f in "uv"]
+    for a, b in zip(one.pairs, other.pairs, strict=True):
+        same += [
+            # NaN is a number like others here.
+            np.array_equal(*(np.nan_to_num(getattr(p.history, f.name), nan=9e9) for p in (a, b)))
+            for f in fields(ContactHistory)
+        ]
+    return all(same)
+
+
+def fail_at(monkeypatch, calls):
+    """Let some calls of Newton's method fail after they have moved everything."""
+    solve, count = implicit.newton.solve, [0]
+
+    def failing(*arguments, **options):
+        solution = solve(*arguments, **options)
+        count[0] += 1
+        if count[0] in calls:
+            return replace(solution, report=replace(solution.report, reason="made to fail"))
+        return solution
+
+    monkeypatch.setattr(implicit.newton, "solve", failing)
+
+
+@pytest.mark.parametrize("scheme", IMPLICIT.values(), ids=IMPLICIT)
+def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
+    cut = scene(comm, scheme, owner=layers).stepper
+    with monkeypatch.context() as patch:
+        # All starts of the fourth step, and of its first half.
+        fail_at(patch, range(4, 10))
+        reports = list(cut.run(UNTIL, nts.StepControl()))
+    plain = scene(comm, scheme, owner=layers).stepper
+    for report in reports:
+        plain.dt = report.dt
+        plain.advance()
+    assert agree([report.rejected for report in reports[:5]] == [0, 0, 0, 2, 0])
+    assert agree(max(report.num_active for report in reports) > 0)
+    assert agree(same_state(cut, plain))
+
+
+def test_a_step_that_was_solved_and_then_cut_leaves_no_trace(comm, agree, monkeypatch):
+    monkeypatch.setattr(linear, "_REBUILD_COST", 2.0)
+    cut = scene(comm, owner=layers).stepper
+    reports = list(cut.run(UNTIL, nts.StepControl(gap_tol=0.005)))
+    plain = scene(comm, owner=layers).stepper
+    for report in reports:
+        plain.dt = report.dt
+        plain.advance()
+    assert agree(sum(report.rejected for report in reports) > 5)
+    assert agree(same_state(cut, plain))
+
+
+@pytest.mark.parametrize("gap_tol", [0.01, 0.002])
+def test_no_node_is_caught_further_away_than_asked(comm, folder, agree, gap_tol):
+    stepper = scene(comm).stepper
+    held, lengths = [], []
+    with nts.Recorder(folder / "run", stepper) as recorder:
+        for step in stepper.run(UNTIL, nts.StepControl(gap_tol=gap_tol)):
+            recorder.write(step)
+            lengths.append(step.dt)
+            for pair in stepper.pairs:
+                held += [*comm.allreduce(np.abs(pair.history.gap[pair.history.active]).tolist())]
+    with open(folder / "run.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    energy = np.array([float(row["total_energy"]) for row in rows])
+    rest = np.array([float(row["energy_unaccounted"]) for row in rows])
+    assert agree(held and max(held) <= gap_tol)
+    # Cut for the impact, and grown again.
+    assert agree(min(lengths) < BLOCK_STEP / 4 and lengths[-1] > 2 * min(lengths))
+    assert agree(sum(int(row["rejected"]) for row in rows) > 0)
+    assert agree(np.abs(energy / energy[0] - 1).max() < ENERGY_TOLERANCE)
+    assert agree(np.abs(rest).max() < ENERGY_TOLERANCE * energy[0])
+
+
+def test_without_it_nodes_are_caught_further_away(comm, agree):
+    stepper = scene(comm).stepper
+    held = []
+    for _ in stepper.run(UNTIL):
+        for pair in stepper.pairs:
+            held += [*comm.allreduce(np.abs(pair.history.gap[pair.history.active]).tolist())]
+    assert agree(max(held) > 0.01)
+
+
+def test_cells_that_invert_in_a_long_step_do_not_in_shorter_ones(comm, agree, refused):
+    def fast():
+        """Blocks that meet at four times the speed of their waves."""
+        old = blocks(comm).stepper
+        for body in old.bodies:
+            body.material = nts.NeoHookean(E=1e3, nu=0.3, rho=10.0)
+        stepper = nts.EnergyMomentum(old.bodies, old.pairs, dt=0.2 / 30)
+        stepper.v.x.array[:] = 30 * old.v.x.array
+        stepper._state_was_set()
+        return stepper
+
+    with refused(nts.ConvergenceError, "inverted"):
+        list(fast().run(2 / 30))
+    stepper = fast()
+    reports = list(stepper.run(2 / 30, nts.StepControl()))
+    assert agree(stepper.t == 2 / 30)
+    assert agree(sum(report.rejected for report in reports) > 0)
+    assert agree(abs(sum(report.dt for report in reports) - 2 / 30) < 1e-15)
+
+
+def test_steps_end_exactly_at_the_given_times(comm, folder, agree):
+    stepper, times = scene(comm).stepper, [0.03, 0.05, 0.05 + 1e-3, 0.11]
+    with nts.Recorder(folder / "run", stepper, times=times) as recorder:
+        ends = []
+        for step in stepper.run(UNTIL, nts.StepControl(times=times)):
+            recorder.write(step)
+            ends.append(step.t)
+    assert agree(set(times) < set(ends) and ends[-1] == UNTIL and ends == sorted(ends))
+    lengths = np.diff([0, *ends])
+    assert agree(lengths.max() <= BLOCK_STEP * (1 + 1e-6) and lengths.min() > 0.9e-3)
+    states = (folder / "run.xdmf").read_text().count("<Time")
+    assert agree(states == 1 + len(times) + 1)
+
+
+def test_the_smallest_step_ends_the_run_in_the_last_good_state(comm, agree, refused, monkeypatch):
+    stepper, plain = (scene(comm, owner=layers).stepper for _ in range(2))
+    run = stepper.run(UNTIL, nts.StepControl(smallest=BLOCK_STEP / 5))
+    reason = r"made to fail.*cut to 0.005 s.*smallest step of 0.004 s"
+    with monkeypatch.context() as patch, refused(nts.ConvergenceError, reason):
+        fail_at(patch, range(4, 1000))
+        list(run)
+    for _ in range(3):
+        plain.advance()
+    assert agree(stepper.step == 3 and same_state(stepper, plain))
+    assert agree(stepper.dt == BLOCK_STEP)
+
+
+def test_explicit_steps_stay_stable(comm, agree):
+    stepper = scene(comm, SCHEMES["explicit"]).stepper
+    ends = [report.t for report in stepper.run(0.013, nts.StepControl(times=[0.0031]))]
+    assert agree(0.0031 in ends and ends[-1] == 0.013)
+
+
+def test_a_resumed_run_goes_on_with_the_same_steps(comm, folder, agree):
+    control = nts.StepControl(gap_tol=0.005)
+    whole = scene(comm, owner=layers).stepper
+    list(whole.run(UNTIL, control))
+    first = scene(comm, owner=layers).stepper
+    with nts.Recorder(folder / "run", first, checkpoint_every=1) as recorder:
+        for step in first.run(UNTIL, control):
+            recorder.write(step)
+            if step.rejected:
+                break
+    stepper = scene(comm, owner=layers).stepper
+    with nts.Recorder(folder / "run", stepper, resume=True) as recorder:
+        for step in stepper.run(UNTIL, control):
+            recorder.write(step)
+    assert agree(0 < first.step < stepper.step == whole.step and same_state(stepper, whole))
+
+
+def test_wrong_numbers_are_refused(comm, refused):
+    for name in ("smallest", "gap_tol"):
+        for value in (0.0, -1.0, np.nan, np.inf):
+            with refused(ValueError, f"expected {name} > 0"):
+                nts.StepControl(**{name: value})
+    with refused(ValueError, "finite times"):
+        nts.StepControl(times=[1.0, np.nan])
