@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:
     """Run a module on ranks of its own; what it prints as JSON."""
     # A process that has started MPI leaves traces that confuse mpirun.
-    traces = ("OMPI_COMM", "OMPI_MCA_orte", "PMIX_", "PRTE_")
+    traces = ("OMPI_COMM", "PMIX_")
     environment = {k: v for k, v in os.environ.items() if not k.startswith(traces)}
     environment["OMP_NUM_THREADS"] = "1"
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
