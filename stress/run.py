@@ -1,0 +1,64 @@
+"""Run the stress suite and write its table.
+
+    python3 -m stress.run [PATTERN]
+
+Writes ``results/stress.csv`` and, of a whole run, the table in README.md. Fails if a
+row is not as it has to be; PATTERN selects rows by name.
+"""
+
+import argparse
+import csv
+import logging
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from mpi4py import MPI
+
+from stress import impact
+from stress.rows import COLUMNS, Case, Outcome, run
+
+__all__ = ["CASES"]
+
+CASES: list[Case] = [*impact.CASES]
+
+_ROOT = Path(__file__).parents[1]
+_logger = logging.getLogger("stress")
+
+
+def outcomes(cases: list[Case]) -> Iterator[tuple[Case, Outcome]]:
+    """Run cases in turn and say on rank 0 how each went. Collective."""
+    for case in cases:
+        outcome = run(case, MPI.COMM_WORLD)
+        if MPI.COMM_WORLD.rank == 0:
+            state = outcome.wrong or outcome.row["outcome"]
+            _logger.info("%6.1f s  %s: %s", outcome.seconds, case.name, state)
+        yield case, outcome
+
+
+def main() -> int:
+    """Run what the command line asks for; returns the number of wrong rows."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("pattern", nargs="?", default="")
+    pattern = parser.parse_args().pattern
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    logging.getLogger("dolfinx_nts").setLevel(logging.WARNING)
+    cases = [case for case in CASES if re.search(pattern, case.name)]
+    results = _ROOT / "results"
+    results.mkdir(exist_ok=True)
+    rows, wrong = [], 0
+    with (results / "stress.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS)
+        table.writeheader()
+        for _, outcome in outcomes(cases):
+            table.writerow(outcome.row)
+            file.flush()
+            rows.append(outcome.row)
+            wrong += bool(outcome.wrong)
+    _logger.info("%d rows, %d not as they have to be", len(rows), wrong)
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(), 1))
