@@ -24,6 +24,7 @@ Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _PATIENCE = 3  # iterations without fewer changes until one node changes at a time
+_SETTLING = 4  # iterations until that node may change back
 
 
 class ContactStep:
@@ -109,6 +110,7 @@ class ContactStep:
         self.num_active, self.touched = 0, False
         self._fewest: float = np.inf
         self._patience = _PATIENCE
+        self._pivot, self._pivoted = -1, 0  # last node that changed alone, and when
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
         self.sliding = history.sliding | ~history.active
@@ -395,8 +397,13 @@ class ContactStep:
         elif count:
             ids = self.pair.nodes.node_ids[node]
             last = np.iinfo(np.int64).max
-            lowest = ids[changes].min(initial=last)
-            changes &= ids == self.comm.allreduce(lowest, op=MPI.MIN)
+            lowest = self.comm.allreduce(ids[changes].min(initial=last), op=MPI.MIN)
+            # The signs of a state far from balance may deceive: before it
+            # changes back, Newton's method converges with the present set.
+            if lowest == self._pivot and iteration < self._pivoted + _SETTLING:
+                return int(np.count_nonzero(changes))
+            self._pivot, self._pivoted = lowest, iteration
+            changes &= ids == lowest
         self.active[node] = before ^ changes
         released = node[~self.active[node]]
         self.lambda_N[released] = 0.0

@@ -42,7 +42,8 @@ def impact(
         wall: Thickness of the ball's wall, relative to its radius.
         num_steps: Number of steps.
     """
-    E = 1e5
+    # The softer body is rubber.
+    E = 1e5 * max(1.0, E_ratio)
     rubber = nts.SaintVenantKirchhoff(E, nu, rho)
     ground = nts.SaintVenantKirchhoff(E / E_ratio, nu, rho / rho_ratio)
     shell = ball(_RADIUS, wall * _RADIUS, cells=4)
@@ -62,10 +63,11 @@ def _cases(name: str, values: dict[Any, str | None], **others: Any) -> list[Case
 
 
 CASES = [
-    *_cases("h", dict.fromkeys((0.001, 0.003))),
-    *_cases("h", dict.fromkeys((0.01, 0.03, 0.1)), num_steps=60),
-    *_cases("speed", {0.1: None, 0.5: None, 1.0: None, 2.0: None, 5.0: None}),
-    *_cases("speed", {10.0: None, 20.0: CRUSHED, 50.0: CRUSHED}, h=0.001, num_steps=120),
+    *_cases("h", dict.fromkeys((0.001, 0.003, 0.01, 0.03, 0.1))),
+    *_cases("speed", {0.1: None, 0.5: None, 1.0: None, 2.0: None, 5.0: CRUSHED}),
+    *_cases(
+        "speed", {5.0: None, 10.0: CRUSHED, 20.0: CRUSHED, 50.0: CRUSHED}, h=0.001, num_steps=120
+    ),
     *_cases("rho", dict.fromkeys((1.0, 10.0, 100.0, 1e3, 1e4))),
     *_cases("E_ratio", dict.fromkeys((1e-4, 1e-2, 1e2, 1e4))),
     *_cases("rho_ratio", dict.fromkeys((1e-4, 1e-2, 1e2, 1e4))),

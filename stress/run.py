@@ -16,12 +16,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import impact
+from stress import impact, meetings
 from stress.rows import COLUMNS, Case, Outcome, run
 
 __all__ = ["CASES"]
 
-CASES: list[Case] = [*impact.CASES]
+CASES: list[Case] = [*impact.CASES, *meetings.CASES]
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")

@@ -41,9 +41,7 @@ class World:
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for parts of one grid.
     """
 
-    def __init__(
-        self, comm: MPI.Comm, parts: Mapping[str, Part], cell: str = "hexahedron"
-    ) -> None:
+    def __init__(self, comm: MPI.Comm, parts: Mapping[str, Part], cell: str = "hexahedron") -> None:
         """Distribute the mesh and make the bodies."""
         self.parts, self._sides = dict(parts), {}
         X, cells, owner, first = [], [], [], 0
@@ -58,9 +56,7 @@ class World:
             first += len(part.X)
         rows = slice(None) if comm.rank == 0 else slice(0)
         element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-        mesh = create_mesh(
-            comm=comm, cells=np.vstack(cells)[rows], x=np.vstack(X)[rows], e=element
-        )
+        mesh = create_mesh(comm=comm, cells=np.vstack(cells)[rows], x=np.vstack(X)[rows], e=element)
         for dims in ((2, 0), (2, 3), (3, 2)):
             mesh.topology.create_connectivity(*dims)
         tags = np.concatenate(owner)[mesh.topology.original_cell_index].astype(np.int32)
