@@ -4,6 +4,7 @@ The work within a step is done in `contact_step`; only an accepted step
 replaces a pair's history.
 """
 
+import logging
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,6 +22,11 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Of the size of a segment: meshes of curved surfaces overlap by less.
+_OVERLAP = 0.02
 
 
 @dataclass(frozen=True)
@@ -188,7 +194,9 @@ class ContactPair:
     def check_start(self, x: Floats) -> None:
         """Raise on all ranks if nodes lie inside a rigid obstacle.
 
-        Collective.
+        Inside another body they may start, which is only logged: elastic
+        impact keeps their depth, plastic impact and springs push them
+        out. Collective.
 
         Args:
             x: Positions of the local nodes of the space, shape ``(l, 3)``
@@ -198,19 +206,22 @@ class ContactPair:
             ValueError: Nodes are deeper than a millionth of the size of
                 the surface's facets.
         """
-        if not isinstance(self.segments, Obstacle):
-            return
+        rigid = isinstance(self.segments, Obstacle)
         depth = -self.gap(x)
         comm = self.nodes.V.mesh.comm
-        inside = self.nodes.node_ids[depth > 1e-6 * self.nodes.size]
-        nodes = np.concatenate(comm.allgather(inside))
-        if len(nodes):
-            deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
+        allowed = (1e-6 if rigid else _OVERLAP) * self.segment_size
+        nodes = np.sort(np.concatenate(comm.allgather(self.nodes.node_ids[depth > allowed])))
+        if not len(nodes):
+            return
+        deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
+        where = f"{', '.join(map(str, nodes[:5]))}{', ...' if len(nodes) > 5 else ''}"
+        if rigid:
             raise ValueError(
                 f"expected bodies outside a {type(self.segments).__name__}, given {len(nodes)} "
-                f"nodes up to {deepest:.3g} inside: {', '.join(map(str, np.sort(nodes)[:5]))}"
-                + (", ..." if len(nodes) > 5 else "")
+                f"nodes up to {deepest:.3g} inside: {where}"
             )
+        if comm.rank == 0:
+            _logger.warning("%d nodes start up to %.3g inside: %s", len(nodes), deepest, where)
 
     @property
     def pressure(self) -> Floats:

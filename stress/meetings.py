@@ -8,8 +8,9 @@ from mpi4py import MPI
 
 import numpy as np
 
+import dolfinx_nts as nts
 from stress.parts import Array, Part, ball, box, from_blocks, rotation
-from stress.rows import Case, Setup
+from stress.rows import Case, Setup, above
 from stress.world import Touch, World
 
 __all__ = ["CASES"]
@@ -21,6 +22,10 @@ _POSES = {
     "edge": rotation((0, 1, 0), np.pi / 4),
     "face": np.eye(3),
 }
+# Single nodes press a hole into a fine mesh.
+PIERCED = "sank into"
+# What presses an overlap apart.
+_CLOSING = {"plastic": nts.LagrangeMultiplier("plastic"), "penalty": nts.Penalty()}
 
 
 def cube(side: float, cells: int, pose: str = "face") -> Part:
@@ -46,10 +51,13 @@ def falls(
     until: float = 0.6,
     h: float = _H,
     cell: str = "hexahedron",
+    law: Any = None,
 ) -> Setup:
     """Let one part fly against another. Collective."""
     world = World(comm, {"upper": upper.flying(*velocity), "lower": lower}, cell)
-    return Setup(world.stepper([Touch(f"upper.{side}", f"lower.{segments}")], h), until)
+    touch = Touch(f"upper.{side}", f"lower.{segments}", {"enforcement": law})
+    stepper = world.stepper([touch], h)
+    return Setup(stepper, until, above(stepper, *stepper.bodies), ledger=law is not None)
 
 
 def plate_with_hole(radius: float) -> Part:
@@ -117,9 +125,9 @@ def between(comm: MPI.Comm, gap: float) -> Setup:
 
 
 def _fall(scene: str, parameter: str, value: Any, upper: Part, lower: Part, **how: Any) -> Case:
-    stops = how.pop("stops", None)
+    stops, warns = how.pop("stops", None), how.pop("warns", "")
     build: Callable[[MPI.Comm], Setup] = partial(falls, upper=upper, lower=lower, **how)
-    return Case(scene, parameter, value, build, stops)
+    return Case(scene, parameter, value, build, stops, warns)
 
 
 def _size(segments: int, nodes: int) -> tuple[Part, Part]:
@@ -169,8 +177,8 @@ CASES = [
         for c in (1.0, 0.3, -0.3, -1.0)
     ),
     *(
-        _fall("cube on a plate", "cells of plate : of cube", f"{s}:{n}", *_size(s, n))
-        for s, n in ((1, 6), (2, 4), (16, 1), (20, 2))
+        _fall("cube on a plate", "cells of plate : of cube", f"{s}:{n}", *_size(s, n), stops=stops)
+        for s, n, stops in ((1, 6, None), (2, 4, None), (16, 1, PIERCED), (20, 2, PIERCED))
     ),
     *(
         _fall(
@@ -181,8 +189,23 @@ CASES = [
             plate(),
             side="bottom",
             velocity=(0.0, 0.0, 0.0),
+            warns="start up to" if d > 0.01 else "",
         )
         for d in (0.0, 0.01, 0.1, 0.2)
+    ),
+    *(
+        _fall(
+            f"cube in a plate, {name}",
+            "depth",
+            0.02,
+            _DOWN.at(0.03, 0.02, -0.02),
+            plate(),
+            side="bottom",
+            velocity=(0.0, 0.0, 0.0),
+            law=law,
+            warns="start up to",
+        )
+        for name, law in _CLOSING.items()
     ),
     *(
         _fall(

@@ -1,6 +1,7 @@
 """A row of the table: run a scene, judge it by what the recorder wrote."""
 
 import csv
+import logging
 import re
 import tempfile
 import time
@@ -16,7 +17,16 @@ import numpy as np
 import dolfinx_nts as nts
 from dolfinx_nts.obstacles import Obstacle
 
-__all__ = ["COLUMNS", "ENERGY_TOLERANCE", "MOMENTUM_TOLERANCE", "Case", "Outcome", "Setup", "run"]
+__all__ = [
+    "COLUMNS",
+    "ENERGY_TOLERANCE",
+    "MOMENTUM_TOLERANCE",
+    "Case",
+    "Outcome",
+    "Setup",
+    "above",
+    "run",
+]
 
 # Relative to the largest energy (or work) and to the sum of the nodes' momenta.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
@@ -64,8 +74,9 @@ class Case:
         parameter: What varies.
         value: Its value.
         build: Makes the scene. Collective.
-        stops: Pattern of the message with which it has to stop; None if
-            it has to finish.
+        stops: Pattern of the error with which it has to stop; None if it
+            has to finish.
+        warns: Pattern of the warning that it has to log.
     """
 
     scene: str
@@ -73,6 +84,7 @@ class Case:
     value: Any
     build: Callable[[MPI.Comm], Setup]
     stops: str | None = None
+    warns: str = ""
 
     @property
     def name(self) -> str:
@@ -116,7 +128,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
     }
     folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
     table = folder / "run.csv"
-    setup, error = None, ""
+    setup, error, warnings = None, "", _Warnings()
     scales = [np.zeros(2)]
     try:
         setup = case.build(comm)
@@ -127,21 +139,54 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
                 scales.append(_momentum_scales(setup))
     except (nts.ConvergenceError, ValueError) as failure:
         row["outcome"], error = "stopped", str(failure)
-    row["message"] = error
+    warnings.close()
+    said = "; ".join(comm.bcast(warnings.texts))
+    row["message"] = error or said
     wrong = _not_announced(case, error)
+    if not re.search(case.warns, said):
+        wrong = f"expected the warning {case.warns!r}, given {said!r}"
     if setup is not None and table.exists():
         values = comm.bcast(_read(table) if comm.rank == 0 else None)
         row |= _errors(values, setup, np.max(scales, axis=0))
         row["steps"] = len(values["step"]) - 1
         wrong = wrong or _too_large(row, values)
     if setup is not None and not error and not wrong:
-        row["message"] = wrong = setup.check()
+        wrong = setup.check()
     comm.barrier()
     if comm.rank == 0:
         for path in folder.iterdir():
             path.unlink()
         folder.rmdir()
     return Outcome(row, wrong, time.perf_counter() - start)
+
+
+class _Warnings(logging.Handler):
+    """Collects the warnings of the package."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+        logging.getLogger("dolfinx_nts").addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep the text."""
+        self.texts.append(record.getMessage())
+
+    def close(self) -> None:
+        """Stop listening."""
+        logging.getLogger("dolfinx_nts").removeHandler(self)
+        super().close()
+
+
+def above(stepper: Any, upper: nts.Body, lower: nts.Body) -> Callable[[], str]:
+    """Check that one body has not gone through the other. Collective."""
+    diagnostics = nts.Diagnostics(stepper)
+
+    def check() -> str:
+        heights = [diagnostics.centre_of_mass(body)[2] for body in (upper, lower)]
+        return "" if heights[0] > heights[1] else f"upper body at {heights[0]:.3g}, below the other"
+
+    return check
 
 
 def _not_announced(case: Case, error: str) -> str:

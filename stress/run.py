@@ -16,12 +16,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import impact, meetings
+from stress import impact, meetings, repeated
 from stress.rows import COLUMNS, Case, Outcome, run
 
 __all__ = ["CASES"]
 
-CASES: list[Case] = [*impact.CASES, *meetings.CASES]
+CASES: list[Case] = [*impact.CASES, *meetings.CASES, *repeated.CASES]
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")
@@ -43,7 +43,7 @@ def main() -> int:
     parser.add_argument("pattern", nargs="?", default="")
     pattern = parser.parse_args().pattern
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    logging.getLogger("dolfinx_nts").setLevel(logging.WARNING)
+    logging.getLogger("dolfinx_nts").propagate = False
     cases = [case for case in CASES if re.search(pattern, case.name)]
     results = _ROOT / "results"
     results.mkdir(exist_ok=True)

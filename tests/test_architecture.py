@@ -19,7 +19,7 @@ LAYERS = [
     {"contact", "contact_rows"},
     {"contact_step", "report", "springs"},
     {"stepper"},
-    {"elimination", "assembly"},
+    {"elimination", "assembly", "lost"},
     {"patch", "rest"},
     {"linear", "explicit_bulk"},
     {"newton"},
