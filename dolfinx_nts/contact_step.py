@@ -24,7 +24,7 @@ Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _PATIENCE = 3  # iterations without fewer changes until one node changes at a time
-_SETTLING = 4  # iterations until that node may change back
+_SETTLING = 3  # iterations from one such node to the next
 
 
 class ContactStep:
@@ -116,7 +116,7 @@ class ContactStep:
         self.num_active, self.touched = 0, False
         self._fewest: float = np.inf
         self._patience = _PATIENCE
-        self._pivot, self._pivoted = -1, 0  # last node that changed alone, and when
+        self._pivoted = -_SETTLING  # when a node last changed alone
         self.active = history.active & eligible
         # A node that arrives slides until it is found to stick.
         self.sliding = history.sliding | ~history.active
@@ -233,18 +233,21 @@ class ContactStep:
         dx = (self.x - self.x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
         law = self.pair.enforcement
+        before = old.active[node]
         if isinstance(law, Penalty):
             # Only what the springs do not account for.
             assert self.pair.eps_N is not None
             offset, eps_N = self._offset(rows), self.pair.eps_N[node]
-            work += law.energy(rows.gap - offset, eps_N) - law.energy(rows.gap_n - offset, eps_N)
-        before = old.active[node]
+            at_n = law.energy(rows.gap_n - offset, eps_N)
+            # A node that starts inside its spring brings energy with it.
+            work += law.energy(rows.gap - offset, eps_N) - np.where(before, at_n, 0.0)
+        # Springs of nodes that have left their segment are lost.
         same = old.key[node] == self.neighbourhood.key[state.segment]
         parts = np.array(
             [
                 work[before & same].sum(),
                 work[~before].sum(),
-                work[before & ~same].sum(),
+                work[before & ~same].sum() - (old.energy.sum() - old.energy[node].sum()),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
             ]
@@ -404,11 +407,11 @@ class ContactStep:
             ids = self.pair.nodes.node_ids[node]
             last = np.iinfo(np.int64).max
             lowest = self.comm.allreduce(ids[changes].min(initial=last), op=MPI.MIN)
-            # The signs of a state far from balance may deceive: before it
-            # changes back, Newton's method converges with the present set.
-            if lowest == self._pivot and iteration < self._pivoted + _SETTLING:
+            # The signs of a state far from balance deceive: Newton's method
+            # gets closer with the present set before another node changes.
+            if iteration < self._pivoted + _SETTLING:
                 return int(np.count_nonzero(changes))
-            self._pivot, self._pivoted = lowest, iteration
+            self._pivoted = iteration
             changes &= ids == lowest
         self.active[node] = before ^ changes
         released = node[~self.active[node]]

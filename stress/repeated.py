@@ -67,13 +67,12 @@ def between_plates(comm: MPI.Comm, impacts: int) -> Setup:
 
 
 def crate() -> Part:
-    """Box with a cubic room of 2 m: all cells of a grid but the inner.
+    """Box with a cubic room of 1.5 m: all cells of a grid but the inner.
 
     Sides: ``wall 0`` to ``wall 5`` inside and ``outer``.
     """
-    grid = box_blocks((2.6,) * 3, (4,) * 3)
-    ticks = np.array([-1.3, -1.0, 0.0, 1.0, 1.3])
-    grid = ticks[np.round(grid / 0.65).astype(int)]
+    ticks = np.array([-1.0, -0.75, 0.0, 0.75, 1.0])
+    grid = ticks[np.round(box_blocks((4,) * 3, (4,) * 3)).astype(int)]
     blocks = [
         grid[i : i + 2, j : j + 2, k : k + 2]
         for i, j, k in np.ndindex(4, 4, 4)
@@ -85,7 +84,7 @@ def crate() -> Part:
         axis = np.abs(middle).argmax(axis=1)
         at = middle[np.arange(len(x)), axis]
         walls = np.char.add("wall ", (2 * axis + (at > 0)).astype(str))
-        return np.where(np.abs(at) < 1.01, walls, "outer")
+        return np.where(np.abs(at) < 0.76, walls, "outer")
 
     return from_blocks(blocks, side)
 
@@ -93,10 +92,10 @@ def crate() -> Part:
 def in_a_box(comm: MPI.Comm, impacts: int) -> Setup:
     """Five balls in a closed box. Collective."""
     rng = np.random.default_rng(5)
-    places = 0.55 * np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1), (0.1, 0, 0.05)])
+    places = 0.4 * np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1), (0.1, 0, 0.05)])
     names = [f"ball {n}" for n in range(len(places))]
     parts = {
-        name: ball(_RADIUS, 0.1).at(*place).flying(*rng.uniform(-1.5, 1.5, 3))
+        name: ball(_RADIUS, 0.1).at(*place).flying(*rng.uniform(-1, 1, 3))
         for name, place in zip(names, places, strict=True)
     }
     parts["box"] = crate().made(_HEAVY)
@@ -105,7 +104,7 @@ def in_a_box(comm: MPI.Comm, impacts: int) -> Setup:
     balls = "+".join(f"{name}.outer" for name in names)
     touches = [Touch(balls, f"box.wall {wall}") for wall in range(6)]
     touches += [Touch(f"{a}.outer", f"{b}.outer") for a, b in combinations(names, 2)]
-    return counted(World(comm, parts).stepper(touches, 0.02), 12.0, impacts)
+    return counted(World(comm, parts).stepper(touches, 0.01), 5.0, impacts)
 
 
 def turning(comm: MPI.Comm, until: float) -> Setup:
