@@ -16,12 +16,18 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import impact, meetings, repeated
+from stress import degenerate, impact, meetings, repeated, resting
 from stress.rows import COLUMNS, Case, Outcome, run
 
 __all__ = ["CASES"]
 
-CASES: list[Case] = [*impact.CASES, *meetings.CASES, *repeated.CASES]
+CASES: list[Case] = [
+    *impact.CASES,
+    *meetings.CASES,
+    *repeated.CASES,
+    *resting.CASES,
+    *degenerate.CASES,
+]
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")
