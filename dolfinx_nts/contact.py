@@ -27,6 +27,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Of the size of a segment: meshes of curved surfaces overlap by less.
 _OVERLAP = 0.02
+# Sine of the angle at a corner from which the nearest segment is found surely.
+_SHARP = 0.05
 
 
 @dataclass(frozen=True)
@@ -248,7 +250,10 @@ class ContactPair:
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> None:
-    """Raise on all ranks unless the surfaces can make a pair. Collective."""
+    """Raise on all ranks unless the surfaces can make a pair. Collective.
+
+    Segments that are bad but usable are logged.
+    """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")
     shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
@@ -256,4 +261,11 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> None:
         raise ValueError(
             "expected surfaces without common nodes in a contact pair, "
             f"given {shared} nodes on both sides"
+        )
+    sine = segments.sharpest_corner()
+    if sine < _SHARP and nodes.V.mesh.comm.rank == 0:
+        _logger.warning(
+            "segments have a corner of sine %.2g: nodes can slip through where it is below %g",
+            sine,
+            _SHARP,
         )

@@ -241,18 +241,29 @@ class ContactStep:
             at_n = law.energy(rows.gap_n - offset, eps_N)
             # A node that starts inside its spring brings energy with it.
             work += law.energy(rows.gap - offset, eps_N) - np.where(before, at_n, 0.0)
-        # Springs of nodes that have left their segment are lost.
         same = old.key[node] == self.neighbourhood.key[state.segment]
         parts = np.array(
             [
                 work[before & same].sum(),
                 work[~before].sum(),
-                work[before & ~same].sum() - (old.energy.sum() - old.energy[node].sum()),
+                work[before & ~same].sum() - self._lost_energy(node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
             ]
         )
         return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
+
+    def _lost_energy(self, node: Ints) -> float:
+        """Energy of normal springs at nodes that have no pair any more [J]."""
+        if not isinstance(self.pair.enforcement, Penalty):
+            return 0.0
+        old = self.pair.history
+        energy = old.energy.copy()
+        if self.pair.has_slip_spring:
+            assert self.pair.eps_T is not None
+            energy -= np.einsum("ni,ni->n", old.traction, old.traction) / (2 * self.pair.eps_T)
+        energy[node] = 0.0
+        return float(energy.sum())
 
     def _find_pairs(self, x: Floats, iteration: int) -> tuple[Ints, int]:
         """Nodes that may transmit force; how many changed their segment."""

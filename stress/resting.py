@@ -11,7 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from stress.parts import RUBBER, Array, Part, ball, box, rotation
-from stress.rows import Case, Setup
+from stress.rows import CRUSHED, Case, Setup
 from stress.world import Touch, World
 
 __all__ = ["CASES"]
@@ -147,6 +147,12 @@ CASES = [
     ),
     *(Case("card house", "mu", mu, partial(cards, mu=mu)) for mu in (0.1, 0.6)),
     *(Case("block on a slope", "mu / tan", p, partial(slope, part=p)) for p in (0.9, 1.0, 1.1)),
-    *(Case("bar twisted", "degrees", d, partial(twisted, degrees=d)) for d in (90, 360, 720)),
-    *(Case("spinning ball on the floor", "rad/s", s, partial(spinning, spin=s)) for s in (5, 20)),
+    *(
+        Case("bar twisted", "degrees", d, partial(twisted, degrees=d), stops)
+        for d, stops in ((90, None), (360, None), (720, CRUSHED))
+    ),
+    *(
+        Case("spinning ball on the floor", "rad/s", s, partial(spinning, spin=s), stops)
+        for s, stops in ((5, None), (10, None), (20, CRUSHED))
+    ),
 ]

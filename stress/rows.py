@@ -30,6 +30,8 @@ __all__ = [
 
 # Relative to the largest energy (or work) and to the sum of the nodes' momenta.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
+# Message of a step in which elements are squashed.
+CRUSHED = r"inverted|no convergence|not project|not finite"
 COLUMNS = (
     "scene",
     "parameter",
