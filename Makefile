@@ -15,6 +15,9 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 
+stress: ## scenes that try to break a run; table in results/stress.csv and README.md
+	$(RUN) python3 -m stress.run
+
 lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff check
 	$(RUN) ruff format --check
@@ -30,4 +33,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo test lint shell clean
+.PHONY: help demo test stress lint shell clean

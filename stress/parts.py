@@ -85,7 +85,7 @@ def rotation(axis: Sequence[float], angle: float) -> Array:
     """Rotation matrix about an axis by an angle [rad]."""
     u = np.divide(axis, np.linalg.norm(axis))
     skew = np.cross(np.eye(3), u)
-    return np.eye(3) - np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
 
 
 def from_blocks(

@@ -18,6 +18,13 @@ __all__ = ["CASES"]
 
 _G = 9.81
 _STONE = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3, stiffness_damping=2e-3)
+
+
+def weight(t: float) -> tuple[float, float, float]:
+    """Gravity that grows within half a second, so that nothing jumps."""
+    return 0.0, 0.0, -_G * min(t / 0.5, 1.0)
+
+
 _FLOOR = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 _LAWS: dict[str, dict[str, Any]] = {
     "exact": {"friction": nts.Coulomb(0.5)},
@@ -61,33 +68,32 @@ def stack(comm: MPI.Comm, law: str, blocks: int = 5, until: float = 10.0) -> Set
         under: Any = _FLOOR if below is None else f"{below}.top"
         touches.append(Touch(f"{name}.bottom", under, _LAWS[law]))
         below = name
-    stepper = World(comm, parts).stepper(touches, 0.02, gravity=(0, 0, -_G))
-    sideways = stays(stepper, 1e-6, axes=(0, 1))
+    stepper = World(comm, parts).stepper(touches, 0.02, gravity=weight)
+    sideways = stays(stepper, 2e-4, axes=(0, 1))
     down = stays(stepper, 0.02, axes=(2,))
     return Setup(stepper, until, lambda: sideways() or down(), ledger=True, supported=True)
 
 
 def cards(comm: MPI.Comm, mu: float) -> Setup:
-    """Two cards that lean against each other, 20 degrees from upright. Collective."""
+    """A card that leans against another, both 20 degrees from upright. Collective."""
     angle, height, thick = np.deg2rad(20.0), 0.6, 0.06
-    card = box((thick, 0.4, height), (1, 2, 4)).made(_STONE)
-    left = card.at(-thick, -0.2, 0).turned(rotation((0, 1, 0), angle))
-    right = card.at(0, -0.15, 0).turned(rotation((0, 1, 0), -angle))
-    # Their inner edges meet above the middle; the left one is a bit higher.
-    edge = left.X[left.X[:, 2].argmax()]
-    inner = np.array([height * np.sin(angle), 0, height * np.cos(angle)])
-    left = left.at(-inner[0], 0, -left.X[:, 2].min())
-    right = right.at(inner[0], 0, -right.X[:, 2].min() - 0.01 * edge[2])
+    # Inner faces in x = 0 before they are turned; the right card is lower.
+    left = box((thick, 0.4, height), (1, 3, 6)).at(-thick, -0.2, 0)
+    right = box((thick, 0.3, 0.8 * height), (1, 2, 5)).at(0, -0.16, 0)
+    foot = 0.8 * height * np.sin(angle)
+    left = left.turned(rotation((0, 1, 0), angle)).at(-foot - 1e-4, 0, 0)
+    right = right.turned(rotation((0, 1, 0), -angle)).at(foot + 1e-4, 0, 0)
+    # Each stands on its outer edge, or on the inner one.
+    parts = {
+        name: card.at(0, 0, -card.X[:, 2].min()).made(_STONE)
+        for name, card in (("left", left), ("right", right))
+    }
     how = {"friction": nts.Coulomb(mu, eps_T=1e6)}
-    touches = [
-        Touch("left.all", _FLOOR, how),
-        Touch("right.all", _FLOOR, how),
-        Touch("left.all", "right.all", how),
-    ]
-    parts = {"left": left, "right": right.at(0, 0, 0.01 * edge[2])}
-    stepper = World(comm, parts).stepper(touches, 0.01, gravity=(0, 0, -_G))
-    check = stays(stepper, 0.03) if mu > 0.4 else stays(stepper, 10.0, 0.1)
-    return Setup(stepper, 1.0, check, ledger=True, supported=True)
+    touches = [Touch(f"{name}.bottom", _FLOOR, how) for name in parts]
+    touches.append(Touch("right.left", "left.right", how))
+    stepper = World(comm, parts).stepper(touches, 0.01, gravity=weight)
+    check = stays(stepper, 0.01) if mu > 0.4 else stays(stepper, 10.0, 0.1)
+    return Setup(stepper, 1.5, check, ledger=True, supported=True)
 
 
 def slope(comm: MPI.Comm, part: float) -> Setup:
@@ -153,6 +159,6 @@ CASES = [
     ),
     *(
         Case("spinning ball on the floor", "rad/s", s, partial(spinning, spin=s), stops)
-        for s, stops in ((5, None), (10, None), (20, CRUSHED))
+        for s, stops in ((2, None), (5, None), (20, CRUSHED))
     ),
 ]

@@ -2,8 +2,8 @@
 
     python3 -m stress.run [PATTERN]
 
-Writes ``results/stress.csv`` and, of a whole run, the table in README.md. Fails if a
-row is not as it has to be; PATTERN selects rows by name.
+Writes ``results/stress.csv`` and, where all is as it has to be in a whole
+run, the table in README.md. Fails otherwise. PATTERN selects rows by name.
 """
 
 import argparse
@@ -11,13 +11,13 @@ import csv
 import logging
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 from mpi4py import MPI
 
 from stress import degenerate, impact, meetings, repeated, resting
-from stress.rows import COLUMNS, Case, Outcome, run
+from stress.rows import COLUMNS, Case, run
+from stress.table import replace_table
 
 __all__ = ["CASES"]
 
@@ -31,16 +31,6 @@ CASES: list[Case] = [
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")
-
-
-def outcomes(cases: list[Case]) -> Iterator[tuple[Case, Outcome]]:
-    """Run cases in turn and say on rank 0 how each went. Collective."""
-    for case in cases:
-        outcome = run(case, MPI.COMM_WORLD)
-        if MPI.COMM_WORLD.rank == 0:
-            state = outcome.wrong or outcome.row["outcome"]
-            _logger.info("%6.1f s  %s: %s", outcome.seconds, case.name, state)
-        yield case, outcome
 
 
 def main() -> int:
@@ -57,11 +47,16 @@ def main() -> int:
     with (results / "stress.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
-        for _, outcome in outcomes(cases):
+        for case in cases:
+            outcome = run(case, MPI.COMM_WORLD)
+            state = outcome.wrong or outcome.row["outcome"]
+            _logger.info("%6.1f s  %s: %s", outcome.seconds, case.name, state)
             table.writerow(outcome.row)
             file.flush()
             rows.append(outcome.row)
             wrong += bool(outcome.wrong)
+    if not pattern and not wrong:
+        replace_table(_ROOT / "README.md", rows)
     _logger.info("%d rows, %d not as they have to be", len(rows), wrong)
     return wrong
 

@@ -101,7 +101,7 @@ class World:
         touches: Sequence[Touch],
         dt: float,
         scheme: Any = nts.EnergyMomentum,
-        gravity: Sequence[float] | None = None,
+        gravity: Any = None,
         **options: Any,
     ) -> Any:
         """Stepper of all bodies, with the velocities of the parts."""
