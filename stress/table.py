@@ -52,4 +52,4 @@ def _reason(row: dict[str, Any]) -> str:
 
 def _worst(cases: Sequence[dict[str, Any]], columns: Sequence[str]) -> str:
     values = [row[column] for row in cases for column in columns if row[column] != ""]
-    return f"{max(values):.0e}" if values else "–"
+    return f"{max(values):.0e}" if values else "-"
