@@ -70,6 +70,7 @@ CASES = [
     *_cases(
         "speed",
         {3.0: None, 5.0: CRUSHED, 10.0: CRUSHED, 20.0: CRUSHED, 50.0: CRUSHED},
+        scene="ball on plate, h = 0.001",
         h=0.001,
         num_steps=120,
     ),
