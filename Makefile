@@ -23,12 +23,18 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 
+stress: ## scenes that try to break a run; table in results/stress.csv and README.md
+	$(RUN) python3 -m stress.run
+
+sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
+	$(RUN) environment/sanitize
+
 lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff check
 	$(RUN) ruff format --check
 	$(RUN) python3 -m mypy --strict dolfinx_nts
 	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts/cpp -name '*.h' -o -name '*.cpp')
-	$(RUN) shellcheck environment/run environment/ranks .ci/run
+	$(RUN) shellcheck environment/run environment/ranks environment/sanitize .ci/run
 
 shell: ## a prompt in the environment
 	@$(RUN) env PS1='(dolfinx_nts) \w\$$ ' bash --norc
@@ -38,4 +44,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test lint shell clean
+.PHONY: help demo bench bench-publish test stress sanitize lint shell clean

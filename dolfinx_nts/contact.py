@@ -29,6 +29,11 @@ GlobalInts = npt.NDArray[np.int64]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Of the size of a segment: meshes of curved surfaces overlap by less.
+_OVERLAP = 0.02
+# Sine of the angle at a corner from which the nearest segment is found surely.
+_SHARP = 0.05
+
 
 @dataclass(frozen=True)
 class ContactHistory:
@@ -234,7 +239,9 @@ class ContactPair:
     def check_start(self, x: Floats) -> None:
         """Raise on all ranks if nodes lie inside a rigid obstacle.
 
-        Collective.
+        Inside another body they may start, which is only logged: elastic
+        impact keeps their depth, plastic impact and springs push them
+        out. Collective.
 
         Args:
             x: Positions of the local nodes of the space, shape ``(l, 3)``
@@ -244,19 +251,22 @@ class ContactPair:
             ValueError: Nodes are deeper than a millionth of the size of
                 the surface's facets.
         """
-        if not isinstance(self.segments, Obstacle):
-            return
+        rigid = isinstance(self.segments, Obstacle)
         depth = -self.gap(x)
         comm = self.nodes.V.mesh.comm
-        inside = self.nodes.node_ids[depth > 1e-6 * self.nodes.size]
-        nodes = np.concatenate(comm.allgather(inside))
-        if len(nodes):
-            deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
+        allowed = (1e-6 if rigid else _OVERLAP) * self.segment_size
+        nodes = np.sort(np.concatenate(comm.allgather(self.nodes.node_ids[depth > allowed])))
+        if not len(nodes):
+            return
+        deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
+        where = f"{', '.join(map(str, nodes[:5]))}{', ...' if len(nodes) > 5 else ''}"
+        if rigid:
             raise ValueError(
                 f"expected bodies outside a {type(self.segments).__name__}, given {len(nodes)} "
-                f"nodes up to {deepest:.3g} inside: {', '.join(map(str, np.sort(nodes)[:5]))}"
-                + (", ..." if len(nodes) > 5 else "")
+                f"nodes up to {deepest:.3g} inside: {where}"
             )
+        if comm.rank == 0:
+            _logger.warning("%d nodes start up to %.3g inside: %s", len(nodes), deepest, where)
 
     @property
     def pressure(self) -> Floats:
@@ -323,14 +333,17 @@ class ContactPair:
                 setattr(self, spring, None)
         settled = archive.same(f"{name}/settled", self._springs is not None)
         if archive.giving:
-            springs = {"eps_N": self.eps_N, "eps_T": self.eps_T}
-            ranges = {key: self._range(value) for key, value in springs.items() if value is not None}
+            springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
+            ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._springs = ranges if settled else None
         self.search.exchange(archive, f"{name}/search")
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> None:
-    """Raise on all ranks unless the surfaces can make a pair. Collective."""
+    """Raise on all ranks unless the surfaces can make a pair. Collective.
+
+    Segments that are bad but usable are logged.
+    """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")
     shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
@@ -338,4 +351,11 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> None:
         raise ValueError(
             "expected surfaces without common nodes in a contact pair, "
             f"given {shared} nodes on both sides"
+        )
+    sine = segments.sharpest_corner()
+    if sine < _SHARP and nodes.V.mesh.comm.rank == 0:
+        _logger.warning(
+            "segments have a corner of sine %.2g: nodes can slip through where it is below %g",
+            sine,
+            _SHARP,
         )

@@ -49,6 +49,11 @@ class ContactStep:
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
         touched: Whether one was, in any iteration.
+        segment: Segment of each node or -1, shape ``(n,)``.
+        segment_n: The same at t_n.
+        reach: Largest gap of interest [m].
+        x_n: Positions at t_n of the nodes that the neighbourhood knows.
+        x: Their positions in the last evaluation.
     """
 
     def __init__(
@@ -75,21 +80,21 @@ class ContactStep:
         step = self.comm.allreduce(step, op=MPI.MAX)
         # Both surfaces may move, Newton iterates overshoot, and a node up
         # to half a segment deep still belongs to its segment.
-        self._reach = 3 * step + 0.5 * pair.segment_size
+        self.reach = 3 * step + 0.5 * pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, _ = pair.search.update(x_n, self._reach)
+        here, _ = pair.search.update(x_n, self.reach)
         self.neighbourhood = here
         self._free = None if free is None else here.with_ghosts(free)
-        self._x_n = self._x = here.with_ghosts(x_n[: here.index_map.size_local])
+        self.x_n = self.x = here.with_ghosts(x_n[: here.index_map.size_local])
         trial = here.with_ghosts(x_trial[: here.index_map.size_local])
 
-        at_n = here.pair(self._x_n, nodes, here.find(history.key), self._reach)
-        at_trial = here.pair(trial, nodes, at_n[0], self._reach)
+        at_n = here.pair(self.x_n, nodes, here.find(history.key), self.reach)
+        at_trial = here.pair(trial, nodes, at_n[0], self.reach)
         # The gap at t_n counts on the segment that the trial state meets.
         segment = np.where(at_trial[0] >= 0, at_trial[0], at_n[0])
         gap_n = at_n[1].copy()
         moved = np.flatnonzero((segment >= 0) & (segment != at_n[0])).astype(np.int32)
-        gap_n[moved] = here.gap(self._x_n, nodes[moved], segment[moved])
+        gap_n[moved] = here.gap(self.x_n, nodes[moved], segment[moved])
         eligible = segment >= 0
         if isinstance(law, LagrangeMultiplier) and self._holds:
             size = here.size[segment] if len(here.size) else np.ones(len(nodes))
@@ -100,7 +105,8 @@ class ContactStep:
             may_touch = (np.fmin(gap_n, at_trial[1]) < step) | history.active
         self.may_touch = bool(self.comm.allreduce(int(may_touch.sum())))
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
-        self._segment: Ints = at_n[0]
+        self.segment: Ints = at_n[0]
+        self.segment_n: Ints = at_n[0].copy()
         self._gap: Floats = at_n[1]
         self._moves = np.zeros(len(nodes), dtype=np.int32)
         self.num_active, self.touched = 0, False
@@ -130,7 +136,7 @@ class ContactStep:
         Returns:
             The pairs that may transmit force.
         """
-        x = self._x = self.neighbourhood.with_ghosts(x)
+        x = self.x = self.neighbourhood.with_ghosts(x)
         node, changed = self._find_pairs(x, iteration)
         rows = self._rows(x, node)
         slope: Floats = np.zeros(len(node))
@@ -175,11 +181,11 @@ class ContactStep:
     def accepted(self, state: ContactState) -> ContactHistory:
         """What is to become the pair's history, from the last evaluation."""
         here, pair, old = self.neighbourhood, self.pair, self.pair.history
-        node, n = state.node, len(self._segment)
-        rows = self._rows(self._x, node)
+        node, n = state.node, len(self.segment)
+        rows = self._rows(self.x, node)
         key = np.full(n, -1, dtype=np.int64)
-        found = self._segment >= 0
-        key[found] = here.key[self._segment[found]]
+        found = self.segment >= 0
+        key[found] = here.key[self.segment[found]]
         force, normal, traction = np.zeros((3, n, 3))
         force[node] = -state.force[:, :3]
         offset, energy, spring, dissipation = np.zeros((4, n))
@@ -190,7 +196,7 @@ class ContactStep:
             normal[node] = rows.slip.normal
             length = np.linalg.norm(rows.slip.value, axis=1)
             slip[node] += np.where(self.sliding[node], length, 0.0)
-            dissipation[node] = rows.slip.work(t, (self._x - self._x_n)[state.dofs])
+            dissipation[node] = rows.slip.work(t, (self.x - self.x_n)[state.dofs])
             spring = self._tangential.energy(traction)
             dissipation -= spring - self._tangential.energy(old.traction)
         if isinstance(pair.enforcement, Penalty):
@@ -223,37 +229,51 @@ class ContactStep:
             new: What `accepted` made of it.
         """
         old, node = self.pair.history, state.node
-        rows = self._rows(self._x, node)
-        dx = (self._x - self._x_n)[state.dofs].reshape(rows.force[:, 0].shape)
+        rows = self._rows(self.x, node)
+        dx = (self.x - self.x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
         law = self.pair.enforcement
+        before = old.active[node]
         if isinstance(law, Penalty):
             # Only what the springs do not account for.
             assert self.pair.eps_N is not None
             offset, eps_N = self._offset(rows), self.pair.eps_N[node]
-            work += law.energy(rows.gap - offset, eps_N) - law.energy(rows.gap_n - offset, eps_N)
-        before = old.active[node]
+            at_n = law.energy(rows.gap_n - offset, eps_N)
+            # A node that starts inside its spring brings energy with it.
+            work += law.energy(rows.gap - offset, eps_N) - np.where(before, at_n, 0.0)
         same = old.key[node] == self.neighbourhood.key[state.segment]
         parts = np.array(
             [
                 work[before & same].sum(),
                 work[~before].sum(),
-                work[before & ~same].sum(),
+                work[before & ~same].sum() - self._lost_energy(node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
             ]
         )
         return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
 
+    def _lost_energy(self, node: Ints) -> float:
+        """Energy of normal springs at nodes that have no pair any more [J]."""
+        if not isinstance(self.pair.enforcement, Penalty):
+            return 0.0
+        old = self.pair.history
+        energy = old.energy.copy()
+        if self.pair.has_slip_spring:
+            assert self.pair.eps_T is not None
+            energy -= np.einsum("ni,ni->n", old.traction, old.traction) / (2 * self.pair.eps_T)
+        energy[node] = 0.0
+        return float(energy.sum())
+
     def _find_pairs(self, x: Floats, iteration: int) -> tuple[Ints, int]:
         """Nodes that may transmit force; how many changed their segment."""
         node = self._eligible
-        previous = self._segment[node]
+        previous = self.segment[node]
         free = node[self._moves[node] < _MOST_MOVES]
-        self._segment[free], self._gap[free] = self.neighbourhood.pair(
-            x, self.pair.nodes.nodes[free], self._segment[free], self._reach
+        self.segment[free], self._gap[free] = self.neighbourhood.pair(
+            x, self.pair.nodes.nodes[free], self.segment[free], self.reach
         )
-        segment = self._segment[node]
+        segment = self.segment[node]
         if iteration:
             self._moves[node] += segment != previous
         near = segment >= 0
@@ -267,16 +287,16 @@ class ContactStep:
 
     def _rows(self, x: Floats, node: Ints) -> Rows:
         """Kernels of nodes on their present segments."""
-        here, segment, nodes = self.neighbourhood, self._segment[node], self.pair.nodes.nodes[node]
+        here, segment, nodes = self.neighbourhood, self.segment[node], self.pair.nodes.nodes[node]
         dofs = here.dofs(nodes, segment)
-        values = here.contact(self._scheme, self._x_n, x, nodes, segment)
+        values = here.contact(self._scheme, self.x_n, x, nodes, segment)
         free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
         rows = Rows(node, segment, dofs, free.reshape(values[2].shape), values)
         if self.pair.is_convective:
             assert isinstance(here, Neighbourhood)
-            rows.add_slip(ConvectiveSlip(here.convective_slip(self._x_n, x, nodes, segment)))
+            rows.add_slip(ConvectiveSlip(here.convective_slip(self.x_n, x, nodes, segment)))
         elif self.pair.friction is not None:
-            rows.add_slip(Slip(here.slip(self._x_n, x, nodes, segment)))
+            rows.add_slip(Slip(here.slip(self.x_n, x, nodes, segment)))
         self._gap[node] = rows.gap
         if isinstance(self.pair.enforcement, LagrangeMultiplier):
             rows.excess[:, 0] = rows.gap - (rows.gap_n if self._holds else 0.0)
@@ -301,7 +321,7 @@ class ContactStep:
         if self.pair.is_convective:
             # Half-way, as everything else in (60)-(64).
             nodes = self.pair.nodes.nodes[rows.node]
-            gap = self.neighbourhood.gap((self._x_n + self._x) / 2, nodes, rows.segment)
+            gap = self.neighbourhood.gap((self.x_n + self.x) / 2, nodes, rows.segment)
             self.lambda_N[rows.node] = eps_N * np.minimum(gap, 0.0)
             self.active[rows.node] = gap < 0
             rows.gradients[:, 0] = rows.columns[:, 0]

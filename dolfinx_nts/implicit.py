@@ -33,6 +33,7 @@ from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.forms import compile_form
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
+from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
@@ -227,10 +228,12 @@ class ImplicitStepper(Stepper):
                 steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
             attempts.append(solution.report)
             if solution.report.converged:
-                inverted = self._volume_ratio.inverted()
-                if not inverted:
+                reason = self._volume_ratio.inverted() or next(
+                    filter(None, map(lost_nodes, steps)), ""
+                )
+                if not reason:
                     break
-                attempts[-1] = replace(solution.report, reason=inverted)
+                attempts[-1] = replace(solution.report, reason=reason)
         else:
             u[:] = u_n
             reasons = "; ".join(

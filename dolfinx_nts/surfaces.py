@@ -22,6 +22,10 @@ Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
 
 _SEGMENT_VERTICES = {"tetrahedron": 3, "hexahedron": 4}
+# Edges shorter than this, relative to the largest segment, are points.
+_POINT = 1e-12
+# Ends of the edges at each corner, in Basix order.
+_NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 def check_space(V: fem.FunctionSpace) -> None:
@@ -165,6 +169,20 @@ class Surface:
         vector.scatter_reverse(la.InsertMode.add)
         area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
         return area
+
+    def sharpest_corner(self) -> float:
+        """Least sine of an angle between edges of a segment. Collective.
+
+        Zero where an edge has no length but for rounding.
+        """
+        x = self.V.tabulate_dof_coordinates()[self.segments]
+        neighbours = np.array(_NEIGHBOURS[self.segments.shape[1]])
+        a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
+        length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
+        area = np.linalg.norm(np.cross(a, b), axis=-1)
+        good = np.minimum(length_a, length_b) > _POINT * self.size
+        sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
+        return float(self.V.mesh.comm.allreduce(sine.min(initial=1.0), op=MPI.MIN))
 
     def _number(self) -> GlobalInts:
         """Rank of each owned segment among all, by its input node numbers."""

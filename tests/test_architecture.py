@@ -31,7 +31,7 @@ LAYERS = [
     {"contact_step", "report", "springs"},
     {"elimination", "block_rows"},
     {"assembly", "patch"},
-    {"preconditioner", "saddle", "rest", "explicit_bulk"},
+    {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},
     {"newton"},
     {"stepper"},

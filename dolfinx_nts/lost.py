@@ -1,0 +1,69 @@
+"""Nodes that a step would lose: contact ends with an error, never silently.
+
+The pairing of nodes and segments ends where a node is half a segment deep,
+for there it may belong to another side of the body. A node that gets there
+within a step has gone through the surface.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.search import Neighbourhood
+
+__all__ = ["lost_nodes"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+
+# Of the size of a segment. Depth from which a pressing node does not just
+# slide off the rim; way in which the path of a node is looked at.
+_SUNK, _LOOK = 0.1, 0.25
+_MOST_LOOKS = 100
+
+
+def lost_nodes(step: ContactStep) -> str:
+    """Say what is wrong with the nodes at the end of a step, or "".
+
+    Collective. Call it after the last evaluation of the step.
+
+    Args:
+        step: The solved step.
+    """
+    here = step.neighbourhood
+    if not isinstance(here, Neighbourhood):
+        return ""
+    counts = np.array([_sunk(step, here), _passed(step, here)])
+    sunk, passed = step.comm.allreduce(counts)
+    if passed:
+        return f"nodes that pass through a surface: {passed}"
+    return f"nodes that sank into a surface and face no segment any more: {sunk}" if sunk else ""
+
+
+def _sunk(step: ContactStep, here: Neighbourhood) -> int:
+    """Nodes that pressed from within a body and have no segment now."""
+    old = step.pair.history
+    segment = here.find(old.key)
+    node = np.flatnonzero(old.active & (segment >= 0) & (step.segment < 0))
+    return int(np.count_nonzero(old.gap[node] < -_SUNK * here.size[segment[node]]))
+
+
+def _passed(step: ContactStep, here: Neighbourhood) -> int:
+    """Nodes outside before the step that came out on the other side."""
+    nodes, size = step.pair.nodes.nodes, here.size.min(initial=np.inf)
+    way = 2 * np.linalg.norm(step.x - step.x_n, axis=1).max(initial=0.0)
+    if way <= _LOOK * size:
+        return 0
+    before, gap_n = here.pair(step.x_n, nodes, step.segment_n, step.reach)
+    after, _ = here.pair(step.x, nodes, before, step.reach)
+    node = np.flatnonzero((before >= 0) & (gap_n > 0) & (after < 0) & ~step.active)
+    if not len(node):
+        return 0
+    inside = np.zeros(len(node), dtype=bool)
+    segment = before[node]
+    num_looks = min(int(np.ceil(way / (_LOOK * size))), _MOST_LOOKS)
+    for part in np.linspace(0, 1, num_looks + 1)[1:-1]:
+        x = step.x_n + part * (step.x - step.x_n)
+        segment, gap = here.pair(x, nodes[node], segment, step.reach)
+        inside |= (segment >= 0) & (gap < 0)
+    return int(np.count_nonzero(inside))

@@ -1,0 +1,277 @@
+"""A row of the table: run a scene, judge it by what the recorder wrote."""
+
+import csv
+import logging
+import re
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_nts as nts
+from dolfinx_nts.obstacles import Obstacle
+
+__all__ = [
+    "COLUMNS",
+    "ENERGY_TOLERANCE",
+    "MOMENTUM_TOLERANCE",
+    "Case",
+    "Outcome",
+    "Setup",
+    "above",
+    "run",
+]
+
+# Relative to the largest energy (or work) and to the sum of the nodes' momenta.
+ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
+# Message of a step in which elements are squashed.
+CRUSHED = r"inverted|no convergence|not project|not finite"
+COLUMNS = (
+    "scene",
+    "parameter",
+    "value",
+    "outcome",
+    "energy_error",
+    "momentum_error",
+    "angular_momentum_error",
+    "min_gap",
+    "steps",
+    "rejected_steps",
+    "message",
+)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A scene that is ready to run.
+
+    Attributes:
+        stepper: The stepper.
+        until: Time at the end [s].
+        check: Called after the last step; says what is wrong, or "".
+        ledger: Whether loads, supports, springs or friction change the
+            energy, so that the ledger is judged and not the energy.
+        supported: Whether reactions at supports change the momenta.
+    """
+
+    stepper: Any
+    until: float
+    check: Callable[[], str] = lambda: ""
+    ledger: bool = False
+    supported: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene at one value of a parameter.
+
+    Attributes:
+        scene: Name of the scene.
+        parameter: What varies.
+        value: Its value.
+        build: Makes the scene. Collective.
+        stops: Pattern of the error with which it has to stop; None if it
+            has to finish.
+        warns: Pattern of the warning that it has to log.
+    """
+
+    scene: str
+    parameter: str
+    value: Any
+    build: Callable[[MPI.Comm], Setup]
+    stops: str | None = None
+    warns: str = ""
+
+    @property
+    def name(self) -> str:
+        """Scene, parameter and value."""
+        return f"{self.scene}: {self.parameter} = {self.value}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a case.
+
+    Attributes:
+        row: Values of `COLUMNS`.
+        wrong: Why it is not as it has to be, or "".
+        seconds: Wall time [s].
+    """
+
+    row: dict[str, Any]
+    wrong: str
+    seconds: float
+
+
+def run(case: Case, comm: MPI.Comm) -> Outcome:
+    """Run a case and judge it. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+
+    Returns:
+        Its row; every exception but the announced ones is passed on.
+    """
+    start = time.perf_counter()
+    row = dict.fromkeys(COLUMNS, "") | {
+        "scene": case.scene,
+        "parameter": case.parameter,
+        "value": case.value,
+        "outcome": "finished",
+        "steps": 0,
+        "rejected_steps": 0,
+    }
+    folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
+    table = folder / "run.csv"
+    setup, error, warnings = None, "", _Warnings()
+    scales = [np.zeros(2)]
+    try:
+        setup = case.build(comm)
+        with nts.Recorder(folder / "run", setup.stepper, every=10**9) as record:
+            scales.append(_momentum_scales(setup))
+            for step in setup.stepper.run(setup.until):
+                record.write(step)
+                scales.append(_momentum_scales(setup))
+    except (nts.ConvergenceError, ValueError) as failure:
+        row["outcome"], error = "stopped", str(failure)
+    warnings.close()
+    said = "; ".join(comm.bcast(warnings.texts))
+    row["message"] = error or said
+    wrong = _not_announced(case, error)
+    if not re.search(case.warns, said):
+        wrong = f"expected the warning {case.warns!r}, given {said!r}"
+    if setup is not None and table.exists():
+        values = comm.bcast(_read(table) if comm.rank == 0 else None)
+        row |= _errors(values, setup, np.max(scales, axis=0))
+        row["steps"] = len(values["step"]) - 1
+        wrong = wrong or _too_large(row, values)
+    if setup is not None and not error and not wrong:
+        wrong = setup.check()
+    comm.barrier()
+    if comm.rank == 0:
+        for path in folder.iterdir():
+            path.unlink()
+        folder.rmdir()
+    return Outcome(row, wrong, time.perf_counter() - start)
+
+
+class _Warnings(logging.Handler):
+    """Collects the warnings of the package."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+        logging.getLogger("dolfinx_nts").addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep the text."""
+        self.texts.append(record.getMessage())
+
+    def close(self) -> None:
+        """Stop listening."""
+        logging.getLogger("dolfinx_nts").removeHandler(self)
+        super().close()
+
+
+def above(stepper: Any, upper: nts.Body, lower: nts.Body) -> Callable[[], str]:
+    """Check that one body has not gone through the other. Collective."""
+    diagnostics = nts.Diagnostics(stepper)
+
+    def check() -> str:
+        heights = [diagnostics.centre_of_mass(body)[2] for body in (upper, lower)]
+        return "" if heights[0] > heights[1] else f"upper body at {heights[0]:.3g}, below the other"
+
+    return check
+
+
+def _not_announced(case: Case, error: str) -> str:
+    if error and not case.stops:
+        return f"stopped: {error}"
+    if case.stops and not error:
+        return f"finished, expected to stop with {case.stops!r}"
+    if case.stops and not re.search(case.stops, error):
+        return f"expected {case.stops!r}, stopped with {error}"
+    return ""
+
+
+def _momentum_scales(setup: Setup) -> Any:
+    """Sum of the sizes of the nodes' linear and angular momenta. Collective."""
+    stepper = setup.stepper
+    p = stepper.nodal_momentum()
+    sizes = [np.linalg.norm(q, axis=1).sum() for q in (p, np.cross(stepper.x[: len(p)], p))]
+    return stepper.u.function_space.mesh.comm.allreduce(np.array(sizes))
+
+
+def _read(table: Path) -> dict[str, Any]:
+    with table.open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+
+
+def _errors(values: dict[str, Any], setup: Setup, scales: Any) -> dict[str, Any]:
+    """Columns of the table from those of the recorder."""
+    works = [v for name, v in values.items() if name.startswith("energy_")]
+    total = values["total_energy"]
+    if setup.ledger:
+        change, scale = values["energy_unaccounted"], max(total.max(), np.abs(works).max())
+    else:
+        change, scale = total - total[0], np.abs(total).max()
+    gap = values["min_gap"]
+    result = {
+        "energy_error": _relative(change, scale),
+        "min_gap": np.nanmin(gap) if np.isfinite(gap).any() else "",
+    }
+    if not setup.supported:
+        impulse = [values["dt"] * load for load in _outer(values, setup)]
+        for name, rate, scale in zip(
+            ("momentum", "angular_momentum"), np.split(np.array(impulse), 2), scales, strict=True
+        ):
+            kind = "linear_momentum" if name == "momentum" else name
+            drift = _vector(values, kind) - np.cumsum(rate, axis=1)
+            size = np.linalg.norm(drift - drift[:, :1], axis=0)
+            result[f"{name}_error"] = _relative(size, scale)
+    return result
+
+
+def _outer(values: dict[str, Any], setup: Setup) -> Any:
+    """Force and torque (6, steps) of obstacles in each step."""
+    total = np.zeros((6, len(values["step"])))
+    for number, pair in enumerate(setup.stepper.pairs, start=1):
+        if isinstance(pair.segments, Obstacle):
+            total[:3] += _vector(values, f"pair_{number}_force")
+            total[3:] += _vector(values, f"pair_{number}_torque")
+    return total
+
+
+def _vector(values: dict[str, Any], name: str) -> Any:
+    return np.array([values[f"{name}_{axis}"] for axis in "xyz"])
+
+
+def _relative(change: Any, scale: float) -> float:
+    size = np.abs(change)
+    # Not max(), which would drop a NaN.
+    return float(np.max(size)) / scale if scale > 0 else float(np.max(size))
+
+
+def _too_large(row: dict[str, Any], values: dict[str, Any]) -> str:
+    must = {name: column for name, column in values.items() if name != "min_gap"}
+    if bad := [name for name, column in must.items() if not np.isfinite(column).all()]:
+        return f"not finite: {', '.join(bad)}"
+    limits = {
+        "energy_error": ENERGY_TOLERANCE,
+        "momentum_error": MOMENTUM_TOLERANCE,
+        "angular_momentum_error": MOMENTUM_TOLERANCE,
+    }
+    found: Sequence[str] = [
+        f"{name} {row[name]:.1e} > {limit:g}"
+        for name, limit in limits.items()
+        if row[name] != "" and not row[name] <= limit
+    ]
+    return "; ".join(found)

@@ -1,0 +1,55 @@
+"""The table of the stress suite in README.md: one line for each scene and parameter."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+__all__ = ["replace_table", "summary"]
+
+_BEGIN, _END = "<!-- stress: begin -->", "<!-- stress: end -->"
+_REASONS = {
+    "inverted": "an element inverts",
+    "pass through": "nodes would pass through",
+    "sank into": "a node sinks in",
+    "no convergence": "no solution",
+}
+_HEADER = """\
+| scene | parameter | finished | stopped, state intact | energy | momenta |
+|---|---|---|---|---|---|"""
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown table of rows of the suite, neighbours of one sweep in one line."""
+    lines = [_HEADER]
+    for (scene, parameter), group in groupby(rows, lambda row: (row["scene"], row["parameter"])):
+        cases = list(group)
+        finished = [str(row["value"]) for row in cases if row["outcome"] == "finished"]
+        stopped = [
+            f"{row['value']}: {_reason(row)}" for row in cases if row["outcome"] != "finished"
+        ]
+        momenta = ("momentum_error", "angular_momentum_error")
+        cells = [scene, parameter, ", ".join(finished), "; ".join(stopped)]
+        cells += [_worst(cases, ["energy_error"]), _worst(cases, momenta)]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def replace_table(readme: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Put the table between its marks in a file."""
+    text = readme.read_text(encoding="utf-8")
+    before, rest = text.split(_BEGIN)
+    _, after = rest.split(_END)
+    table = f"{before}{_BEGIN}\n{summary(rows)}\n{_END}{after}"
+    readme.write_text(table, encoding="utf-8")
+
+
+def _reason(row: dict[str, Any]) -> str:
+    return next(
+        (short for word, short in _REASONS.items() if word in row["message"]), row["message"]
+    )
+
+
+def _worst(cases: Sequence[dict[str, Any]], columns: Sequence[str]) -> str:
+    values = [row[column] for row in cases for column in columns if row[column] != ""]
+    return f"{max(values):.0e}" if values else "-"

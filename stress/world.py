@@ -1,0 +1,123 @@
+"""Parts become a mesh, bodies, contact pairs and a stepper."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import create_mesh, meshtags
+
+import dolfinx_nts as nts
+from stress.parts import Ints, Part
+
+__all__ = ["Touch", "World"]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A contact pair by names, ``part.side``; several with ``+`` between.
+
+    Attributes:
+        nodes: Surface whose nodes may touch.
+        segments: The other surface, or a rigid obstacle.
+        how: Arguments of `ContactPair`: enforcement, friction.
+    """
+
+    nodes: str
+    segments: Any
+    how: Mapping[str, Any] = field(default_factory=dict)
+
+
+class World:
+    """A distributed mesh of parts; collective, as its methods.
+
+    Args:
+        comm: Communicator.
+        parts: Parts by name.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for parts of one grid.
+    """
+
+    def __init__(self, comm: MPI.Comm, parts: Mapping[str, Part], cell: str = "hexahedron") -> None:
+        """Distribute the mesh and make the bodies."""
+        self.parts, self._sides = dict(parts), {}
+        X, cells, owner, first = [], [], [], 0
+        for number, (name, part) in enumerate(parts.items()):
+            own, sides = part.cells, part.sides
+            if cell == "tetrahedron":
+                own, sides = part.tetrahedra()
+            self._sides |= {f"{name}.{side}": first + f for side, f in sides.items()}
+            X.append(part.X)
+            cells.append(first + own)
+            owner.append(np.full(len(own), number))
+            first += len(part.X)
+        rows = slice(None) if comm.rank == 0 else slice(0)
+        element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+        mesh = create_mesh(comm=comm, cells=np.vstack(cells)[rows], x=np.vstack(X)[rows], e=element)
+        for dims in ((2, 0), (2, 3), (3, 2)):
+            mesh.topology.create_connectivity(*dims)
+        tags = np.concatenate(owner)[mesh.topology.original_cell_index].astype(np.int32)
+        cell_tags = meshtags(mesh, 3, np.arange(len(tags), dtype=np.int32), tags)
+        self.V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        self._facet_ids = self._facets()
+        self.bodies = {
+            name: nts.Body(self.V, cell_tags, number, part.material)
+            for number, (name, part) in enumerate(parts.items())
+        }
+
+    def _facets(self) -> Ints:
+        """Input numbers of the nodes of local facets, sorted."""
+        mesh = self.V.mesh
+        topology, geometry = mesh.topology, mesh.geometry
+        ids = np.empty(
+            topology.index_map(0).size_local + topology.index_map(0).num_ghosts, dtype=np.int64
+        )
+        to_vertex = topology.connectivity(3, 0).array.reshape(geometry.dofmap.shape)
+        ids[to_vertex] = geometry.input_global_indices[geometry.dofmap]
+        k = {"hexahedron": 4, "tetrahedron": 3}[topology.cell_name()]
+        return np.sort(ids[topology.connectivity(2, 0).array.reshape(-1, k)], axis=1)
+
+    def surface(self, names: str) -> nts.Surface:
+        """Surface ``part.side``, or several joined by ``+``."""
+        wanted = np.sort(np.vstack([self._sides[name] for name in names.split("+")]), axis=1)
+        both = np.concatenate([wanted, self._facet_ids])
+        _, number = np.unique(both, axis=0, return_inverse=True)
+        number = number.ravel()
+        local = np.flatnonzero(np.isin(number[len(wanted) :], number[: len(wanted)]))
+        local = local.astype(np.int32)
+        tags = meshtags(self.V.mesh, 2, local, np.ones(len(local), dtype=np.int32))
+        return nts.Surface(self.V, tags, 1)
+
+    def dofs(self, names: str) -> Any:
+        """Nodes of a surface, local block indices, owned and ghost."""
+        surface = self.surface(names)
+        return np.unique(np.concatenate([surface.nodes, surface.segments.ravel()]))
+
+    def stepper(
+        self,
+        touches: Sequence[Touch],
+        dt: float,
+        scheme: Any = nts.EnergyMomentum,
+        gravity: Any = None,
+        **options: Any,
+    ) -> Any:
+        """Stepper of all bodies, with the velocities of the parts."""
+        pairs = [
+            nts.ContactPair(
+                self.surface(t.nodes),
+                self.surface(t.segments) if isinstance(t.segments, str) else t.segments,
+                **t.how,
+            )
+            for t in touches
+        ]
+        bodies = list(self.bodies.values())
+        loads = [] if gravity is None else [nts.Gravity(bodies, gravity)]
+        stepper = scheme(bodies, pairs, dt=dt, loads=loads, **options)
+        for name, body in self.bodies.items():
+            velocity = self.parts[name].velocity
+            if callable(velocity) or np.any(velocity):
+                stepper.set_velocity(body, velocity)
+        return stepper

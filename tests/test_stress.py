@@ -1,0 +1,87 @@
+"""Rows of the stress suite that take a second, and how it judges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from stress import meetings
+from stress.impact import impact
+from stress.rows import Case, run
+from stress.run import CASES
+from stress.table import summary
+from stress.world import Touch, World
+
+CHEAP = [
+    "ball on plate: nu = 0.499",
+    "ball on plate: wall = 0.025",
+    "stiff ball on plate, h = 0.1: speed = 20.0",
+    "cube on a plate: cells of plate : of cube = 16:1",
+    "cube in a plate: depth = 0.1",
+    "cube in a plate, penalty: depth = 0.02",
+    "cubes on both sides: plate = 0.02",
+    "slivers: angle = 1",
+    "collapsed edge: rest = 0.0",
+    "bar twisted: degrees = 720",
+]
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_row_ends_as_it_has_to(comm, name):
+    (case,) = (case for case in CASES if case.name == name)
+    assert run(case, comm).wrong == ""
+
+
+def test_suite_has_sixty_rows_with_names_of_their_own():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names) >= 60
+
+
+def midpoint(comm):
+    """Scene whose energy is not constant."""
+    parts = {"upper": meetings.cube(0.5, 2).at(0, 0, 0.02).flying(0, 0, -1)}
+    parts["lower"] = meetings.plate()
+    touch = Touch("upper.all", "lower.top", {"enforcement": nts.LagrangeMultiplier("plastic")})
+    return meetings.Setup(World(comm, parts).stepper([touch], 0.01), 0.1)
+
+
+def test_energy_that_is_not_constant_is_found(comm):
+    case = Case("plastic", "", "", midpoint)
+    assert "energy_error" in run(case, comm).wrong
+    # The ledger tells where it went.
+    ledger = Case("plastic", "", "", lambda comm: replace(midpoint(comm), ledger=True))
+    assert run(ledger, comm).wrong == ""
+
+
+def test_wrong_endings_are_found(comm):
+    def fast(comm):
+        return impact(comm, E=1e9, h=0.1, speed=20.0, num_steps=2)
+
+    assert "pass through" in run(Case("", "", "", fast), comm).wrong
+    assert "expected 'inverted'" in run(Case("", "", "", fast, stops="inverted"), comm).wrong
+    slow = Case("", "", "", lambda comm: impact(comm, num_steps=2), stops="inverted")
+    assert "finished, expected to stop" in run(slow, comm).wrong
+    quiet = replace(slow, stops=None, warns="sharp")
+    assert "expected the warning 'sharp'" in run(quiet, comm).wrong
+
+
+def test_number_that_is_none_is_found(comm, monkeypatch):
+    monkeypatch.setattr(nts.Diagnostics, "strain_energy", lambda self: np.nan)
+    wrong = run(Case("", "", "", lambda comm: impact(comm, num_steps=2)), comm).wrong
+    assert wrong.startswith("not finite: strain_energy")
+
+
+def test_table_has_a_line_for_each_sweep():
+    rows = [
+        {"scene": "s", "parameter": "p", "value": value, "outcome": outcome, "message": message}
+        | {"energy_error": 1e-14 * value, "momentum_error": "", "angular_momentum_error": ""}
+        for value, outcome, message in (
+            (1, "finished", ""),
+            (2, "finished", ""),
+            (3, "stopped", "cell 7 is inverted, det F = -1"),
+        )
+    ]
+    assert summary(rows).splitlines()[2:] == [
+        "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - |"
+    ]
