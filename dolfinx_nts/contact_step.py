@@ -23,6 +23,7 @@ Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
+_RESTLESS = 4  # changes of state after which a node is named if the step fails
 _PATIENCE = 3  # iterations without fewer changes until one node changes at a time
 
 
@@ -98,7 +99,7 @@ class ContactStep:
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self._segment: Ints = at_n[0]
         self._gap: Floats = at_n[1]
-        self._moves = np.zeros(len(nodes), dtype=np.int32)
+        self._moves, self._flips = np.zeros((2, len(nodes)), dtype=np.int32)
         self.num_active = 0
         self._fewest: float = np.inf
         self._patience = _PATIENCE
@@ -157,6 +158,13 @@ class ContactStep:
         values[rows] = increments
         self.lambda_N[state.node] += values[:, 0]
         self.traction[state.node] += values[:, 1:]
+
+    @property
+    def restless(self) -> npt.NDArray[np.int64]:
+        """Numbers of the nodes here that kept changing segment or state."""
+        many = (self._moves >= _MOST_MOVES) | (self._flips >= _RESTLESS)
+        ids: npt.NDArray[np.int64] = self.pair.nodes.node_ids[many]
+        return ids
 
     def accepted(self, state: ContactState) -> ContactHistory:
         """What is to become the pair's history, from the last evaluation."""
@@ -311,6 +319,7 @@ class ContactStep:
             model = friction.exact(self.traction[node], slip, p, self._weight(node))
             sliding = model.sliding
         flips = self.active[node] & (sliding != self.sliding[node])
+        self._flips[node] += flips
         self.sliding[node] = sliding
         self._slip[node] = slip
         self._explicit[node] = model.explicit
@@ -386,6 +395,7 @@ class ContactStep:
             lowest = ids[changes].min(initial=last)
             changes &= ids == self.comm.allreduce(lowest, op=MPI.MIN)
         self.active[node] = before ^ changes
+        self._flips[node] += changes
         released = node[~self.active[node]]
         self.lambda_N[released] = 0.0
         self.traction[released] = 0.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import implicit, linear
+from dolfinx_nts import contact_step, implicit, linear, newton
 from dolfinx_nts.contact import ContactHistory
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
@@ -155,6 +155,18 @@ def test_the_smallest_step_ends_the_run_in_the_last_good_state(comm, agree, refu
         plain.advance()
     assert agree(stepper.step == 3 and same_state(stepper, plain))
     assert agree(stepper.dt == BLOCK_STEP)
+
+
+def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
+    stepper = scene(comm, SCHEMES["stick"]).stepper
+    monkeypatch.setattr(contact_step, "_RESTLESS", 1)
+    monkeypatch.setattr(newton, "_MAX_ITERATIONS", 2)
+    # The lower faces of the upper blocks have the nodes 32 to 40, and 50 to 53.
+    reason = (
+        r"no convergence.*nodes that keep changing segment or state: (3[2-9]|40|5[0-3])(, \d+)*;"
+    )
+    with refused(nts.ConvergenceError, reason):
+        list(stepper.run(UNTIL))
 
 
 def test_explicit_steps_stay_stable(comm, agree):
