@@ -24,6 +24,7 @@ Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
+_RESTLESS = 4  # changes of state after which a node is named if the step fails
 
 
 class ContactStep:
@@ -108,7 +109,7 @@ class ContactStep:
         self.segment: Ints = at_n[0]
         self.segment_n: Ints = at_n[0].copy()
         self._gap: Floats = at_n[1]
-        self._moves = np.zeros(len(nodes), dtype=np.int32)
+        self._moves, self._flips = np.zeros((2, len(nodes)), dtype=np.int32)
         self.num_active, self.touched = 0, False
         self._pivoting = Pivoting(self.comm)
         self.active = history.active & eligible
@@ -162,7 +163,12 @@ class ContactStep:
         if self._tangential is None:
             return 0
         node = rows.node
-        return self._tangential.update(rows, -self.lambda_N[node], self.active[node], iteration)
+        before = self._tangential.sliding[node]
+        violators = self._tangential.update(
+            rows, -self.lambda_N[node], self.active[node], iteration
+        )
+        self._flips[node] += before != self._tangential.sliding[node]
+        return violators
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.
@@ -177,6 +183,13 @@ class ContactStep:
         self.lambda_N[state.node] += values[:, 0]
         if self._tangential is not None:
             self._tangential.traction[state.node] += values[:, 1:]
+
+    @property
+    def restless(self) -> npt.NDArray[np.int64]:
+        """Numbers of the nodes here that kept changing segment or state."""
+        many = (self._moves >= _MOST_MOVES) | (self._flips >= _RESTLESS)
+        ids: npt.NDArray[np.int64] = self.pair.nodes.node_ids[many]
+        return ids
 
     def accepted(self, state: ContactState) -> ContactHistory:
         """What is to become the pair's history, from the last evaluation."""
@@ -359,6 +372,7 @@ class ContactStep:
         ids = self.pair.nodes.node_ids[node]
         changes, violators = self._pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes
+        self._flips[node] += changes
         self._release(node[~self.active[node]])
         if self._tangential is not None:
             self._tangential.arrive(node[changes & ~before])

@@ -37,7 +37,7 @@ from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
-from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.stepper import Stepper, listed
 
 __all__ = ["ImplicitStepper"]
 
@@ -240,6 +240,10 @@ class ImplicitStepper(Stepper):
                 f"from the {start} state: {attempt}"
                 for start, attempt in zip(starts, attempts, strict=True)
             )
+            restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
+            nodes = np.unique(np.concatenate(self._bulk.comm.allgather(restless)))
+            if len(nodes):
+                reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
             raise newton.ConvergenceError(
                 f"step {self.step + 1} from t = {self.t:g} to {self.t + dt:g} failed {reasons}; "
                 "the state is that of the last accepted step: a smaller dt may help",

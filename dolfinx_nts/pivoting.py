@@ -15,7 +15,7 @@ Flags = npt.NDArray[np.bool_]
 GlobalInts = npt.NDArray[np.int64]
 
 _PATIENCE = 3  # iterations without fewer violators until one node changes at a time
-_PERIOD = 2  # of the changes afterwards, so that Newton's method settles in between
+_PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between
 
 
 class Pivoting:

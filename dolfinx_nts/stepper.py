@@ -27,7 +27,7 @@ from dolfinx_nts.step_control import StepControl, StepLength
 from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
-__all__ = ["Stepper"]
+__all__ = ["Stepper", "listed"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -345,7 +345,7 @@ class Stepper(ABC):
         if len(nodes):
             raise ConvergenceError(
                 f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "
-                f"{gap_tol:g} m from the surface that catches them: {_listed(nodes)}; the state is "
+                f"{gap_tol:g} m from the surface that catches them: {listed(nodes)}; the state is "
                 "that of the last accepted step",
                 [],
             )
@@ -383,6 +383,6 @@ class Stepper(ABC):
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
 
 
-def _listed(nodes: npt.NDArray[np.int64]) -> str:
+def listed(nodes: npt.NDArray[np.int64]) -> str:
     """The first of some numbers of nodes."""
     return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

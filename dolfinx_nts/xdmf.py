@@ -35,6 +35,7 @@ _TAIL = """    </Grid>
   </Domain>
 </Xdmf>
 """
+_METADATA = 1 << 15  # of a state in HDF5, at most [bytes]
 # Name in XDMF, and order of its vertices in the one of DOLFINx.
 _CELLS = {
     "tetrahedron": ("Tetrahedron", [0, 1, 2, 3]),
@@ -167,11 +168,18 @@ class FieldFile:
         self._add_text("".join(self._grid(f"states/{name}") for name in sorted(states)))
 
     def _append(self, name: str, t: float, fields: dict[str, Array]) -> None:
+        self._reserve(sum(values.nbytes for values in fields.values()))
         for key, values in fields.items():
             self._data[f"{name}/{key}"] = values
         self._data[name].attrs["time"] = t
         self._data.flush()
         self._add_text(self._grid(name))
+
+    def _reserve(self, size: int) -> None:
+        """Let a full disk show before HDF5 writes, which would not survive it."""
+        if hasattr(os, "posix_fallocate"):
+            with open(self._path.with_suffix(".h5"), "r+b") as file:
+                os.posix_fallocate(file.fileno(), self._data.id.get_filesize(), size + _METADATA)
 
     def _add_text(self, text: str) -> None:
         assert self._text is not None

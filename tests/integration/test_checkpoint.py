@@ -180,6 +180,33 @@ def test_a_full_disk_is_an_error_that_leaves_the_last_checkpoint(comm, folder, r
     assert [file.name for file in folder.iterdir()] == ["run.h5"]
 
 
+def test_a_full_disk_ends_a_recorded_run_that_can_be_resumed(comm, folder, agree, refused):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill_up():
+        stepper = blocks(comm).stepper
+        with nts.Recorder(folder / "run", stepper, checkpoint_every=2) as recorder:
+            for step in stepper.run(1.0):
+                recorder.write(step)
+                if step.step == 3:
+                    size = (folder / "run.h5").stat().st_size
+                    comm.barrier()
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 1000, limits[1]))
+
+    try:
+        with refused(OSError, os.strerror(errno.EFBIG)):
+            fill_up()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    comm.barrier()
+    stepper = blocks(comm).stepper
+    with nts.Recorder(folder / "run", stepper, resume=True) as recorder:
+        assert agree(stepper.step == 2)
+        recorder.write(stepper.advance())
+    steps = {name.split("/")[1] for name in states(folder / "run.h5") if "states/" in name}
+    assert agree(sorted(map(int, steps)) == [0, 1, 2, 3])
+
+
 def test_without_resume_an_old_checkpoint_goes(comm, folder):
     record(blocks(comm).stepper, folder / "run", 3)
     comm.barrier()

@@ -158,8 +158,8 @@ def test_cycling_active_sets_end_in_changes_of_the_lowest_node_alone(comm):
         changed.append(np.concatenate(comm.allgather(ids[before != step.active])).tolist())
     lowest = comm.allreduce(ids[state.node].min(initial=10**9), op=MPI.MIN)
     assert len(changed[0]) > 1
-    # Newton's method settles in between.
-    assert sorted(changed[-2:]) == [[], [lowest]]
+    # One in three iterations; Newton's method settles in the others.
+    assert sorted(changed[-3:]) == sorted(changed[-6:-3]) == [[], [], [lowest]]
 
 
 def test_multipliers_balance_the_residual_along_the_normal(comm, rng):
