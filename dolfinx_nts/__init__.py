@@ -21,6 +21,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.scene import all_pairs, boundary_of
 from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
@@ -55,5 +56,7 @@ __all__ = [
     "Surface",
     "Traction",
     "Yeoh",
+    "all_pairs",
+    "boundary_of",
     "read_mesh",
 ]

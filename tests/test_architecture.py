@@ -10,14 +10,15 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"_kernels", "compat", "forms", "pivoting", "timing"},
-    {"materials", "meshing"},
+    {"_kernels", "blocks", "compat", "forms", "pivoting", "timing"},
+    {"materials", "parts"},
+    {"meshing"},
     {"surfaces"},
     {"bodies"},
     {"loads", "stable_step"},
     {"search", "enforcement", "friction", "obstacles"},
     {"contact", "contact_rows"},
-    {"contact_step", "report", "springs"},
+    {"contact_step", "report", "scene", "springs"},
     {"stepper"},
     {"elimination", "block_rows"},
     {"assembly", "patch"},
