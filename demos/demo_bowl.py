@@ -75,7 +75,7 @@ with nts.Recorder("bowl", stepper, every=10) as record:
         x.append(diagnostics.centre_of_mass(ball)[0])
         work += step.load_work
 camera = [(0, -4.2, 2.6), (0, 0, -0.5), (0, 0, 1)]
-plotting.snapshot(stepper, "bowl.png", colour="displacement", camera=camera)
+plotting.snapshot(stepper, "bowl.png", camera=camera)
 # -
 
 # ## Checks

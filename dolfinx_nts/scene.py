@@ -5,6 +5,7 @@ For scenes in which anything may touch anything, without naming surfaces.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from itertools import chain
 from typing import Any
 
@@ -83,7 +84,9 @@ def all_pairs(
         ValueError: No bodies, or several spaces.
     """
     _space(bodies)
-    groups = sorted(_groups(bodies), key=lambda group: boundary_of(*group).size)
+    surface = cache(boundary_of)
+    # Rounded, so that equal bodies stay in order.
+    groups = sorted(_groups(bodies), key=lambda group: float(f"{surface(*group).size:.6g}"))
     pairs: list[ContactPair] = []
 
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
@@ -91,12 +94,14 @@ def all_pairs(
         if isinstance(segments, Obstacle):
             target, text = segments, type(segments).__name__
         else:
-            target, text = boundary_of(*segments), f"the segments of {names(segments)}"
-        pairs.append(ContactPair(boundary_of(*nodes), target, enforcement, friction))
+            target, text = surface(*segments), f"the segments of {names(segments)}"
+        pairs.append(ContactPair(surface(*nodes), target, enforcement, friction))
         if bodies[0].V.mesh.comm.rank == 0:
             _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
 
     def names(some: Sequence[Body]) -> str:
+        if len(some) == len(bodies) > 1:
+            return "all bodies"
         numbers = sorted(bodies.index(body) + 1 for body in some)
         return f"bod{'y' if len(numbers) == 1 else 'ies'} {', '.join(map(str, numbers))}"
 
