@@ -38,7 +38,6 @@ import numpy as np
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import plotting
 
 full, depth, E, nu = 4, 1e-4, 1.0, 0.3  # -, m, Pa, -
 num_steps = min(int(os.environ.get("NTS_DEMO_STEPS", str(full))), full)
@@ -92,7 +91,7 @@ def update(t):
 
 
 bcs = [hold(0, 0.0, np.float64(0)), hold(1, 0.0, np.float64(0)), hold(2, 1.0, way)]
-surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 1) ** 2 > 0.99)
+surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 1) ** 2 > 1 - tiny)
 pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
 stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)

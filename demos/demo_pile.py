@@ -9,7 +9,8 @@
 # You will learn
 #
 # - how to let any body touch any other, and rigid walls,
-# - how to compute explicitly, with a step that is chosen for you,
+# - how to compute explicitly, with a step that leaves room for cells that
+#   get smaller,
 # - how to damp.
 #
 # ## Problem
@@ -34,7 +35,6 @@ import os
 
 from mpi4py import MPI
 
-import numpy as np
 from dolfinx import fem
 
 import dolfinx_nts as nts
@@ -84,7 +84,7 @@ logging.getLogger("dolfinx_nts").setLevel(logging.WARNING)
 
 # +
 gravity = nts.Gravity(balls, (0, 0, -g))
-stepper = nts.CentralDifference(balls, pairs, loads=[gravity])
+stepper = nts.CentralDifference(balls, pairs, dt=5e-4, loads=[gravity])  # s
 diagnostics = nts.Diagnostics(stepper)
 until = num_steps * stepper.dt or end
 camera = [(1.9, -1.5, 1.1), (0, 0, 0.25), (0, 0, 1)]
