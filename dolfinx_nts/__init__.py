@@ -21,6 +21,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.scene import all_pairs, boundary_of
 from dolfinx_nts.step_control import StepControl
 from dolfinx_nts.surfaces import Surface
 
@@ -57,5 +58,7 @@ __all__ = [
     "Surface",
     "Traction",
     "Yeoh",
+    "all_pairs",
+    "boundary_of",
     "read_mesh",
 ]

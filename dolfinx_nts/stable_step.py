@@ -86,8 +86,12 @@ class Cells:
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
         X, vertices = V.tabulate_dof_coordinates(), V.dofmap.list
-        self._vertices = np.concatenate([vertices[body.cells] for body in bodies])
-        squared = [cell_frequency(body.material, X[vertices[body.cells]]) for body in bodies]
+        cells = {
+            material: np.concatenate([b.cells for b in bodies if b.material is material])
+            for material in dict.fromkeys(body.material for body in bodies)
+        }
+        self._vertices = np.concatenate([vertices[part] for part in cells.values()])
+        squared = [cell_frequency(material, X[vertices[part]]) for material, part in cells.items()]
         self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._vertices]) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:

@@ -5,7 +5,9 @@ A *node* (literature: slave, secondary, source) may touch a *segment*
 which it uses. Positions are x = X + u; the mesh is never moved.
 """
 
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 from mpi4py import MPI
 
@@ -13,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
-from dolfinx.mesh import MeshTags
+from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 __all__ = ["Surface", "check_space", "check_tag", "input_ids"]
 
@@ -151,6 +153,45 @@ class Surface:
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
         self.size = float(mesh.comm.allreduce(edges.max(initial=0.0), op=MPI.MAX))
+
+    @classmethod
+    def where(cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> "Surface":
+        """Facets of the boundary at given places. Collective.
+
+        Args:
+            V: Vector space of the displacement.
+            predicate: Function of the reference positions, shape
+                ``(3, n)``, that returns ``(n,)`` booleans; a facet is
+                taken if it holds at all its vertices.
+
+        Returns:
+            The surface.
+
+        Raises:
+            ValueError: The space does not fit, or there is no facet.
+        """
+        check_space(V)
+        return cls.of(V, locate_entities_boundary(V.mesh, 2, predicate))
+
+    @classmethod
+    def of(cls, V: fem.FunctionSpace, facets: Ints) -> "Surface":
+        """Facets given by their numbers. Collective.
+
+        Args:
+            V: Vector space of the displacement.
+            facets: Local indices of facets, each on the rank that owns
+                it, shape ``(s,)``.
+
+        Returns:
+            The surface.
+
+        Raises:
+            ValueError: No rank has a facet.
+        """
+        if not V.mesh.comm.allreduce(len(facets)):
+            raise ValueError("expected facets of the boundary, given none")
+        ordered = np.sort(facets).astype(np.int32)
+        return cls(V, meshtags(V.mesh, 2, ordered, np.ones_like(ordered)), 1)
 
     @cached_property
     def node_ids(self) -> GlobalInts:

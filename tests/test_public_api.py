@@ -30,7 +30,7 @@ OBJECTS = public_objects()
 objects = pytest.mark.parametrize("name", sorted(OBJECTS))
 
 # What users call: the names of the package, and these modules beside it.
-BESIDE = ("meshing", "diagnostics", "output", "plotting")
+BESIDE = ("meshing", "parts", "diagnostics", "output", "plotting")
 FOR_USERS = sorted(
     name
     for name, obj in OBJECTS.items()

@@ -243,6 +243,29 @@ def test_surfaces_inside_a_body_may_be_tagged(comm, model):
     assert count(data, data.facets, "inside") == 2
 
 
+def test_function_fills_an_empty_model_on_the_reading_rank(comm):
+    called = []
+
+    def build(model: Any) -> None:
+        called.append(model.getEntities())
+        unit_box(model)
+
+    data = read_mesh(build, comm, rank=comm.size - 1)
+    assert called == ([[]] if comm.rank == comm.size - 1 else [])
+    assert measure(data, "box") == pytest.approx(1, rel=ROUNDING)
+
+
+def test_error_of_the_function_is_raised_on_all_ranks(comm):
+    def build(model: Any) -> None:
+        unit_box(model)
+        raise OSError("no such part")
+
+    refuse(comm, build, OSError, "no such part")
+    import gmsh
+
+    assert not comm.allreduce(gmsh.isInitialized(), MPI.LOR)
+
+
 def test_gmsh_is_left_as_it_was(comm, model, capfd):
     def state() -> Any:
         import gmsh
@@ -319,7 +342,7 @@ def test_file_that_is_no_mesh_is_refused(comm, tmp_path, text):
 
 
 def test_source_that_is_neither_path_nor_model_is_refused(comm):
-    refuse(comm, 7, TypeError, "expected a path or a gmsh model, given 7")
+    refuse(comm, 7, TypeError, "expected a path, a gmsh model or a function, given 7")
 
 
 def test_live_model_of_a_gmsh_not_initialised_is_refused(comm):
@@ -458,79 +481,3 @@ def test_thin_cells_are_not_taken_for_degenerate(comm, model):
     if model:
         add_box(model, "sheet", corner=(0, 0, 0), size=(1, 1, 1e-9), cells=(2, 2, 1))
     assert measure(read_mesh(model, comm), "sheet") == pytest.approx(1e-9, rel=ROUNDING)
-
-
-# --- the bodies --------------------------------------------------------
-
-
-@CELLS
-def test_ball_converges_to_the_hollow_ball_with_second_order(comm, model, cell):
-    errors = []
-    for n in (4, 8):
-        if model:
-            model.add(f"ball {n}")
-            add_hollow_ball(model, "ball", **BALL | {"cells_per_edge": n}, cell=cell)
-        data = read_mesh(model, comm)
-        volume = measure(data, "ball") / (4 / 3 * np.pi * (1 - 0.8**3))
-        outer = measure(data, "ball_outer", "ds") / (4 * np.pi)
-        inner = measure(data, "ball_inner", "ds") / (4 * np.pi * 0.8**2)
-        errors.append(1 - np.array([volume, outer, inner]))
-    order = np.log2(errors[0] / errors[1])
-    assert np.abs(order - 2).max() < 0.1
-
-
-@CELLS
-def test_named_surfaces_are_the_whole_surface_so_that_cells_conform(comm, model, cell):
-    if model:
-        unit_box(model, cell)
-        add_hollow_ball(model, "ball", **BALL, cell=cell)
-    data = read_mesh(model, comm)
-    factor = 6 if cell == "tetrahedron" else 1
-    assert count(data, data.cells, "box") == 8 * factor
-    assert count(data, data.cells, "ball") == 6 * 9 * 2 * factor
-    named = sum(measure(data, name, "ds") for name in data.tag if "_" in name)
-    assert measure(data, None, "ds") == pytest.approx(named, rel=ROUNDING)
-    assert measure(data, "box") == pytest.approx(1, rel=ROUNDING)
-
-
-@CELLS
-def test_all_cells_of_the_bodies_are_positively_oriented(model, cell):
-    if model:
-        unit_box(model, cell)
-        add_hollow_ball(model, "ball", **BALL, cell=cell)
-        (kind,) = model.mesh.getElementTypes(3)
-        _, det, _ = model.mesh.getJacobians(kind, model.mesh.getElementProperties(kind)[4])
-        assert det.min() > 0
-
-
-def test_surface_vertices_run_anticlockwise_seen_from_outside(model):
-    if model:
-        unit_box(model)
-        add_hollow_ball(model, "ball", **BALL)
-        outward = {"box": (0.5, 0.5, 0.5), "ball_outer": (5, 0, 0), "ball_inner": (5, 0, 0)}
-        for dim, tag in model.getPhysicalGroups(2):
-            name = model.getPhysicalName(dim, tag)
-            centre = outward.get(name, outward["box"])
-            (entity,) = model.getEntitiesForPhysicalGroup(dim, tag)
-            _, (facets,) = model.mesh.getElements(dim, entity)[1:]
-            x = np.array([model.mesh.getNode(node)[0] for node in facets]).reshape(-1, 4, 3)
-            normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-            side = ((x.mean(axis=1) - centre) * normal).sum(axis=1)
-            assert ((side < 0) if name == "ball_inner" else (side > 0)).all()
-
-
-@pytest.mark.parametrize(
-    ("add", "good", "wrong", "match"),
-    [
-        (add_box, BOX, {"size": (1, 0, 1)}, r"positive size and cells, given \(1, 0, 1\)"),
-        (add_box, BOX, {"cells": (1, 1, 0)}, r"positive size and cells, given .*\(1, 1, 0\)"),
-        (add_box, BOX, {"cell": "prism"}, "'hexahedron', 'tetrahedron'.*given 'prism'"),
-        (add_hollow_ball, BALL, {"inner_radius": 1.5}, r"inner < outer radius, given 1\.5, 1"),
-        (add_hollow_ball, BALL, {"inner_radius": 0}, "0 < inner"),
-        (add_hollow_ball, BALL, {"layers": 0}, "positive numbers, given 3 cells, 0 layers"),
-        (add_hollow_ball, BALL, {"cell": "wedge"}, "given 'wedge'"),
-    ],
-)
-def test_impossible_bodies_are_refused(add, good, wrong, match):
-    with pytest.raises(ValueError, match=match):
-        add(None, "body", **(good | wrong))

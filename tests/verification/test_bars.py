@@ -127,7 +127,7 @@ def impact(name: str, cells: int) -> Impact:
         if case.two:
             meshing.add_box(model, "other", corner=(-case.gap - L, 0, 0), **box)
 
-    mesh, tags, facets, tag = shapes.read(comm, build)
+    mesh, tags, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = shapes.linear_in_stretch(*case.modulus)
     names = ["bar", "other"] if case.two else ["bar"]
@@ -290,7 +290,7 @@ def oscillation(cells: int) -> Oscillation:
     """Release the bar compressed by half. Collective."""
     comm, side = MPI.COMM_WORLD, 0.25
     box = {"corner": (0, 0, 0), "size": (1, side, side), "cells": (cells, 1, 1)}
-    mesh, tags, facets, tag = shapes.read(comm, lambda m: meshing.add_box(m, "bar", **box))
+    mesh, tags, facets, tag = nts.read_mesh(lambda m: meshing.add_box(m, "bar", **box), comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bar = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
     wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))

@@ -67,8 +67,8 @@ def bouncing(
             multiplier.
     """
     box = {"corner": (HEIGHT, 0, 0), "size": (LENGTH, 1, 1), "cells": (cells, 1, 1)}
-    mesh, tags, facets, tag = shapes.read(
-        MPI.COMM_WORLD, lambda m: meshing.add_box(m, "bar", **box)
+    mesh, tags, facets, tag = nts.read_mesh(
+        lambda m: meshing.add_box(m, "bar", **box), MPI.COMM_WORLD
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bar = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(MODULUS, 0.0, 1.0))
@@ -217,12 +217,14 @@ def caught(until: float) -> Caught:
     comm, v = MPI.COMM_WORLD, BALL_SPEED
 
     def build(model: Any) -> None:
-        shapes.add_solid_ball(model, "ball", centre=(0, 0, 0), radius=1.0, cells=2, layers=1)
+        meshing.add_solid_ball(
+            model, "ball", centre=(0, 0, 0), radius=1.0, cells_per_edge=2, layers=1
+        )
         for name, z in (("lower", -1.4 - WAY), ("upper", 1 + WAY)):
             box = {"corner": (-1.5, -1.5, z), "size": (3, 3, 0.4), "cells": (3, 3, 1)}
             meshing.add_box(model, name, **box)
 
-    mesh, cells, facets, tag = shapes.read(comm, build)
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3))
     heavy = nts.SaintVenantKirchhoff(E=1e7, nu=0.3, rho=1e8)

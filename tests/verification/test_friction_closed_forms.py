@@ -39,7 +39,7 @@ def body(
     build: Callable[[Any], None], side: str, E: float, mu: float
 ) -> tuple[nts.Body, nts.ContactPair]:
     """Body ``b`` whose nodes of one side may touch the plane. Collective."""
-    mesh, cells, facets, tag = shapes.read(MPI.COMM_WORLD, build)
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(E=E, nu=0.3, rho=RHO)
     surface = nts.Surface(V, facets, tag[f"b_{side}"])
@@ -172,8 +172,8 @@ BETA = {"solid": SOLID, "hollow": HOLLOW}
 def ball(kind: str, cells: int, mu: float) -> tuple[nts.Body, nts.ContactPair]:
     """Ball of radius 1 on the plane, a node at its lowest point. Collective."""
     if kind == "solid":
-        shape = {"centre": (0, 0, 1), "radius": 1.0, "cells": cells, "layers": 2}
-        return body(lambda m: shapes.add_solid_ball(m, "b", **shape), "outer", 1e11, mu)
+        shape = {"centre": (0, 0, 1), "radius": 1.0, "cells_per_edge": cells, "layers": 2}
+        return body(lambda m: meshing.add_solid_ball(m, "b", **shape), "outer", 1e11, mu)
     shape = {"centre": (0, 0, 1), "inner_radius": 0.8, "outer_radius": 1.0}
     shape |= {"cells_per_edge": cells, "layers": 2}
     return body(lambda m: meshing.add_hollow_ball(m, "b", **shape), "outer", 1e11, mu)

@@ -57,9 +57,8 @@ def impact(fine: int, growth: float, coarse: float, steps: int) -> Impact:
     depth = 1e-3 * R
     a = np.sqrt(depth * R)
     shape = {"fine": a / fine, "zone": 1.5 * a, "growth": growth, "coarse": coarse}
-    mesh, cells, facets, tag = shapes.read(
-        comm,
-        lambda model: shapes.add_quarter_ball(model, "ball", radius=R, height=2 * R, **shape),
+    mesh, cells, facets, tag = nts.read_mesh(
+        lambda model: shapes.add_quarter_ball(model, "ball", radius=R, height=2 * R, **shape), comm
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
@@ -142,8 +141,8 @@ def press(fine: int, growth: float, coarse: float) -> Press:
     depth = 1e-4 * R
     a = np.sqrt(depth * R)
     shape = {"fine": a / fine, "zone": 1.3 * a, "growth": growth, "coarse": coarse}
-    mesh, cells, facets, tag = shapes.read(
-        comm, lambda model: shapes.add_quarter_ball(model, "ball", radius=R, height=R, **shape)
+    mesh, cells, facets, tag = nts.read_mesh(
+        lambda model: shapes.add_quarter_ball(model, "ball", radius=R, height=R, **shape), comm
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
@@ -244,7 +243,7 @@ def crush(way: float, fine: int, growth: float, coarse: float, material: str) ->
         shapes.add_quarter_ball(model, "lower", fine=1.5 * a / fine, below=True, **shape)
         shapes.add_quarter_ball(model, "upper", fine=a / fine, **shape)
 
-    mesh, cells, facets, tag = shapes.read(comm, build)
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bulk = getattr(nts, material)(modulus, NU, RHO)
     names = ("upper", "lower")
@@ -352,11 +351,11 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
     nu, mu, depth = 0.45, 0.5, 1e-4 * R
     a = np.sqrt(depth * R)
     shape = {"fine": a / fine, "zone": 1.3 * a, "growth": 0.35, "coarse": 0.25}
-    mesh, cells, facets, tag = shapes.read(
-        comm,
+    mesh, cells, facets, tag = nts.read_mesh(
         lambda model: shapes.add_quarter_ball(
             model, "ball", radius=R, height=R, half=True, **shape
         ),
+        comm,
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, RHO))

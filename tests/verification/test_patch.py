@@ -18,7 +18,6 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import shapes
 from dolfinx_nts import meshing
 
 E, COMPRESSION = 1.0, 1e-4
@@ -40,7 +39,7 @@ def stress_error(lower: int, upper: int) -> tuple[float, float]:
             box = {"corner": (0, 0, z), "size": (1, 1, 0.5), "cells": (n, n, n // 2)}
             meshing.add_box(model, name, **box)
 
-    mesh, cells, facets, tag = shapes.read(comm, build)
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(E=E, nu=0.3, rho=1.0)
     bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]

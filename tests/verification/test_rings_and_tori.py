@@ -20,6 +20,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import shapes
+from dolfinx_nts import meshing
 
 # Relative to the start, at any step: energy, and both momenta.
 ENERGY_TOLERANCE = 1e-10
@@ -99,7 +100,7 @@ def two_bodies(
     build: Callable[[Any], None], material: nts.Hyperelastic, friction: nts.Coulomb | None
 ) -> tuple[nts.Body, nts.Body, nts.ContactPair]:
     """Bodies ``upper`` and ``lower`` and their contact. Collective."""
-    mesh, cells, facets, tag = shapes.read(MPI.COMM_WORLD, build)
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     lower, upper = (nts.Body(V, cells, tag[name], material) for name in ("lower", "upper"))
     surfaces = [nts.Surface(V, facets, tag[f"{name}_outer"]) for name in ("upper", "lower")]
@@ -109,13 +110,13 @@ def two_bodies(
 @cache
 def rings(mu: float, until: float, eps_T: float | None = None) -> Run:
     """Eccentric collision of two free rings. Collective."""
-    shape = {"radii": (9.7, 10.0), "width": 1.0, "cells": (96, 2, 1)}
+    shape = {"inner_radius": 9.7, "outer_radius": 10.0, "width": 1.0, "cells": (96, 2, 1)}
     offset, distance = 5.0, 20.1
 
     def build(model: Any) -> None:
         height = np.sqrt(distance**2 - offset**2)
-        shapes.add_ring(model, "lower", centre=(0, 0, 0), **shape)
-        shapes.add_ring(model, "upper", centre=(offset, height, 0), **shape)
+        meshing.add_ring(model, "lower", centre=(0, 0, 0), **shape)
+        meshing.add_ring(model, "upper", centre=(offset, height, 0), **shape)
 
     material = nts.SaintVenantKirchhoff(E=2e7, nu=1 / 6, rho=1e3)
     lower, upper, pair = two_bodies(build, material, nts.Coulomb(mu, eps_T))
@@ -133,13 +134,11 @@ def neo_hooke(C: Any, lmbda: Any, mu: Any) -> Any:
 @cache
 def tori(until: float) -> Run:
     """A torus falls on another, tilted by 45 degrees, off the centre. Collective."""
-    c = np.sqrt(0.5)
-    shape = {"radius": 76.0, "tube": (19.5, 24.0), "cells": (36, 12, 1)}
+    shape = {"radius": 76.0, "inner_radius": 19.5, "outer_radius": 24.0, "cells": (36, 12, 1)}
 
     def build(model: Any) -> None:
-        tilt = np.array([[1, 0, 0], [0, c, -c], [0, c, c]])
-        shapes.add_torus(model, "lower", centre=(0, 0, 0), turn=np.eye(3), **shape)
-        shapes.add_torus(model, "upper", centre=(20, 0, 110), turn=tilt, **shape)
+        meshing.add_torus(model, "lower", centre=(0, 0, 0), **shape)
+        meshing.add_torus(model, "upper", centre=(20, 0, 110), axis=(0, -1, 1), **shape)
 
     E, nu = 2250.0, 0.3
     lame = {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}

@@ -1,0 +1,134 @@
+"""Hertz: a ball pressed on a plane, load stepping without inertia."""
+
+# # Hertz contact
+#
+# Half a ball is pressed on a rigid plane; by symmetry a quarter of it will do.
+#
+# ![The contact pressure](../docs/figures/hertz_pressure.png)
+#
+# You will learn
+#
+# - how to step loads without inertia (`QuasiStatic`),
+# - how to use symmetry and to move a support,
+# - how to get pressures at nodes.
+#
+# ## Problem
+#
+# Ball: R = 1 m, E = 1 Pa, nu = 0.3; its middle plane goes down by
+# d = 1e-4 m. Tetrahedra, six in the radius of contact.
+#
+# ## Equations
+#
+# With 1/E* = (1 - nu^2)/E and the force F (Johnson, Contact Mechanics, ch. 4)
+#
+# $$ a = \left( \frac{3 F R}{4 E^*} \right)^{1/3}, \qquad
+#    p = p_0 \sqrt{1 - r^2/a^2}, \qquad
+#    p_0 = \left( \frac{6 F E^{*2}}{\pi^3 R^2} \right)^{1/3}. \tag{1} $$
+#
+# Moments of the nodal forces f give a and p_0 without a search for the
+# edge: sum f r^2 = 2/5 F a^2, sum f p = 3/4 F p_0.
+
+# +
+import os
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary
+
+import dolfinx_nts as nts
+
+full, depth, E, nu = 4, 1e-4, 1.0, 0.3  # -, m, Pa, -
+num_steps = min(int(os.environ.get("NTS_DEMO_STEPS", str(full))), full)
+E_star, zone = E / (1 - nu**2), 1.3 * np.sqrt(depth)  # Pa, m
+
+
+def build(model):
+    """Add an octant of the ball, its pole off the contact; x, y, z < R."""
+    import gmsh  # the first rank alone needs it
+
+    occ = model.occ
+    ball = occ.addSphere(0, 0, 0, 1, angle1=0, angle2=np.pi / 2, angle3=np.pi / 2)
+    occ.rotate([(3, ball)], 0, 0, 0, 1, 1, 1, 2 * np.pi / 3)
+    occ.mirror([(3, ball)], 0, 0, 1, 0)
+    occ.translate([(3, ball)], 0, 0, 1)
+    occ.synchronize()
+    model.addPhysicalGroup(3, [ball], name="ball")
+    away = f"Max(0, Sqrt(x*x + y*y + z*z) - {zone})"
+    size = model.mesh.field.add("MathEval")
+    model.mesh.field.setString(size, "F", f"Min(0.2, {np.sqrt(depth) / 6} + 0.3 * {away})")
+    model.mesh.field.setAsBackgroundMesh(size)
+    for option in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+    model.mesh.generate(3)
+
+
+mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, 1.0))
+# -
+
+# ## Symmetry, support and contact
+#
+# Surfaces by place: the planes of symmetry, the middle plane, the rest.
+
+# +
+tiny, way = 1e-9, fem.Constant(mesh, 0.0)
+
+
+def hold(axis, place, value):
+    """Give a component of the displacement in a plane."""
+    plane = locate_entities_boundary(mesh, 2, lambda x: np.abs(x[axis] - place) < tiny)
+    return fem.dirichletbc(value, fem.locate_dofs_topological(V.sub(axis), 2, plane), V.sub(axis))
+
+
+def update(t):
+    """Move the middle plane."""
+    way.value = -depth * t
+
+
+bcs = [hold(0, 0.0, np.float64(0)), hold(1, 0.0, np.float64(0)), hold(2, 1.0, way)]
+surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 1) ** 2 > 1 - tiny)
+pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
+
+stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
+with nts.Recorder("hertz", stepper) as record:
+    for step in stepper.run(until=num_steps / full):
+        record.write(step)
+# -
+
+# ## Checks
+#
+# Radius and greatest pressure (1) of the computed force within 2 and 4 %,
+# with six cells in the radius of contact.
+
+# +
+f, p = -pair.history.lambda_N, pair.pressure
+r = np.hypot(*stepper.x[surface.nodes, :2].T)
+total, second, square = mesh.comm.allreduce(np.array([f.sum(), f @ r**2, f @ p]))
+force = 4 * total
+a = (0.75 * force / E_star) ** (1 / 3)
+p_0 = (6 * force * E_star**2 / np.pi**3) ** (1 / 3)
+radius, pressure = np.sqrt(2.5 * second / total), 4 / 3 * square / total
+if mesh.comm.rank == 0:
+    print(f"radius {radius:.5f} m (Hertz {a:.5f} m), pressure {pressure:.5f} Pa ({p_0:.5f} Pa)")
+assert abs(radius / a - 1) < 0.02
+assert abs(pressure / p_0 - 1) < 0.04
+# -
+
+# ## Picture
+
+# +
+points = mesh.comm.gather(np.column_stack([r, p]))
+if mesh.comm.rank == 0:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
+    axes = figure.subplots()
+    axes.plot(*(np.concatenate(points).T / [[a], [p_0]]), ".", label="nodes")
+    line = np.linspace(0, 1, 200)
+    axes.plot(line, np.sqrt(1 - line**2), label="Hertz")
+    axes.set(xlabel="r / a", ylabel="p / p_0", xlim=(0, 1.5))
+    axes.legend()
+    figure.savefig("hertz_pressure.png")

@@ -1,0 +1,322 @@
+"""Parts: simple bodies of hexahedra or tetrahedra for a gmsh model.
+
+Boxes (also bars and plates), hollow and solid balls, bowls, rings and
+tori. Each function adds one body with named surfaces to a live model;
+`meshing.read_mesh` then makes the mesh of all of them. Bodies do not
+share nodes.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts.blocks import SIDES, Block, Floats, add_body, hexahedra, join, quadrangles
+
+__all__ = ["add_bowl", "add_box", "add_hollow_ball", "add_ring", "add_solid_ball", "add_torus"]
+
+# Solid ball: half edge of the cube in its middle, relative to the radius,
+# and how round that is.
+_CORE, _BULGE = 0.5, 0.6
+
+
+def add_box(
+    model: Any,
+    name: str,
+    *,
+    corner: Sequence[float],
+    size: Sequence[float],
+    cells: Sequence[int],
+    cell: str = "hexahedron",
+) -> None:
+    """Add a box of equal cells to a live gmsh model.
+
+    Local. Creates the physical volume ``name`` and the physical
+    surfaces ``name_left``, ``name_right`` (lowest, highest x),
+    ``name_front``, ``name_back`` (y), ``name_bottom``, ``name_top`` (z).
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        corner: Lowest coordinates, shape ``(3,)`` [m].
+        size: Edge lengths, shape ``(3,)`` [m].
+        cells: Number of hexahedra along the edges, shape ``(3,)``.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A size or number is not positive; unknown ``cell``.
+    """
+    if min(size) <= 0 or min(cells) < 1:
+        raise ValueError(f"expected positive size and cells, given {size} and {cells}")
+    ids = np.arange(np.prod(np.add(cells, 1))).reshape(np.add(cells, 1))
+    x = corner + np.argwhere(ids >= 0) / cells * size
+    grid = hexahedra(ids)
+    add_body(model, name, x, grid, {side: quadrangles(grid, side) for side in SIDES}, cell)
+
+
+def add_hollow_ball(
+    model: Any,
+    name: str,
+    *,
+    centre: Sequence[float],
+    inner_radius: float,
+    outer_radius: float,
+    cells_per_edge: int,
+    layers: int,
+    cell: str = "hexahedron",
+) -> None:
+    """Add a hollow ball, an equiangular cubed sphere, to a gmsh model.
+
+    Local. The nodes of a cube face with parameters a, b in [-1, 1] lie
+    in the directions ``(tan(pi a / 4), tan(pi b / 4), 1)``, evenly
+    spaced in a, b and the radius. Creates the physical volume ``name``
+    and the physical surfaces ``name_outer`` and ``name_inner``.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        centre: Centre, shape ``(3,)`` [m].
+        inner_radius: Radius of the cavity [m].
+        outer_radius: Radius of the ball [m].
+        cells_per_edge: Number of hexahedra along an edge of the cube.
+        layers: Number of hexahedra through the wall.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A radius or number out of range; unknown ``cell``.
+    """
+    _check_radii(inner_radius, outer_radius)
+    _check_cells(cells_per_edge, layers)
+    n = cells_per_edge
+    lattice = np.moveaxis(np.indices((n + 1, n + 1, n + 1)), 0, -1)
+    on_cube = ((lattice == 0) | (lattice == n)).any(axis=-1)
+    direction = np.tan(np.pi / 4 * (2 * lattice[on_cube] - n) / n)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    radii = np.linspace(inner_radius, outer_radius, layers + 1)
+    x = centre + radii[:, None, None] * direction
+
+    ids = np.full(on_cube.shape, -1)
+    ids[on_cube] = np.arange(len(direction))
+    # Transposed where the two lattice axes and the outward direction
+    # would make a left-handed triple.
+    faces = (ids[-1], ids[0].T, ids[:, -1].T, ids[:, 0], ids[:, :, -1], ids[:, :, 0].T)
+    wall = len(direction) * np.arange(layers + 1)
+    cells = np.stack([hexahedra(face[:, :, None] + wall) for face in faces])
+    surfaces = {"outer": quadrangles(cells, "top"), "inner": quadrangles(cells, "bottom")}
+    add_body(model, name, x, cells, surfaces, cell)
+
+
+def add_solid_ball(
+    model: Any,
+    name: str,
+    *,
+    centre: Sequence[float],
+    radius: float,
+    cells_per_edge: int,
+    layers: int,
+    cell: str = "hexahedron",
+) -> None:
+    """Add a solid ball, a bulged cube in six shells, to a gmsh model.
+
+    Local. Creates the physical volume ``name`` and the physical surface
+    ``name_outer``.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        centre: Centre, shape ``(3,)`` [m].
+        radius: Radius [m].
+        cells_per_edge: Number of hexahedra along an edge of the cube.
+        layers: Number of hexahedra through the shells.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A radius or number out of range; unknown ``cell``.
+    """
+    if not radius > 0:
+        raise ValueError(f"expected a radius > 0, given {radius}")
+    _check_cells(cells_per_edge, layers)
+    p = np.tan(np.pi / 4 * np.linspace(-1, 1, cells_per_edge + 1))
+    grid = np.stack(np.meshgrid(p, p, p, indexing="ij"), axis=-1)
+    largest = np.abs(grid).max(axis=-1, keepdims=True)
+    length = np.linalg.norm(grid, axis=-1, keepdims=True)
+    part = _BULGE * largest**2
+    core = _CORE * grid * (1 - part + part * largest / np.where(length > 0, length, 1.0))
+    s = np.linspace(0, 1, layers + 1)[:, None]
+    blocks = [Block(core, {})]
+    for axis in range(3):
+        for layer in (0, -1):
+            inner = core.take(layer, axis=axis)[:, :, None]
+            shell = inner + s * (inner / np.linalg.norm(inner, axis=-1, keepdims=True) - inner)
+            # Right-handed: the first two axes turn outwards.
+            if (axis == 1) != (layer == 0):
+                shell = shell.transpose(1, 0, 2, 3)
+            blocks.append(Block(shell, {"top": "outer"}))
+    blocks = [Block(centre + radius * block.x, block.names) for block in blocks]
+    add_body(model, name, *join(blocks), cell)
+
+
+def add_bowl(
+    model: Any,
+    name: str,
+    *,
+    centre: Sequence[float],
+    inner_radius: float,
+    outer_radius: float,
+    cells_per_edge: int,
+    layers: int,
+    cell: str = "hexahedron",
+) -> None:
+    """Add a bowl, the lower half of a hollow ball, to a gmsh model.
+
+    Local. Creates the physical volume ``name`` and the physical
+    surfaces ``name_inner``, ``name_outer`` and ``name_rim``.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        centre: Centre of the ball, shape ``(3,)`` [m].
+        inner_radius: Radius inside [m].
+        outer_radius: Radius outside [m].
+        cells_per_edge: Number of hexahedra along an edge of the whole
+            cube of `add_hollow_ball`, even.
+        layers: Number of hexahedra through the wall.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A radius or number out of range; unknown ``cell``.
+    """
+    _check_radii(inner_radius, outer_radius)
+    _check_cells(cells_per_edge, layers)
+    if cells_per_edge % 2:
+        raise ValueError(f"expected an even number of cells per edge, given {cells_per_edge}")
+    t = np.tan(np.pi / 4 * np.linspace(-1, 1, cells_per_edge + 1))
+    a, b = np.meshgrid(t, t, indexing="ij")
+    one = np.ones_like(a)
+    faces = [np.stack([b, a, -one], axis=-1)]
+    for x, y in ((one, a), (-a, one), (-one, -a), (a, -one)):
+        faces.append(np.stack([x, y, b], axis=-1)[:, : cells_per_edge // 2 + 1])
+    r = np.linspace(inner_radius, outer_radius, layers + 1)[:, None]
+    blocks: list[Block] = []
+    for face in faces:
+        direction = face / np.linalg.norm(face, axis=-1, keepdims=True)
+        names = {"bottom": "inner", "top": "outer"} | ({"back": "rim"} if blocks else {})
+        blocks.append(Block(centre + r * direction[:, :, None], names))
+    add_body(model, name, *join(blocks), cell)
+
+
+def add_ring(
+    model: Any,
+    name: str,
+    *,
+    centre: Sequence[float],
+    inner_radius: float,
+    outer_radius: float,
+    width: float,
+    cells: Sequence[int],
+    axis: Sequence[float] = (0.0, 0.0, 1.0),
+    cell: str = "hexahedron",
+) -> None:
+    """Add a ring, a short tube, to a gmsh model.
+
+    Local. Creates the physical volume ``name`` and the physical
+    surfaces ``name_inner``, ``name_outer``, ``name_bottom`` and
+    ``name_top``, the end in the direction of the axis.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        centre: Centre, shape ``(3,)`` [m].
+        inner_radius: Radius of the hole [m].
+        outer_radius: Radius of the ring [m].
+        width: Length along the axis [m].
+        cells: Number of hexahedra around, through the wall and along
+            the axis, shape ``(3,)``.
+        axis: Direction of the axis, of any length, shape ``(3,)``.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A length or number out of range; unknown ``cell``.
+    """
+    _check_radii(inner_radius, outer_radius)
+    _check_cells(cells[0], least=3)
+    _check_cells(*cells)
+    if width <= 0:
+        raise ValueError(f"expected a width > 0, given {width}")
+    r = np.linspace(inner_radius, outer_radius, cells[1] + 1)[:, None, None]
+    phi = np.linspace(0, 2 * np.pi, cells[0] + 1)[:, None]
+    z = np.linspace(-width / 2, width / 2, cells[2] + 1)
+    x = np.stack(np.broadcast_arrays(r * np.cos(phi), r * np.sin(phi), z), axis=-1)
+    names = {"left": "inner", "right": "outer", "bottom": "bottom", "top": "top"}
+    add_body(model, name, *join([Block(centre + _turned(x, axis), names)]), cell)
+
+
+def add_torus(
+    model: Any,
+    name: str,
+    *,
+    centre: Sequence[float],
+    radius: float,
+    inner_radius: float,
+    outer_radius: float,
+    cells: Sequence[int],
+    axis: Sequence[float] = (0.0, 0.0, 1.0),
+    cell: str = "hexahedron",
+) -> None:
+    """Add a torus, a closed tube, to a gmsh model.
+
+    Local. Creates the physical volume ``name`` and the physical
+    surfaces ``name_inner`` and ``name_outer``.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        centre: Centre, shape ``(3,)`` [m].
+        radius: Radius of the circle in the middle of the tube [m].
+        inner_radius: Radius of the cavity of the tube [m].
+        outer_radius: Radius of the tube [m].
+        cells: Number of hexahedra along the circle, around the tube and
+            through its wall, shape ``(3,)``.
+        axis: Direction of the axis, of any length, shape ``(3,)``.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+
+    Raises:
+        ValueError: A radius or number out of range; unknown ``cell``.
+    """
+    _check_radii(inner_radius, outer_radius)
+    if not radius > outer_radius:
+        raise ValueError(f"expected radius > outer radius, given {radius}, {outer_radius}")
+    _check_cells(*cells[:2], least=3)
+    _check_cells(cells[2])
+    phi = np.linspace(0, 2 * np.pi, cells[0] + 1)[:, None, None]
+    theta = np.linspace(0, 2 * np.pi, cells[1] + 1)[:, None]
+    r = np.linspace(inner_radius, outer_radius, cells[2] + 1)
+    away = radius + r * np.cos(theta)
+    grid = np.broadcast_arrays(away * np.cos(phi), away * np.sin(phi), r * np.sin(theta))
+    names = {"bottom": "inner", "top": "outer"}
+    x = centre + _turned(np.stack(grid, axis=-1), axis)
+    add_body(model, name, *join([Block(x, names)]), cell)
+
+
+def _turned(x: Floats, axis: Sequence[float]) -> Floats:
+    """Turn positions (..., 3) by a rotation from z to an axis."""
+    length = float(np.linalg.norm(axis))
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"expected an axis of length > 0, given {axis}")
+    # The smallest rotation; beyond the equator to the axis after half a
+    # turn about x, and half a turn.
+    flip = np.array([1, -1, -1]) if axis[2] < 0 else np.ones(3)
+    a, b, c = np.asarray(axis) / length * flip
+    K = np.array([[0, 0, a], [0, 0, b], [-a, -b, 0]])
+    Q = np.eye(3) + K + K @ K / (1 + c)
+    return np.asarray(x @ Q.T * flip)
+
+
+def _check_radii(inner: float, outer: float) -> None:
+    if not 0 < inner < outer:
+        raise ValueError(f"expected 0 < inner < outer radius, given {inner}, {outer}")
+
+
+def _check_cells(*numbers: int, least: int = 1) -> None:
+    if min(numbers) < least:
+        raise ValueError(f"expected at least {least} cells, given {numbers}")

@@ -1,0 +1,155 @@
+"""Scenes: surfaces and contact pairs of whole bodies.
+
+For scenes in which anything may touch anything, without naming surfaces.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
+
+from dolfinx_nts.bodies import Body
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.obstacles import Obstacle
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["all_pairs", "boundary_of"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+
+def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Surface:
+    """Boundary of one or several bodies, or a part of it. Collective.
+
+    Args:
+        *bodies: Bodies of one space. Facets between two bodies that
+            share nodes are not on the boundary.
+        where: Function of the reference positions, shape ``(3, n)``,
+            that returns ``(n,)`` booleans; facets are kept if it holds
+            at all their vertices.
+
+    Returns:
+        The surface.
+
+    Raises:
+        TypeError: Something is no body.
+        ValueError: No bodies, several spaces, or no facet is left.
+    """
+    V = _space(bodies)
+    topology = V.mesh.topology
+    topology.create_connectivity(2, 3)
+    facets = exterior_facet_indices(topology)
+    to_cell = topology.connectivity(2, 3)
+    cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
+    facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
+    if where is not None:
+        facets = np.intersect1d(facets, locate_entities_boundary(V.mesh, 2, where))
+    return Surface.of(V, facets)
+
+
+def all_pairs(
+    bodies: Sequence[Body],
+    *,
+    obstacles: Sequence[Obstacle] = (),
+    enforcement: LagrangeMultiplier | Penalty | None = None,
+    friction: Coulomb | None = None,
+) -> list[ContactPair]:
+    """Contact pairs by which any body may touch any other. Collective.
+
+    Bodies that share nodes count as one. One pair is that of the nodes
+    of the finer half of the bodies with the segments of the coarser
+    half, by the longest facet of each; and so on within the halves:
+    n - 1 pairs for n bodies. Each obstacle makes a pair with all. The
+    log tells what was built.
+
+    Args:
+        bodies: Bodies of one space.
+        obstacles: Rigid obstacles.
+        enforcement: How contact is enforced, as in `ContactPair`.
+        friction: Law of friction; None: none.
+
+    Returns:
+        The pairs.
+
+    Raises:
+        TypeError: Something is no body, or no obstacle.
+        ValueError: No bodies, or several spaces.
+    """
+    _space(bodies)
+    surface = cache(boundary_of)
+    # Rounded, so that equal bodies stay in order.
+    groups = sorted(_groups(bodies), key=lambda group: float(f"{surface(*group).size:.6g}"))
+    pairs: list[ContactPair] = []
+
+    def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
+        target: Surface | Obstacle
+        if isinstance(segments, Obstacle):
+            target, text = segments, type(segments).__name__
+        else:
+            target, text = surface(*segments), f"the segments of {names(segments)}"
+        pairs.append(ContactPair(surface(*nodes), target, enforcement, friction))
+        if bodies[0].V.mesh.comm.rank == 0:
+            _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
+
+    def names(some: Sequence[Body]) -> str:
+        if len(some) == len(bodies) > 1:
+            return "all bodies"
+        numbers = sorted(bodies.index(body) + 1 for body in some)
+        return f"bod{'y' if len(numbers) == 1 else 'ies'} {', '.join(map(str, numbers))}"
+
+    for finer, coarser in _halves(groups):
+        add(list(chain(*finer)), list(chain(*coarser)))
+    for obstacle in obstacles:
+        if not isinstance(obstacle, Obstacle):
+            raise TypeError(f"expected an obstacle, given {type(obstacle).__name__}")
+        add(bodies, obstacle)
+    return pairs
+
+
+def _space(bodies: Sequence[Body]) -> Any:
+    """Space of the bodies, checked."""
+    if not bodies:
+        raise ValueError("expected at least one body, given none")
+    for body in bodies:
+        if not isinstance(body, Body):
+            raise TypeError(f"expected a Body, given {type(body).__name__}")
+    if any(body.V != bodies[0].V for body in bodies):
+        raise ValueError("expected bodies in one function space, given several")
+    return bodies[0].V
+
+
+def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
+    """Halves of a list, halves of its halves, ...; each two items once."""
+    if len(items) > 1:
+        middle = len(items) // 2
+        yield items[:middle], items[middle:]
+        yield from _halves(items[:middle])
+        yield from _halves(items[middle:])
+
+
+def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
+    """Bodies that share nodes, together. Collective."""
+    index_map = bodies[0].V.dofmap.index_map
+    last = np.full(index_map.size_local, -1)  # last body of each owned node
+    touching: npt.NDArray[np.bool_] = np.zeros((len(bodies), len(bodies)), dtype=bool)
+    for i, body in enumerate(bodies):
+        # A node may be owned by a rank that has no cell of the body.
+        marker = la.vector(index_map)
+        marker.array[body.nodes] = 1
+        marker.scatter_reverse(la.InsertMode.add)
+        nodes = np.flatnonzero(marker.array[: index_map.size_local])
+        touching[i, np.setdiff1d(last[nodes], -1)] = True
+        last[nodes] = i
+    touching = bodies[0].V.mesh.comm.allreduce(touching.astype(np.int32)) > 0
+    group = np.arange(len(bodies))
+    for i, j in np.argwhere(touching):
+        group[group == group[i]] = group[j]
+    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]
