@@ -48,12 +48,14 @@ class Recorder:
     ``summary``.
 
     Columns of the table, in SI units: ``step``, ``dt``, those of `Balance`,
-    ``newton_iterations``, ``rejected``, and the change of the total energy since the
-    first row by cause: ``energy_bulk``, ``energy_loads``,
+    ``newton_iterations``, ``rejected``, and the change of the total energy
+    since the first row by cause: ``energy_bulk``, ``energy_loads``,
     ``energy_supports``, ``energy_damping``, ``energy_persistent_contact``,
     ``energy_activation``, ``energy_facet_change``, ``energy_friction``,
     ``energy_solver``. Each is summed on its own; ``energy_unaccounted``
-    is the rest: round-off, unless the state is set between steps.
+    is the rest: round-off, unless the state is set between steps. Besides,
+    ``external_work`` of loads and supports, and ``friction_dissipation``, what
+    friction has taken.
 
     With ``checkpoint_every``, checkpoints ``name.checkpoint.h5`` hold all that
     the run depends on. They are also written at the end, and on Ctrl-C or
@@ -277,6 +279,8 @@ class Recorder:
             "rejected": rejected,
             **causes,
             "energy_unaccounted": rest,
+            "external_work": self._loads + self._supports,
+            "friction_dissipation": -contact.friction,
         }
         on_root(self._comm, lambda: self._add_row(row))
 

@@ -128,13 +128,16 @@ def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcemen
     atol = TOLERANCE * table["kinetic_energy"][0]
     assert agree(np.abs(table["energy_unaccounted"]).max() < atol)
     assert agree(table["energy_friction"][-1] < -1e6 * atol)
+    assert agree(np.all(np.diff(table["friction_dissipation"]) >= 0))
+    assert agree(table["friction_dissipation"][-1] == -table["energy_friction"][-1])
     assert agree(table["contact_energy"].any() == isinstance(enforcement, nts.Penalty))
 
 
 def test_columns_are_named_in_words(comm, folder):
     record(blocks(comm).stepper, folder / "run", 1)
     columns = (folder / "run.csv").read_text().splitlines()[0]
-    assert columns == FIRST_COLUMNS + "".join(f",energy_{cause}" for cause in LEDGER.split(","))
+    ledger = "".join(f",energy_{cause}" for cause in LEDGER.split(","))
+    assert columns == f"{FIRST_COLUMNS}{ledger},external_work,friction_dissipation"
 
 
 def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
