@@ -139,7 +139,7 @@ class ContactStep:
         """
         x = self.x = self.neighbourhood.with_ghosts(x)
         node, changed = self._find_pairs(x, iteration)
-        rows = self._rows(x, node)
+        rows = self._evaluated = self._rows(x, node)
         slope: Floats = np.zeros(len(node))
         R = None if R_bulk is None else R_bulk[rows.dofs[:, 0]]
         if isinstance(self.pair.enforcement, Penalty):
@@ -195,7 +195,7 @@ class ContactStep:
         """What is to become the pair's history, from the last evaluation."""
         here, pair, old = self.neighbourhood, self.pair, self.pair.history
         node, n = state.node, len(self.segment)
-        rows = self._rows(self.x, node)
+        rows = self._evaluated
         key = np.full(n, -1, dtype=np.int64)
         found = self.segment >= 0
         key[found] = here.key[self.segment[found]]
@@ -242,7 +242,7 @@ class ContactStep:
             new: What `accepted` made of it.
         """
         old, node = self.pair.history, state.node
-        rows = self._rows(self.x, node)
+        rows = self._evaluated
         dx = (self.x - self.x_n)[state.dofs].reshape(rows.force[:, 0].shape)
         work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
         law = self.pair.enforcement

@@ -153,7 +153,7 @@ def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> boo
         here = step.neighbourhood
         constrained = state.rank > 0
         marks: Floats = np.zeros((here.num_local, 3))
-        np.add.at(marks[:, 0], state.dofs[constrained, 0], 1)
+        marks[state.dofs[constrained, 0], 0] = 1  # each node is in one pair of the state
         marks[state.dofs[state.active & ~constrained, 0], 1] = 1
         marks[state.dofs[state.active, 1:].ravel(), 1] = 1
         marks = here.to_owners(marks)
