@@ -6,7 +6,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from dolfinx_nts import assembly, contact_step, elimination, linear, newton, patch
+from dolfinx_nts import (
+    assembly,
+    contact_step,
+    elimination,
+    linear,
+    newton,
+    patch,
+    preconditioner,
+    saddle,
+)
 
 __all__ = ["CONTACT", "Profile"]
 
@@ -34,8 +43,8 @@ class Profile:
             (contact_step.ContactStep, "accepted", "contact"),
             (assembly.Bulk, "action", "action"),
             (assembly.Bulk, "residual", "assembly"),
-            (assembly.SaddleSystem, "solve", "direct"),
-            (linear._Preconditioner, "build", "factors"),
+            (saddle.SaddleSystem, "solve", "direct"),
+            (preconditioner.Preconditioner, "build", "factors"),
             (linear, "Elimination", "elimination"),
             (linear, "coupled", "elimination"),
             (elimination.Elimination, "particular", "elimination"),

@@ -82,14 +82,13 @@ class Counters:
 
     def __init__(self, stepper: Any) -> None:
         """Remember where the parts are."""
-        self.bulk = getattr(stepper, "_bulk", None)
-        self._solver = getattr(stepper, "_solver", None)
-        self._internal = getattr(stepper, "_internal", None)
+        self.bulk = stepper._bulk
+        self._solver = getattr(stepper, "_solver", None)  # explicit steps have none
 
     def now(self) -> dict[str, int]:
         """Residuals, actions, tangents, Krylov iterations, whole factorisations."""
-        if self.bulk is None:
-            counts = (self._internal.num_assemblies, 0, 0, 0, 0)
+        if self._solver is None:
+            counts = (self.bulk.internal.num_assemblies, 0, 0, 0, 0)
         else:
             bulk, solver = self.bulk, self._solver
             counts = (
@@ -104,13 +103,13 @@ class Counters:
 
     def residual_seconds(self, stepper: Any) -> float:
         """CPU time of one evaluation of the forces of the bulk."""
-        if self.bulk is not None:
+        if self._solver is not None:
             evaluate = self.bulk.residual
         else:
             total = np.zeros_like(stepper.nodal_momentum())
 
             def evaluate() -> None:
-                self._internal.add_to(total, 1.0)
+                self.bulk.internal.add_to(total, 1.0)
 
         count = 200 if stepper.u.x.array.size < 50_000 else 20
         for _ in range(3):
