@@ -122,15 +122,16 @@ def fast(comm, law, factor):
 
 
 def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree, refused):
-    # Four times the speed of the waves; what fails first depends on round-off.
-    reasons = "inverted|turned by more than 90 degrees"
+    # Twice the speed of the waves; what fails first depends on round-off. (At four
+    # times, a node can be driven through in any step, which is refused.)
+    reasons = "inverted|turned by more than 90 degrees|through a surface"
     with refused(nts.ConvergenceError, reasons):
-        list(fast(comm, nts.NeoHookean, 30).run(2 / 30))
-    stepper = fast(comm, nts.NeoHookean, 30)
-    reports = list(stepper.run(2 / 30, nts.StepControl()))
-    assert agree(stepper.t == 2 / 30)
+        list(fast(comm, nts.NeoHookean, 14).run(2 / 14))
+    stepper = fast(comm, nts.NeoHookean, 14)
+    reports = list(stepper.run(2 / 14, nts.StepControl()))
+    assert agree(stepper.t == 2 / 14)
     assert agree(sum(report.rejected for report in reports) > 0)
-    assert agree(abs(sum(report.dt for report in reports) - 2 / 30) < 1e-15)
+    assert agree(abs(sum(report.dt for report in reports) - 2 / 14) < 1e-15)
 
 
 def test_a_material_that_collapses_is_followed_until_it_does(comm, agree, refused):
