@@ -55,13 +55,12 @@ class Rest:
             inside = np.isin(surface.nodes, self._nodes[body])
             return bool(comm.allreduce(int(inside.sum())))
 
-        self._loaded = {
-            body
-            for body in bodies
-            for load in loads
-            if body in getattr(load, "bodies", ())
-            or (hasattr(load, "surface") and belongs(load.surface, body))
-        }
+        def loaded(load: Load, body: Body) -> bool:
+            if hasattr(load, "surface"):
+                return belongs(load.surface, body)
+            return body in getattr(load, "bodies", bodies)
+
+        self._loaded = {b for b in bodies if any([loaded(load, b) for load in loads])}
         self._pairs: Mapping[Body, list[int]] = {
             body: [
                 i
@@ -72,6 +71,7 @@ class Rest:
             for body in bodies
         }
         self.bodies: frozenset[Body] = frozenset()
+        self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
         """Bodies at rest in a step; the forms leave them out from now on.
@@ -82,19 +82,26 @@ class Rest:
                 of Newton's method, with the supports at the step's end.
             steps: Contact attempts.
         """
-        comm, still = self._bulk.comm, []
-        v, moved = (a.reshape(-1, 3) for a in (v, self._bulk.u.x.array - u_n))
+        comm, flags = self._bulk.comm, []
+        v, moved, displaced = (
+            a.reshape(-1, 3) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
+        )
         for body in self._all:
             nodes = self._nodes[body]
             moves = np.any(v[nodes]) or np.any(moved[nodes])
             touched = any(steps[i].may_touch for i in self._pairs[body])
-            still.append(not (moves or touched or body in self._loaded))
-        count = comm.allreduce(np.array(still, dtype=np.int64))
-        candidates = [body for body, n in zip(self._all, count, strict=True) if n == comm.size]
-        if new := [body for body in candidates if body not in self.bodies]:
+            still = not (moves or touched or body in self._loaded)
+            # Its displacement may have been set since its balance was looked at.
+            known = body in self.bodies and not np.any(displaced[nodes])
+            flags.append((still, known))
+        counts = comm.allreduce(np.array(flags, dtype=np.int64)) == comm.size
+        states = zip(self._all, counts.tolist(), strict=True)
+        candidates = {body: known for body, (still, known) in states if still}
+        if new := [body for body, known in candidates.items() if not known]:
             self._wake()
             balanced = self._balanced(new, u_n)
-            candidates = [body for body in candidates if body in balanced or body not in new]
+            candidates = {b: known for b, known in candidates.items() if known or b in balanced}
+        self._u_n[:] = u_n
         self._leave_out(frozenset(candidates))
 
     def disturbed(self, steps: Sequence[ContactStep]) -> bool:

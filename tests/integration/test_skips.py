@@ -99,6 +99,22 @@ def test_body_that_is_not_in_equilibrium_is_no_body_at_rest(comm):
     assert stepper.advance().num_resting == 0
 
 
+def test_body_that_is_strained_while_it_rests_wakes(comm):
+    scene = scenes.ball_plate(comm)
+    stepper, plate = scene.stepper, scene.bodies["plate"]
+    assert stepper.advance().num_resting == 1
+    stepper.set_displacement(plate, lambda X: 1e-3 * X)
+    before = plate_motion(scene)
+    assert stepper.advance().num_resting == 0
+    assert plate_motion(scene) > before == 0
+
+
+def plate_motion(scene):
+    """Largest velocity of the plate on any rank."""
+    v = scene.stepper.v.x.array.reshape(-1, 3)[scene.bodies["plate"].nodes]
+    return scene.comm.allreduce(np.abs(v).max(initial=0.0), op=scenes.MPI.MAX)
+
+
 def test_body_moved_without_strain_still_rests(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
