@@ -272,9 +272,8 @@ class ContactStep:
             return 0.0
         old = self.pair.history
         energy = old.energy.copy()
-        if self.pair.has_slip_spring:
-            assert self.pair.eps_T is not None
-            energy -= np.einsum("ni,ni->n", old.traction, old.traction) / (2 * self.pair.eps_T)
+        if self._tangential is not None:
+            energy -= self._tangential.energy(old.traction)
         energy[node] = 0.0
         return float(energy.sum())
 
