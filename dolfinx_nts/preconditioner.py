@@ -84,6 +84,7 @@ class Preconditioner:
         self._matrix: Any = None
         self._scalar: Any = None
         self._patch: Patch | None = None
+        self._set: list[str] = []  # options that the user left open
         self.is_strong = False
         self.point: Sequence[npt.NDArray[Any]] | None = None
         self.num_builds = 0
@@ -164,11 +165,16 @@ class Preconditioner:
     def _use(self, kind: str, defaults: Mapping[str, Any]) -> None:
         """Set type and options, but for what the user has set."""
         options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
+        for key in self._set:
+            # Of another kind of factors, which may not know them.
+            options.delValue(key)
+        self._set = []
         self._pc.setType(kind)
         if options.getString(f"{prefix}pc_type", kind) == kind:
             for key, value in defaults.items():
                 if not options.hasName(prefix + key):
                     options[prefix + key] = value
+                    self._set.append(prefix + key)
         self._pc.setFromOptions()
 
     def prepare(self) -> None:
