@@ -39,7 +39,7 @@ LAYERS = [
     {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics", "fingerprint"},
+    {"diagnostics", "diagrams", "drawing", "fingerprint", "movie"},
     {"checkpoint", "plotting", "xdmf"},
     {"output"},
     {"__init__"},
@@ -51,8 +51,10 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 FIRST = {"petsc4py": "block_rows", "dolfinx.fem.petsc": "assembly"}
 ONLY = {
     "gmsh": {"meshing"},
-    "pyvista": {"plotting"},
-    "matplotlib": {"plotting"},
+    "pyvista": {"drawing", "plotting"},
+    "matplotlib": {"diagrams"},
+    "PIL": {"movie"},
+    "imageio_ffmpeg": {"movie"},
     "dolfinx.io": {"compat"},
     "h5py": {"checkpoint", "xdmf"},
 }
