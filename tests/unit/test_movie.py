@@ -45,6 +45,7 @@ def test_an_mp4_goes_to_its_encoder(tmp_path, monkeypatch):
     assert np.array_equal(received, FRAMES)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of its reader
 def test_an_mp4_is_read_back(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     with Movie(tmp_path / "a.mp4", fps=4) as movie:

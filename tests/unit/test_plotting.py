@@ -130,7 +130,7 @@ def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
 
 def test_a_field_that_is_not_there_is_refused(comm, folder, recorded):
     if comm.rank == 0:
-        with pytest.raises(ValueError, match="colour out of .*given 'stress'"):
+        with pytest.raises(ValueError, match=r"colour out of .*given 'stress'"):
             plotting.animate(folder / "run.xdmf", folder / "run.gif", colour="stress")
         assert not (folder / "run.gif").exists()
 
