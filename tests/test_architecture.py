@@ -27,6 +27,7 @@ LAYERS = [
     {"surfaces"},
     {"bodies"},
     {"loads", "stable_step"},
+    {"form_load"},
     {"search", "enforcement", "friction", "obstacles"},
     {"contact", "contact_rows"},
     {"tangential"},
