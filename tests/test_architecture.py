@@ -40,8 +40,8 @@ LAYERS = [
     {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics", "diagrams", "drawing", "fingerprint", "movie"},
-    {"checkpoint", "plotting", "xdmf"},
+    {"diagnostics", "diagrams", "drawing", "fields", "fingerprint", "movie"},
+    {"checkpoint", "plotting", "vtx", "xdmf"},
     {"output"},
     {"__init__"},
 ]
