@@ -37,7 +37,7 @@ _BAR = {
 
 @contextmanager
 def canvas(*, interactive: bool = False) -> Iterator[Any]:
-    """White plotter, closed at the end.
+    """White plotter, closed at the end unless it is in a notebook.
 
     Args:
         interactive: For the notebook that it is called in, or else a
@@ -60,7 +60,9 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
             plotter.add_axes(color="black")
             yield plotter
         finally:
-            plotter.close()
+            # The view in a notebook lives on.
+            if not notebook:
+                plotter.close()
 
 
 def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
