@@ -90,7 +90,7 @@ def show(
     """Show the deformed bodies, to turn and to zoom. Collective.
 
     In a Jupyter notebook by PyVista's backend (interactive with the
-    package ``trame``), else in a window, until it is closed.
+    package ``pyvista[jupyter]``), else in a window, until it is closed.
 
     Args:
         stepper: What is run.
