@@ -23,9 +23,10 @@ class FormLoad(Load):
         V: Space of the displacement.
         work: Form, linear in the test function of V; or function
             ``work(u, eta, t)`` that returns it for a displacement
-            (in the middle of a step; at the end in `QuasiStatic`), a
-            test function, and the time there, a `fem.Constant` [s].
-            The derivative by u is taken care of.
+            (in the middle of a step; at its end in `QuasiStatic`, where
+            it is in `CentralDifference`), a test function, and the time
+            there, a `fem.Constant` [s]. The derivative by u is taken
+            care of.
 
     Attributes:
         V: The space.
