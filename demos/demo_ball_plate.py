@@ -88,6 +88,7 @@ def strike(name: str, scheme: type, impact: str) -> nts.Recorder:
             record.write(step)
             if step.step in (50, 100):
                 plotting.snapshot(stepper, f"{name}_{step.step:03}.png", limits=(0.0, 8.0e3))
+                plotting.contact(stepper, f"{name}_{step.step:03}_pressure.png")
     if mesh.comm.rank == 0:
         print(record.summary(), end="\n\n")
     return record

@@ -6,7 +6,7 @@
 #
 #     for n in 1 2 4; do mpirun -n $n python3 demo_scaling.py; done
 #
-# Each run adds a line to `scaling.csv` and draws all lines.
+# Each run adds a line to `scaling.csv`, prints and draws all lines.
 #
 # You will learn
 #
@@ -96,8 +96,13 @@ if comm.rank == 0:
         writer.writerow(row)
     rows = np.atleast_1d(np.genfromtxt(table, delimiter=",", names=True))
     assert np.ptp(rows["strain_energy"]) <= 1e-8 * start and np.ptp(rows["active"]) == 0
+    print("ranks  seconds a step  speed  efficiency")
+    for line in rows:
+        speed = rows["seconds"][0] / line["seconds"]
+        efficiency = speed * rows["ranks"][0] / line["ranks"]
+        print(f"{line['ranks']:5.0f}  {line['seconds']:14.3f}  {speed:5.2f}  {efficiency:10.0%}")
     phases = ", ".join(f"{name} {t:.2f} s" for name, t in stepper.timings.seconds.items())
-    print(f"{comm.size} ranks: {seconds:.3f} s a step, in all {phases}")
+    print(f"this run, in all: {phases}")
 # -
 
 # ## Picture

@@ -64,12 +64,13 @@ before = nts.Diagnostics(stepper).balance()
 # +
 camera = [(420, -260, 200), (0, 0, 25), (0, 0, 1)]
 active = []
-with nts.Recorder("tori", stepper, every=10) as record:
+with nts.Recorder("tori", stepper, every=6) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         active.append(step.num_active)
         if step.step == min(60, num_steps):
             plotting.snapshot(stepper, "tori.png", camera=camera)
+plotting.animate("tori.xdmf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
 plotting.energies("tori.csv", "tori_energies.png")
 plotting.momenta("tori.csv", "tori_momenta.png")
 # -

@@ -5,6 +5,7 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
+from dolfinx_nts.form_load import FormLoad
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
@@ -36,6 +37,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "FormLoad",
     "GeneralizedAlpha",
     "Gravity",
     "Hyperelastic",

@@ -19,7 +19,7 @@ try:
 except ModuleNotFoundError:
     _reader = import_module("dolfinx.io.gmshio")
 
-__all__ = ["model_to_mesh"]
+__all__ = ["model_to_mesh", "vtx_writer"]
 
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:
@@ -44,3 +44,16 @@ def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags
         none = np.empty(0, dtype=np.int32)
         facets = meshtags(mesh, mesh.topology.dim - 1, none, none)
     return mesh, cells, facets
+
+
+def vtx_writer() -> Any:
+    """Class `dolfinx.io.VTXWriter`.
+
+    Raises:
+        RuntimeError: This DOLFINx was built without ADIOS2.
+    """
+    # Not a matter of the release but of how DOLFINx was built.
+    writer = getattr(import_module("dolfinx.io"), "VTXWriter", None)
+    if writer is None:
+        raise RuntimeError("expected a DOLFINx with ADIOS2 for VTX files; it writes XDMF without")
+    return writer

@@ -20,12 +20,38 @@ from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import QUADRATURE_DEGREE, Body, bulk_form
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["BodyForce", "Gravity", "Load", "Pressure", "Supports", "Traction"]
+__all__ = [
+    "BodyForce",
+    "Gravity",
+    "Load",
+    "LoadWithValue",
+    "Pressure",
+    "Supports",
+    "Traction",
+]
 
 Floats = npt.NDArray[np.float64]
 
 
 class Load(ABC):
+    """A load on bodies of one space; use one of the classes below.
+
+    Attributes:
+        V: Space of the displacement.
+    """
+
+    V: fem.FunctionSpace
+
+    @abstractmethod
+    def update(self, t: float) -> None:
+        """Take the value at a time [s]."""
+
+    @abstractmethod
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step from u_n to u, linear in the test function."""
+
+
+class LoadWithValue(Load):
     """A load with its value; use one of the classes below.
 
     Args:
@@ -63,10 +89,6 @@ class Load(ABC):
         if self._in_time is not None:
             self._set(self._in_time(t))
 
-    @abstractmethod
-    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step from u_n to u, linear in the test function."""
-
     def _set(self, value: Any) -> None:
         value = np.asarray(value, dtype=np.float64)
         self._check(value.shape)
@@ -81,12 +103,12 @@ class Load(ABC):
             )
 
 
-class BodyForce(Load):
+class BodyForce(LoadWithValue):
     """Force per reference volume of a body.
 
     Args:
         body: The body.
-        value: Force, shape ``(3,)`` [N/m^3], see `Load`.
+        value: Force, shape ``(3,)`` [N/m^3], see `LoadWithValue`.
     """
 
     def __init__(self, body: Body, value: Any) -> None:
@@ -100,12 +122,12 @@ class BodyForce(Load):
         return bulk_form(self.bodies, lambda material, parameters, rho: work)
 
 
-class Gravity(Load):
+class Gravity(LoadWithValue):
     """Weight of bodies.
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2], see `Load`.
+        g: Acceleration, shape ``(3,)`` [m/s^2], see `LoadWithValue`.
     """
 
     def __init__(self, bodies: Sequence[Body], g: Any) -> None:
@@ -121,12 +143,12 @@ class Gravity(Load):
         return bulk_form(self.bodies, lambda material, parameters, rho: rho * work)
 
 
-class Traction(Load):
+class Traction(LoadWithValue):
     """Force per reference area that keeps its direction (dead load).
 
     Args:
         surface: Where it acts.
-        value: Force, shape ``(3,)`` [Pa], see `Load`.
+        value: Force, shape ``(3,)`` [Pa], see `LoadWithValue`.
     """
 
     def __init__(self, surface: Surface, value: Any) -> None:
@@ -139,7 +161,7 @@ class Traction(Load):
         return ufl.inner(self._value, ufl.TestFunction(self.V)) * _ds(self.surface)
 
 
-class Pressure(Load):
+class Pressure(LoadWithValue):
     r"""Pressure on the current area along the current normal (follower).
 
     The force per reference area is that of the mean of cof F on the
@@ -151,7 +173,7 @@ class Pressure(Load):
 
     Args:
         surface: Where it acts.
-        value: Pressure [Pa], > 0 against the surface, see `Load`.
+        value: Pressure [Pa], > 0 against the surface, see `LoadWithValue`.
     """
 
     _shape = ()

@@ -6,10 +6,10 @@ import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields as fields_of
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO
+from typing import Literal, TextIO
 
 from mpi4py import MPI
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from dolfinx_nts import checkpoint
 from dolfinx_nts.archive import Archive
+from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.contact import ContactWork
 from dolfinx_nts.diagnostics import Balance, Diagnostics
 from dolfinx_nts.interrupts import Interrupts
@@ -25,6 +26,7 @@ from dolfinx_nts.ranks import on_root
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.timing import Timings
+from dolfinx_nts.vtx import VtxFile
 from dolfinx_nts.xdmf import FieldFile
 
 __all__ = ["Recorder"]
@@ -73,12 +75,17 @@ class Recorder:
             a `StepControl` for instance.
         checkpoint_every: Steps from one checkpoint to the next.
         resume: Go on from the checkpoint, if there is one.
+        fields: Kind of the file of fields: ``"xdmf"``, or ``"vtx"``, a
+            folder ``name.bp`` that all ranks write, where DOLFINx has
+            ADIOS2; it cannot be resumed.
 
     Attributes:
         diagnostics: Diagnostics of the stepper.
 
     Raises:
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1.
+        RuntimeError: DOLFINx has no ADIOS2 for ``fields="vtx"``.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1;
+            ``fields`` is another kind, or one that cannot be resumed.
     """
 
     def __init__(
@@ -90,8 +97,15 @@ class Recorder:
         times: Sequence[float] | None = None,
         checkpoint_every: int | None = None,
         resume: bool = False,
+        fields: Literal["xdmf", "vtx"] = "xdmf",
     ) -> None:
         """Check the arguments; nothing is created yet."""
+        if fields not in ("xdmf", "vtx"):
+            raise ValueError(f"expected fields 'xdmf' or 'vtx', given {fields!r}")
+        if fields == "vtx":
+            vtx_writer()
+            if resume:
+                raise ValueError("expected fields='xdmf' with resume, as VTX files cannot go on")
         if every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {every}")
         if checkpoint_every is not None and checkpoint_every < 1:
@@ -103,7 +117,8 @@ class Recorder:
         self._times = None if times is None else {float(t) for t in times}
         self._checkpoint = Path(f"{name}.checkpoint.h5")
         self._checkpoint_every, self._resume = checkpoint_every, resume
-        self._fields: FieldFile | None = None
+        self._kind = fields
+        self._fields: FieldFile | VtxFile | None = None
         self._table: TextIO | None = None
 
     def __enter__(self) -> "Recorder":
@@ -133,8 +148,7 @@ class Recorder:
             with ExitStack() as files:
                 if self._table:
                     files.enter_context(self._table)
-                path = Path(f"{self._name}.xdmf")
-                self._fields = FieldFile(path, self._stepper, resume=resume)
+                self._fields = self._open_fields(resume)
                 files.callback(self._fields.close)
                 if not resume:
                     self._fields.write()
@@ -165,7 +179,7 @@ class Recorder:
         ):
             kept = {
                 f.name: archive.same(f"record/{name}/{f.name}", getattr(value, f.name))
-                for f in fields(kind)
+                for f in fields_of(kind)
             }
             setattr(self, f"_{name}", kind(**kept))
 
@@ -298,12 +312,18 @@ class Recorder:
         os.fsync(self._table.fileno())
         self._table_size = os.fstat(self._table.fileno()).st_size
 
+    def _open_fields(self, resume: bool) -> FieldFile | VtxFile:
+        if self._kind == "vtx":
+            return VtxFile(Path(f"{self._name}.bp"), self._stepper)
+        return FieldFile(Path(f"{self._name}.xdmf"), self._stepper, resume=resume)
+
     def _open_table(self, resume: bool) -> None:
         """Open the table, after a look whether all files can be written."""
         if not (folder := Path(self._name).parent).is_dir():
             raise FileNotFoundError(f"expected an existing folder, given {folder}")
         path = Path(f"{self._name}.csv")
-        for other in (path, *(Path(f"{self._name}.{suffix}") for suffix in ("h5", "xdmf"))):
+        suffixes = ("csv", "h5", "xdmf") if self._kind == "xdmf" else ("csv",)
+        for other in (Path(f"{self._name}.{suffix}") for suffix in suffixes):
             if other.exists() and not (other.is_file() and os.access(other, os.W_OK)):
                 raise OSError(f"expected a file that can be replaced, given {other}")
         if not resume:

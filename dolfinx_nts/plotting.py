@@ -1,9 +1,11 @@
 """Pictures of a run, one call each.
 
-PyVista and Matplotlib are imported when they are needed.
+`snapshot`, `show` and `contact` draw the present state of a stepper,
+`animate` the states in the file of a `Recorder`, the others its table. They
+need no display, but for `show`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,15 +17,33 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
+from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
+from dolfinx_nts.movie import Movie
+from dolfinx_nts.ranks import on_root
 from dolfinx_nts.stepper import Stepper
 
-__all__ = ["energies", "energy_error", "momenta", "snapshot"]
+__all__ = [
+    "animate",
+    "contact",
+    "energies",
+    "energy_error",
+    "forces",
+    "momenta",
+    "show",
+    "snapshot",
+]
 
 Floats = npt.NDArray[np.float64]
 
-# VTK's number of a cell and its vertex order, by number of vertices.
-_VTK_CELLS = {4: (10, [0, 1, 2, 3]), 8: (12, [0, 1, 3, 2, 4, 5, 7, 6])}
-_EPSILON = float(np.finfo(np.float64).eps)
+_UNITS = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "gap": "m",
+    "contact_pressure": "Pa",
+    "friction_traction": "Pa",
+    "accumulated_slip": "m",
+}
 
 
 def snapshot(
@@ -37,7 +57,7 @@ def snapshot(
     """Draw the deformed bodies in their present state. Collective.
 
     Args:
-        stepper: Midpoint, EnergyMomentum or QuasiStatic.
+        stepper: What is run.
         filename: PNG file to write.
         colour: Von Mises stress, taken in the middle of the cells, or
             magnitude of the displacement.
@@ -50,6 +70,174 @@ def snapshot(
         OSError: The file cannot be written.
         ValueError: Another ``colour``.
     """
+    put = _bodies(stepper, colour, limits, camera)
+
+    def draw() -> None:
+        with canvas() as plotter:
+            put(plotter)
+            plotter.screenshot(str(filename))
+
+    on_root(stepper.u.function_space.mesh.comm, draw)
+
+
+def show(
+    stepper: Stepper,
+    *,
+    colour: Literal["stress", "displacement"] = "stress",
+    limits: tuple[float, float] | None = None,
+    camera: Any = None,
+) -> None:
+    """Show the deformed bodies, to turn and to zoom. Collective.
+
+    In a Jupyter notebook by PyVista's backend (interactive with the
+    package ``pyvista[jupyter]``), else in a window, until it is closed.
+
+    Args:
+        stepper: What is run.
+        colour: As for `snapshot`.
+        limits: The same.
+        camera: The same.
+
+    Raises:
+        RuntimeError: There is neither a notebook nor a display.
+        ValueError: Another ``colour``.
+    """
+    put = _bodies(stepper, colour, limits, camera)
+
+    def draw() -> None:
+        with canvas(interactive=True) as plotter:
+            put(plotter)
+            plotter.show()
+
+    on_root(stepper.u.function_space.mesh.comm, draw)
+
+
+def contact(
+    stepper: Stepper,
+    filename: str | Path,
+    *,
+    colour: Literal["pressure", "gap"] = "pressure",
+    pair: int = 0,
+    limits: tuple[float, float] | None = None,
+    camera: Any = None,
+) -> None:
+    """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
+
+    The gap is grey where a node faces no segment.
+
+    Args:
+        stepper: What is run.
+        filename: PNG file to write.
+        colour: What to draw.
+        pair: Position of the pair in ``stepper.pairs``.
+        limits: Range of the colours [Pa or m]; by default that of the
+            state, of gaps up to the size of a segment.
+        camera: Position, focus and upward direction as in PyVista; by
+            default against the contact force, or from the side with the
+            least gap.
+
+    Raises:
+        IndexError: There is no such pair.
+        OSError: The file cannot be written.
+        ValueError: Another ``colour``.
+    """
+    if colour not in ("pressure", "gap"):
+        raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
+    touching = stepper.pairs[pair]
+    surface, V = touching.nodes, stepper.u.function_space
+    comm: MPI.Comm = V.mesh.comm
+    gap = touching.gap(stepper.x)
+    nodal = fem.Function(V)
+    nodal.x.array.reshape(-1, 3)[surface.nodes, 0] = (
+        touching.pressure if colour == "pressure" else gap
+    )
+    nodal.x.scatter_forward()
+    values = nodal.x.array.reshape(-1, 3)[surface.segments, 0]
+    ids = V.dofmap.index_map.local_to_global(surface.segments.ravel())
+    parts = comm.gather((ids.reshape(values.shape), stepper.x[surface.segments], values))
+    force = comm.allreduce(touching.history.force.sum(axis=0))
+    least = float(np.nanmin(gap, initial=np.inf))
+    closest = comm.allreduce(least, op=MPI.MIN)
+    if colour == "gap" and limits is None and closest < touching.segment_size:
+        limits = (closest, touching.segment_size)
+    at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0
+    _, nearest = min(comm.allgather((least, tuple(stepper.x[at]))))
+
+    def draw() -> None:
+        assert parts is not None
+        ids, x, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+        name = "contact pressure [Pa]" if colour == "pressure" else "gap [m]"
+        grid = grid_of(FACETS, ids, x, values, name)
+        direction = -force if force.any() else np.array(nearest) - grid.points.mean(axis=0)
+        with canvas() as plotter:
+            paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
+            aim(plotter, grid.points, camera, direction)
+            plotter.screenshot(str(filename))
+
+    on_root(comm, draw)
+
+
+def animate(
+    fields: str | Path,
+    filename: str | Path,
+    *,
+    colour: str = "displacement",
+    limits: tuple[float, float] | None = None,
+    camera: Any = None,
+    fps: float = 20.0,
+) -> None:
+    """Draw all states of a file as a movie. Local: only rank 0 draws.
+
+    Args:
+        fields: XDMF file of a `Recorder`, closed.
+        filename: File to write, ``.gif``, or ``.mp4`` with the package
+            ``imageio-ffmpeg``.
+        colour: Field of the file; of vectors the magnitude.
+        limits: Range of the colours; by default that of all states.
+        camera: Position, focus and upward direction as in PyVista; by
+            default from +x, with all states in the frame.
+        fps: States per second of the movie.
+
+    Raises:
+        FileNotFoundError: There is no file of fields.
+        ModuleNotFoundError: An MP4 without its package.
+        ValueError: Another suffix, or no such field.
+    """
+    if MPI.COMM_WORLD.rank != 0:
+        return
+    name = f"{colour.replace('_', ' ')} [{_UNITS.get(colour, '-')}]"
+    with Movie(filename, fps) as movie, canvas() as plotter:
+        times, grids = _states(fields, colour, name)
+        values = [grid[name] for grid in grids]
+        given = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+        for t, grid in zip(times, grids, strict=True):
+            paint(plotter, grid, name, f"t = {t:.2f} s", given)
+            if grid is grids[0]:
+                aim(plotter, np.concatenate([other.points for other in grids]), camera)
+            movie.write(plotter.screenshot(return_img=True))
+
+
+def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], list[Any]]:
+    """Times and deformed grids of a file, with ``colour`` as ``name``. Local."""
+    import pyvista
+
+    reader = pyvista.get_reader(fields)
+    grids = []
+    for t in reader.time_values:
+        reader.set_active_time_value(t)
+        # The reader keeps the points of all states in one place.
+        grid = reader.read().copy()
+        if colour not in grid.array_names:
+            raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
+        values = grid[colour]
+        grid[name] = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        grid.points = grid.points + grid["displacement"]
+        grids.append(grid)
+    return reader.time_values, grids
+
+
+def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable[[Any], None]:
+    """Function that puts the bodies into a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
     dofmap, comm = stepper.u.function_space.dofmap, stepper.u.function_space.mesh.comm
@@ -57,68 +245,17 @@ def snapshot(
     ids = dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape)
     u = stepper.u.x.array.reshape(-1, 3)
     parts = comm.gather((ids, stepper.x[cells], u[cells], _von_mises(stepper)))
-    error: Exception | None = None
-    if comm.rank == 0:
-        try:
-            ids, x, u, stress = (np.concatenate(part) for part in zip(*parts, strict=True))
-            values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
-            name = "von Mises stress [Pa]" if colour == "stress" else "displacement [m]"
-            _draw(f"t = {stepper.t:.2f} s", name, ids, x, u, values, filename, limits, camera)
-        except Exception as failure:
-            error = failure
-    if error := comm.bcast(error):
-        raise error
 
+    def put(plotter: Any) -> None:
+        assert parts is not None
+        ids, x, u, stress = (np.concatenate(part) for part in zip(*parts, strict=True))
+        values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
+        name = "von Mises stress [Pa]" if colour == "stress" else "displacement [m]"
+        grid = grid_of(CELLS, ids, x, values, name)
+        paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
+        aim(plotter, np.concatenate([x, x - u]).reshape(-1, 3), camera)
 
-def _draw(
-    text: str,
-    name: str,
-    ids: Any,
-    x: Any,
-    u: Any,
-    values: Any,
-    filename: Any,
-    limits: Any,
-    camera: Any,
-) -> None:
-    """Draw cells with vertices ``ids``, positions, displacements, values."""
-    import pyvista
-
-    _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
-    cell_type, order = _VTK_CELLS[ids.shape[1]]
-    cells = inverse.reshape(ids.shape)[:, order]
-    grid = pyvista.UnstructuredGrid({cell_type: cells}, x.reshape(-1, 3)[first])
-    if values.ndim == 1:
-        grid.cell_data[name] = values
-        grid = grid.cell_data_to_point_data()
-    else:
-        grid.point_data[name] = values.ravel()[first]
-    frame = np.concatenate([x, x - u]).reshape(-1, 3)
-    bar: dict[str, Any] = {
-        "vertical": True,
-        "position_x": 0.865,
-        "position_y": 0.15,
-        "height": 0.7,
-        "width": 0.06,
-    }
-    bar |= {"title": f"{name}\n", "fmt": "%.5g", "color": "black", "n_labels": 5}
-
-    # VTK warns that there is no display before it draws without one.
-    with pyvista.vtk_verbosity("error"):
-        plotter = pyvista.Plotter(off_screen=True, window_size=(960, 560))
-        plotter.set_background("white")
-        style = {"cmap": "YlOrRd", "ambient": 0.25, "show_edges": True, "edge_opacity": 0.5}
-        plotter.add_mesh(grid, scalars=name, clim=limits, scalar_bar_args=bar, **style)
-        plotter.add_text(text, font_size=12, color="black")
-        plotter.add_axes(color="black")
-        if camera is None:
-            plotter.view_vector((1.0, -0.45, 0.35), viewup=(0.0, 0.0, 1.0))
-            plotter.reset_camera(bounds=np.ravel([frame.min(axis=0), frame.max(axis=0)], order="F"))
-            plotter.camera.zoom(1.2)
-        else:
-            plotter.camera_position = camera
-        plotter.screenshot(str(filename))
-        plotter.close()
+    return put
 
 
 def _von_mises(stepper: Stepper) -> Floats:
@@ -135,84 +272,3 @@ def _von_mises(stepper: Stepper) -> Floats:
         expression = fem.Expression(stress, corners.mean(axis=0, keepdims=True))
         values.append(expression.eval(mesh, body.cells).reshape(-1))
     return np.concatenate(values)
-
-
-def energies(table: str | Path, filename: str | Path) -> None:
-    """Draw the energies that are not zero. Local: only rank 0 draws.
-
-    Args:
-        table: CSV file of a `Recorder`.
-        filename: Picture to write.
-    """
-    if MPI.COMM_WORLD.rank != 0:
-        return
-    rows = _read(table)
-    figure, axes = _figure(1, 1)
-    for name in ("total", "kinetic", "strain", "contact"):
-        if np.any(energy := rows[f"{name}_energy"]):
-            axes[0, 0].plot(rows["time"], energy, label=name)
-    axes[0, 0].set(xlabel="time [s]", ylabel="energy [J]", ylim=(0, None))
-    axes[0, 0].legend()
-    figure.savefig(filename)
-
-
-def momenta(table: str | Path, filename: str | Path) -> None:
-    """Draw linear and angular momentum. Local: only rank 0 draws.
-
-    A drift below machine epsilon is drawn as that.
-
-    Args:
-        table: CSV file of a `Recorder`.
-        filename: Picture to write.
-    """
-    if MPI.COMM_WORLD.rank != 0:
-        return
-    rows = _read(table)
-    figure, axes = _figure(2, 2)
-    kinds = (("linear", "p", "kg m/s"), ("angular", "L", "kg m²/s"))
-    for (kind, symbol, unit), (above, below) in zip(kinds, axes.T, strict=True):
-        parts = np.array([rows[f"{kind}_momentum_{axis}"] for axis in "xyz"])
-        for axis, part, style in zip("xyz", parts, ("-", "--", ":"), strict=True):
-            above.plot(rows["time"], part, style, linewidth=2, label=axis)
-        above.set(ylabel=f"{kind} momentum {symbol} [{unit}]")
-        above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
-        drift = np.linalg.norm(parts - parts[:, :1], axis=0)
-        floor = _EPSILON * np.linalg.norm(parts[:, 0])
-        below.semilogy(rows["time"], np.maximum(drift, floor), color="black")
-        below.set(xlabel="time [s]", ylabel=f"|{symbol}(t) - {symbol}(0)| [{unit}]")
-    figure.savefig(filename)
-
-
-def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None:
-    """Compare energy errors of several runs. Local: only rank 0 draws.
-
-    An error below machine epsilon is drawn as that.
-
-    Args:
-        tables: CSV file of a `Recorder` by label of its curve.
-        filename: Picture to write.
-    """
-    if MPI.COMM_WORLD.rank != 0:
-        return
-    figure, axes = _figure(1, 1)
-    for label, table in tables.items():
-        rows = _read(table)
-        error = np.abs(rows["total_energy"] / rows["total_energy"][0] - 1)
-        axes[0, 0].semilogy(rows["time"], np.maximum(error, _EPSILON), label=label)
-    axes[0, 0].set(xlabel="time [s]", ylabel="energy error |E(t) - E(0)| / E(0)")
-    axes[0, 0].legend()
-    figure.savefig(filename)
-
-
-def _figure(rows: int, columns: int) -> tuple[Any, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2 * columns, 1.0 + 2.4 * rows), dpi=110, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
-    for panel in axes.flat:
-        panel.grid(alpha=0.3)
-    return figure, axes
-
-
-def _read(table: str | Path) -> Any:
-    return np.genfromtxt(table, delimiter=",", names=True)

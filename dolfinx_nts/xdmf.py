@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.fields import nodal_fields
 from dolfinx_nts.ranks import gathered, on_root
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.surfaces import input_ids
@@ -44,13 +45,7 @@ _CELLS = {
 
 
 class FieldFile:
-    """Displacement, velocity, contact fields and number of the body.
-
-    At the contact nodes: gap [m], contact pressure [Pa], active, and with
-    friction slip state (0 open, 1 stick, 2 slip), accumulated slip [m] and
-    traction [Pa]; least, summed or largest if a node belongs to several
-    pairs. The gap is NaN at other nodes and where a node faces no segment,
-    the others are 0 there.
+    """The fields of `nodal_fields` and the number of the body of each cell.
 
     Each state is on disk at once. Collective, as all its methods.
 
@@ -83,7 +78,9 @@ class FieldFile:
         if on_root(self._comm, lambda: name in self._data):
             return
         ids = self._stepper.node_ids
-        fields = {key: gathered(self._comm, ids, f)[1] for key, f in self._fields().items()}
+        fields = {
+            key: gathered(self._comm, ids, f)[1] for key, f in nodal_fields(self._stepper).items()
+        }
         on_root(self._comm, lambda: self._append(name, self._stepper.t, fields))
 
     def flush(self) -> None:
@@ -113,34 +110,6 @@ class FieldFile:
             "cells": np.searchsorted(numbers, cells),
             "body": gathered(self._comm, original, body)[1],
         }
-
-    def _fields(self) -> dict[str, Array]:
-        """Values at the owned nodes. Collective."""
-        stepper, n = self._stepper, len(self._stepper.node_ids)
-        fields: dict[str, Array] = {
-            "displacement": stepper.u.x.array.reshape(-1, 3)[:n],
-            "velocity": stepper.v.x.array.reshape(-1, 3)[:n],
-        }
-        rubs = any(pair.friction is not None for pair in stepper.pairs)
-        gap = np.full(n, np.nan)
-        pressure, active, slip_state, slip = np.zeros((4, n))
-        traction = np.zeros((n, 3))
-        for pair in stepper.pairs:
-            at, history = pair.nodes.nodes, pair.history
-            gap[at] = np.fmin(gap[at], pair.gap(stepper.x))
-            pressure[at] += pair.pressure
-            active[at] = np.maximum(active[at], history.active)
-            if pair.friction is not None:
-                slip_state[at] = np.maximum(slip_state[at], history.active + 1.0 * history.sliding)
-                slip[at] += history.slip
-                traction[at] -= history.traction / pair.nodes.area[:, None]
-        if rubs:
-            fields["friction_traction"] = traction
-        if stepper.pairs:
-            fields |= {"gap": gap, "contact_pressure": pressure, "active": active}
-        if rubs:
-            fields |= {"slip_state": slip_state, "accumulated_slip": slip}
-        return fields
 
     def _open(self, mesh: dict[str, Array], resume: bool) -> None:
         data = self._path.with_suffix(".h5")

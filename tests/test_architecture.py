@@ -28,6 +28,7 @@ LAYERS = [
     {"surfaces"},
     {"bodies"},
     {"loads", "stable_step"},
+    {"form_load"},
     {"search", "enforcement", "friction", "obstacles"},
     {"contact", "contact_rows"},
     {"tangential"},
@@ -40,8 +41,8 @@ LAYERS = [
     {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics", "fingerprint"},
-    {"checkpoint", "plotting", "xdmf"},
+    {"diagnostics", "diagrams", "drawing", "fields", "fingerprint", "movie"},
+    {"checkpoint", "plotting", "vtx", "xdmf"},
     {"output"},
     {"__init__"},
 ]
@@ -52,8 +53,10 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 FIRST = {"petsc4py": "block_rows", "dolfinx.fem.petsc": "assembly"}
 ONLY = {
     "gmsh": {"meshing"},
-    "pyvista": {"plotting"},
-    "matplotlib": {"plotting"},
+    "pyvista": {"drawing", "plotting"},
+    "matplotlib": {"diagrams"},
+    "PIL": {"movie"},
+    "imageio_ffmpeg": {"movie"},
     "dolfinx.io": {"compat"},
     "h5py": {"checkpoint", "xdmf"},
 }

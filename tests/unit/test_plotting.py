@@ -1,11 +1,13 @@
-"""Pictures: written once, not empty; von Mises stress in closed form."""
+"""Pictures: written once, not empty; what they show in closed form."""
+
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from dolfinx_nts import plotting
 from dolfinx_nts.output import Recorder
-from scenes import BLOCK_RUBBER, blocks
+from scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytest.importorskip("pyvista")
 image = pytest.importorskip("matplotlib.image")
@@ -59,7 +61,8 @@ def test_diagrams_of_a_run(comm, folder, agree):
     plotting.energies(folder / "run.csv", folder / "energies.png")
     plotting.momenta(folder / "run.csv", folder / "momenta.png")
     plotting.energy_error({"scheme": folder / "run.csv"}, folder / "error.png")
-    for name in ("energies", "momenta", "error"):
+    plotting.forces(folder / "run.csv", folder / "forces.png")
+    for name in ("energies", "momenta", "error", "forces"):
         assert agree(colours(comm, folder / f"{name}.png") > 50)
 
 
@@ -72,3 +75,87 @@ def test_an_unknown_colour_is_refused(comm, folder, refused):
 def test_a_missing_folder_is_refused_on_all_ranks(comm, folder, refused):
     with refused(FileNotFoundError, "nowhere"):
         plotting.snapshot(blocks(comm).stepper, folder / "nowhere" / "a.png")
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("colour", ["pressure", "gap"])
+def test_contact_is_drawn_before_and_while_bodies_touch(comm, folder, agree, cell, colour):
+    stepper = blocks(comm, cell=cell).stepper
+    for name, steps in (("apart", 0), ("touching", 5)):
+        for _ in range(steps):
+            stepper.advance()
+        plotting.contact(stepper, folder / f"{name}.png", colour=colour)
+        assert agree(colours(comm, folder / f"{name}.png") > 50)
+
+
+def test_a_wrong_contact_picture_is_refused(comm, folder, refused):
+    stepper = blocks(comm).stepper
+    with refused(ValueError, "'pressure' or 'gap', given 'stress'"):
+        plotting.contact(stepper, folder / "a.png", colour="stress")
+    with refused(IndexError, "range"):
+        plotting.contact(stepper, folder / "a.png", pair=7)
+
+
+@pytest.fixture
+def recorded(comm, folder):
+    """Record three states; positions of the nodes in each."""
+    stepper = blocks(comm).stepper
+    V = stepper.u.function_space
+    positions = [gathered(V, stepper.x)]
+    with Recorder(folder / "run", stepper) as record:
+        for step in stepper.run(until=2 * BLOCK_STEP):
+            record.write(step)
+            positions.append(gathered(V, stepper.x))
+    return positions
+
+
+def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
+    times, grids = plotting._states(folder / "run.xdmf", "velocity", "v")
+    assert agree(np.allclose(times, BLOCK_STEP * np.arange(3)))
+    for grid, x in zip(grids, recorded, strict=True):
+        assert agree(np.allclose(grid.points, x, rtol=0, atol=1e-14))
+        assert agree(np.allclose(grid["v"], np.linalg.norm(grid["velocity"], axis=1)))
+
+
+@pytest.mark.parametrize("colour", ["displacement", "contact_pressure", "gap", "body"])
+def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
+    from PIL import Image
+
+    plotting.animate(folder / "run.xdmf", folder / "run.gif", colour=colour, fps=10)
+    comm.barrier()
+    with Image.open(folder / "run.gif") as movie:
+        assert agree(movie.n_frames == 3 and movie.info["duration"] == 100)
+        assert agree(len(np.unique(np.asarray(movie.convert("RGB")).reshape(-1, 3), axis=0)) > 20)
+
+
+def test_a_field_that_is_not_there_is_refused(comm, folder, recorded):
+    if comm.rank == 0:
+        with pytest.raises(ValueError, match=r"colour out of .*given 'stress'"):
+            plotting.animate(folder / "run.xdmf", folder / "run.gif", colour="stress")
+        assert not (folder / "run.gif").exists()
+
+
+@pytest.mark.parametrize("place", ["notebook", "window", "nowhere"])
+def test_pictures_to_turn_appear_where_there_is_a_place(comm, monkeypatch, refused, place):
+    monkeypatch.setattr("scooby.in_ipykernel", lambda: place == "notebook")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    if place == "window":
+        monkeypatch.setenv("DISPLAY", ":0")
+    stepper = blocks(comm).stepper
+    with mock.patch("pyvista.Plotter") as plotter:
+        if place == "nowhere":
+            with refused(RuntimeError, "expected a notebook or a display"):
+                plotting.show(stepper)
+        else:
+            plotting.show(stepper)
+    if comm.rank == 0 and place != "nowhere":
+        options = plotter.call_args.kwargs
+        assert options["notebook"] == (place == "notebook")
+        assert not options["off_screen"]
+        plotter.return_value.show.assert_called_once_with()
+        # What a notebook shows must live on.
+        assert plotter.return_value.close.called == (place == "window")
+    else:
+        plotter.assert_not_called()

@@ -1,0 +1,122 @@
+"""Diagrams of a run, drawn from the table of its `Recorder`.
+
+Matplotlib is imported when it is needed. Local: only rank 0 draws.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+__all__ = ["energies", "energy_error", "forces", "momenta"]
+
+_EPSILON = float(np.finfo(np.float64).eps)
+
+
+def energies(table: str | Path, filename: str | Path) -> None:
+    """Draw the energies that are not zero. Local: only rank 0 draws.
+
+    Args:
+        table: CSV file of a `Recorder`.
+        filename: Picture to write.
+    """
+    if MPI.COMM_WORLD.rank != 0:
+        return
+    rows = _read(table)
+    figure, axes = _figure(1, 1)
+    for name in ("total", "kinetic", "strain", "contact"):
+        if np.any(energy := rows[f"{name}_energy"]):
+            axes[0, 0].plot(rows["time"], energy, label=name)
+    axes[0, 0].set(xlabel="time [s]", ylabel="energy [J]", ylim=(0, None))
+    axes[0, 0].legend()
+    figure.savefig(filename)
+
+
+def momenta(table: str | Path, filename: str | Path) -> None:
+    """Draw linear and angular momentum. Local: only rank 0 draws.
+
+    A drift below machine epsilon is drawn as that.
+
+    Args:
+        table: CSV file of a `Recorder`.
+        filename: Picture to write.
+    """
+    if MPI.COMM_WORLD.rank != 0:
+        return
+    rows = _read(table)
+    figure, axes = _figure(2, 2)
+    kinds = (("linear", "p", "kg m/s"), ("angular", "L", "kg m²/s"))
+    for (kind, symbol, unit), (above, below) in zip(kinds, axes.T, strict=True):
+        parts = np.array([rows[f"{kind}_momentum_{axis}"] for axis in "xyz"])
+        for axis, part, style in zip("xyz", parts, ("-", "--", ":"), strict=True):
+            above.plot(rows["time"], part, style, linewidth=2, label=axis)
+        above.set(ylabel=f"{kind} momentum {symbol} [{unit}]")
+        above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+        drift = np.linalg.norm(parts - parts[:, :1], axis=0)
+        floor = _EPSILON * np.linalg.norm(parts[:, 0])
+        below.semilogy(rows["time"], np.maximum(drift, floor), color="black")
+        below.set(xlabel="time [s]", ylabel=f"|{symbol}(t) - {symbol}(0)| [{unit}]")
+    figure.savefig(filename)
+
+
+def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None:
+    """Compare energy errors of several runs. Local: only rank 0 draws.
+
+    An error below machine epsilon is drawn as that.
+
+    Args:
+        tables: CSV file of a `Recorder` by label of its curve.
+        filename: Picture to write.
+    """
+    if MPI.COMM_WORLD.rank != 0:
+        return
+    figure, axes = _figure(1, 1)
+    for label, table in tables.items():
+        rows = _read(table)
+        error = np.abs(rows["total_energy"] / rows["total_energy"][0] - 1)
+        axes[0, 0].semilogy(rows["time"], np.maximum(error, _EPSILON), label=label)
+    axes[0, 0].set(xlabel="time [s]", ylabel="energy error |E(t) - E(0)| / E(0)")
+    axes[0, 0].legend()
+    figure.savefig(filename)
+
+
+def forces(table: str | Path, filename: str | Path) -> None:
+    """Draw the contact force of each pair, and how many nodes touch.
+
+    Args:
+        table: CSV file of a `Recorder`.
+        filename: Picture to write.
+    """
+    if MPI.COMM_WORLD.rank != 0:
+        return
+    rows = _read(table)
+    figure, axes = _figure(2, 1)
+    above, below = axes[:, 0]
+    for name in rows.dtype.names:
+        if name.startswith("pair_") and name.endswith("_force_x"):
+            parts = [rows[f"{name[:-1]}{axis}"] for axis in "xyz"]
+            label = name.removesuffix("_force_x").replace("_", " ")
+            above.plot(rows["time"], np.linalg.norm(parts, axis=0), label=label)
+            above.legend()
+    above.set(ylabel="contact force [N]", ylim=(0, None))
+    below.step(rows["time"], rows["active_nodes"], color="black")
+    below.set(xlabel="time [s]", ylabel="nodes in contact", ylim=(0, None))
+    below.yaxis.get_major_locator().set_params(integer=True)
+    figure.savefig(filename)
+
+
+def _figure(rows: int, columns: int) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2 * columns, 1.0 + 2.4 * rows), dpi=110, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    for panel in axes.flat:
+        panel.grid(alpha=0.3)
+    return figure, axes
+
+
+def _read(table: str | Path) -> Any:
+    return np.genfromtxt(table, delimiter=",", names=True)

@@ -1,0 +1,145 @@
+"""Files of a Recorder, read by programs that know nothing of this package.
+
+VTK has the reader of ParaView, meshio its own. What they find is compared
+with the run itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from scenes import BLOCK_STEP, blocks, gathered, input_ids
+
+STEPS = 6
+VERTICES = {"hexahedron": 8, "tetrahedron": 4}
+# File numbers of a hexahedron's vertices; tetrahedra have one order only.
+VTK_ORDER = {"hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "tetrahedron": [0, 1, 2, 3]}
+
+readers = pytest.mark.parametrize("reader", ["vtk", "meshio"])
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+
+
+@dataclass
+class File:
+    """What a reader finds: cells in VTK's order, fields by state."""
+
+    times: np.ndarray
+    points: np.ndarray
+    cells: np.ndarray
+    nodal: list[dict[str, np.ndarray]]
+    cellwise: list[dict[str, np.ndarray]]
+
+
+def read_vtk(path):
+    """Read with VTK's XDMF reader."""
+    pyvista = pytest.importorskip("pyvista")
+    reader = pyvista.get_reader(path)
+    grids = []
+    for t in reader.time_values:
+        reader.set_active_time_value(t)
+        grids.append(reader.read().copy())
+    (cells,) = grids[0].cells_dict.values()
+    return File(
+        np.array(reader.time_values),
+        grids[0].points,
+        cells,
+        [dict(grid.point_data) for grid in grids],
+        [dict(grid.cell_data) for grid in grids],
+    )
+
+
+def read_meshio(path):
+    """Read with meshio's reader of time series."""
+    meshio = pytest.importorskip("meshio")
+    with meshio.xdmf.TimeSeriesReader(path) as reader:
+        points, (block,) = reader.read_points_cells()
+        states = [reader.read_data(i) for i in range(reader.num_steps)]
+    return File(
+        np.array([t for t, _, _ in states]),
+        points,
+        block.data,
+        [nodal for _, nodal, _ in states],
+        [{name: values for name, (values,) in fields.items()} for _, _, fields in states],
+    )
+
+
+def nodal_fields(stepper):
+    """Fields of the present state by input number, from the pairs. Collective."""
+    V = stepper.u.function_space
+    n = len(V.tabulate_dof_coordinates())
+    (pair,) = stepper.pairs
+    here = {
+        "displacement": stepper.u.x.array.reshape(-1, 3),
+        "velocity": stepper.v.x.array.reshape(-1, 3),
+    }
+    surface = {
+        "gap": pair.gap(stepper.x),
+        "contact_pressure": pair.pressure,
+        "active": pair.history.active,
+        "slip_state": np.where(pair.history.sliding, 2, pair.history.active),
+        "accumulated_slip": pair.history.slip,
+        "friction_traction": -pair.history.traction / pair.nodes.area[:, None],
+    }
+    for name, values in surface.items():
+        here[name] = np.zeros((n, 3))
+        here[name][:] = np.nan if name == "gap" else 0.0
+        here[name][pair.nodes.nodes] = values if values.ndim == 2 else values[:, None]
+    fields = {name: gathered(V, values) for name, values in here.items()}
+    vectors = ("displacement", "velocity", "friction_traction")
+    return {name: values if name in vectors else values[:, 0] for name, values in fields.items()}
+
+
+def mesh_of(stepper, cell):
+    """Input numbers of each cell's nodes, sorted, with its body. Collective."""
+    V = stepper.u.function_space
+    ids, rows = input_ids(V), []
+    for number, body in enumerate(stepper.bodies):
+        for nodes in ids[V.dofmap.list[body.cells]]:
+            rows.append((*nodes[VTK_ORDER[cell]].tolist(), number))
+    return sorted(row for part in V.mesh.comm.allgather(rows) for row in part)
+
+
+@readers
+@cells_
+def test_another_reader_finds_what_the_run_had(comm, tmp_path, agree, reader, cell):
+    folder = comm.bcast(tmp_path)
+    old = blocks(comm, cell=cell).stepper
+    pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP)
+    stepper.v.x.array[:] = old.v.x.array
+    expected = [nodal_fields(stepper)]
+    with nts.Recorder(folder / "run", stepper) as record:
+        for step in stepper.run(until=STEPS * BLOCK_STEP):
+            record.write(step)
+            expected.append(nodal_fields(stepper))
+    comm.barrier()
+
+    found = {"vtk": read_vtk, "meshio": read_meshio}[reader](folder / "run.xdmf")
+    X = gathered(stepper.u.function_space, stepper.u.function_space.tabulate_dof_coordinates())
+    assert agree(np.allclose(found.times, BLOCK_STEP * np.arange(STEPS + 1), rtol=0, atol=1e-15))
+    assert agree(np.allclose(found.points, X, rtol=0, atol=1e-14))
+    assert agree(found.cells.shape[1] == VERTICES[cell])
+    rows = mesh_of(stepper, cell)
+    for nodal, cellwise, fields in zip(found.nodal, found.cellwise, expected, strict=True):
+        assert agree(nodal.keys() == fields.keys() and cellwise.keys() == {"body"})
+        for name, values in fields.items():
+            assert agree(np.array_equal(nodal[name], values, equal_nan=True)), name
+        body = cellwise["body"].astype(int)
+        assert agree(sorted(map(tuple, np.c_[found.cells, body].tolist())) == rows)
+    # The scene has something to find.
+    assert agree(expected[-1]["slip_state"].any() and expected[-1]["contact_pressure"].any())
+
+
+def test_hexahedra_are_not_turned_inside_out(comm, tmp_path, agree):
+    pyvista = pytest.importorskip("pyvista")
+    folder = comm.bcast(tmp_path)
+    with nts.Recorder(folder / "run", blocks(comm).stepper):
+        pass
+    comm.barrier()
+    grid = pyvista.get_reader(folder / "run.xdmf").read()
+    volumes = grid.compute_cell_sizes(length=False, area=False)["Volume"]
+    # The blocks are twisted a little.
+    assert agree((volumes > 0).all())
+    assert agree(abs(volumes.sum() / (1.2 * 1.2 * 0.5 + 0.8 * 0.8 * 0.4) - 1) < 0.05)
