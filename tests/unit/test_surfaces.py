@@ -208,7 +208,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
     none = meshtags(mesh, 2, np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))
     with refused(ValueError, r"tag out of \[\] in facets, given 1"):
         nts.Surface(V, none, 1)
-    for element in (("Lagrange", 2, (3,)), ("Lagrange", 1), ("Lagrange", 1, (2,)), ("N1curl", 1)):
+    for element in (("Lagrange", 3, (3,)), ("Lagrange", 1), ("Lagrange", 1, (2,)), ("N1curl", 1)):
         if element[0] == "N1curl":
             continue  # no such element on hexahedra
         with refused(ValueError, "expected the space functionspace"):
