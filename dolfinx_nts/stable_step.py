@@ -68,7 +68,8 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     Returns:
         Squared frequency, shape ``(c,)`` [1/s^2].
     """
-    D = _moduli(material)
+    basis = Hyperelastic.strain_basis()
+    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli(), basis)
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
         values, axes = np.linalg.eigh(_moments(x[block]))
@@ -89,7 +90,7 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     Returns:
         Squared frequency, shape ``(c,)`` [1/s^2].
     """
-    D = _moduli(material)
+    basis, moduli = Hyperelastic.strain_basis(), material.moduli()
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
     linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
@@ -99,19 +100,13 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
         gradient = np.einsum("jqa,cqji->cqai", slopes, np.linalg.inv(J))
         volume = np.abs(np.linalg.det(J)) * weights
         scale = 1 / np.sqrt(material.rho * nodal_parts(element, x[block]))
-        gradient *= scale[:, None, :, None]
-        stress = np.einsum("ijmn,cqbn->cqijbm", D, gradient, optimize=True)
-        K = np.einsum("cq,cqaj,cqijbm->caibm", volume, gradient, stress, optimize=True)
-        size = 3 * len(element.points)
-        squared[block] = np.linalg.eigvalsh(K.reshape(-1, size, size))[:, -1]
+        gradient *= np.sqrt(volume)[:, :, None, None] * scale[:, None, :, None]
+        strain = np.einsum("sij,cqaj->cqsai", basis, gradient).reshape(*volume.shape, 6, -1)
+        stress = moduli @ strain
+        shape = len(block), -1, strain.shape[-1]
+        K = strain.reshape(shape).swapaxes(1, 2) @ stress.reshape(shape)
+        squared[block] = np.linalg.eigvalsh(K)[:, -1]
     return squared
-
-
-def _moduli(material: Hyperelastic) -> Floats:
-    """Moduli at C = 1, shape ``(3, 3, 3, 3)`` [Pa]."""
-    basis = Hyperelastic.strain_basis()
-    D: Floats = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli(), basis)
-    return D
 
 
 def _moments(x: Floats) -> Floats:
