@@ -232,7 +232,7 @@ def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
 
 @cells_
 def test_matching_blocks_pass_the_patch_test(comm, cell):
-    data = scenes.boxes([(2, 2, 1), (2, 2, 1)], [(1.0, 1.0, 0.5)] * 2, cell)
+    data = scenes.boxes([(4, 4, 1), (4, 4, 1)], [(1.0, 1.0, 0.5)] * 2, cell)
     data.X[len(data.X) // 2 :, 2] += 0.5
     mesh, cells, facets, tag = scenes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
