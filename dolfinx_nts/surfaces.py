@@ -48,7 +48,8 @@ def check_space(V: fem.FunctionSpace) -> None:
     if mesh.geometry.dim != 3 or mesh.geometry.cmap.degree != 1:
         raise ValueError(
             "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}"
+            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}; displacements on it may be of "
+            "degree 2"
         )
     if (
         element.family_name not in ("P", "Q")

@@ -251,3 +251,18 @@ def test_meshes_of_other_cells_are_refused(comm, kind, refused):
     none = np.empty(0, dtype=np.int32)
     with refused(ValueError, f"mesh of tetrahedra or hexahedra, given {kind} cells"):
         nts.Surface(V, meshtags(mesh, mesh.topology.dim - 1, none, none), 1)
+
+
+def test_curved_meshes_are_refused(comm, refused):
+    import basix.ufl
+    from dolfinx.mesh import create_mesh
+
+    X = basix.create_element(
+        basix.ElementFamily.P, basix.CellType.tetrahedron, 2, basix.LagrangeVariant.gll_warped
+    ).points
+    cells = np.arange(10, dtype=np.int64)[None] if comm.rank == 0 else np.empty((0, 10), np.int64)
+    element = basix.ufl.element("Lagrange", "tetrahedron", 2, shape=(3,))
+    mesh = create_mesh(comm, cells, X if comm.rank == 0 else X[:0], element)
+    none = np.empty(0, dtype=np.int32)
+    with refused(ValueError, "mesh of degree 1 .*given degree 2 in 3; displacements on it may be"):
+        nts.Surface(space(mesh, 2), meshtags(mesh, 2, none, none), 1)
