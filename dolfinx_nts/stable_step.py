@@ -4,8 +4,8 @@ With lumped mass no frequency of an assembly exceeds the highest one of its
 parts (Irons and Treharne 1971). That of a cell of degree 1 is taken from its
 uniform strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in
 a cell of length h that can move in one direction only, and more in one that
-can swell. That of a cell of degree 2 is an eigenvalue. When cells, or their
-pieces, deform it changes as 1/h. Contact springs add their own.
+can swell. That of a cell of degree 2 is an eigenvalue. When cells deform it
+changes as 1/h. Contact springs add their own.
 """
 
 from collections.abc import Sequence
@@ -40,12 +40,12 @@ _BLOCK, _MATRICES = 4096, 64
 def cell_length(x: Floats) -> Floats:
     r"""Length of cells for waves along their thinnest direction.
 
-    Twice the least radius of gyration of the vertices,
+    Twice the least radius of gyration of the nodes,
     :math:`h^2 = 4 \lambda_{min}(\sum_a r_a \otimes r_a)/k`: the edge of a
-    cube. Local.
+    cube of degree 1. Local.
 
     Args:
-        x: Vertices, shape ``(c, k, 3)`` [m].
+        x: Nodes, shape ``(c, k, 3)`` [m].
 
     Returns:
         Length, shape ``(c,)`` [m].
@@ -124,34 +124,32 @@ class Cells:
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        """Compute the speed in each piece, half of its frequency times length."""
+        """Compute the speed in each cell, half of its frequency times length."""
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
         X, element = V.tabulate_dof_coordinates(), Element.of(V)
-        nodes, pieces = V.dofmap.list, element.pieces
+        nodes, k = V.dofmap.list, element.pieces.shape[1]
         cells = {
             material: np.concatenate([b.cells for b in bodies if b.material is material])
             for material in dict.fromkeys(body.material for body in bodies)
         }
-        every = np.concatenate([nodes[part] for part in cells.values()])
-        self._vertices = every[:, pieces].reshape(-1, pieces.shape[1])
+        self._nodes = np.concatenate([nodes[part] for part in cells.values()])
         squared = []
         for material, part in cells.items():
-            x = X[nodes[part]][:, : pieces.shape[1]]
+            x = X[nodes[part, :k]]
             if element.degree == 1:
                 squared.append(cell_frequency(material, x))
             else:
                 squared.append(highest_frequency(material, element, x))
-        frequency = np.repeat(np.sqrt(np.concatenate(squared)), len(pieces))
-        self._speed = frequency * cell_length(X[self._vertices]) / 2
+        self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._nodes]) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
-        """Highest squared frequency [1/s^2] and least length of a piece [m]. Collective.
+        """Highest squared frequency [1/s^2] and least length [m]. Collective.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
         """
-        length = cell_length(x[self._vertices])
+        length = cell_length(x[self._nodes])
         time = (length / self._speed).min(initial=np.inf)
         limits = np.array([time, length.min(initial=np.inf)])
         self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)
