@@ -14,7 +14,8 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
-from dolfinx_nts.bodies import Body
+from dolfinx_nts.arguments import instances
+from dolfinx_nts.bodies import Body, common_space
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
@@ -43,7 +44,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
         TypeError: Something is no body.
         ValueError: No bodies, several spaces, or no facet is left.
     """
-    V = _space(bodies)
+    V = common_space(bodies)
     topology = V.mesh.topology
     topology.create_connectivity(2, 3)
     facets = exterior_facet_indices(topology)
@@ -83,7 +84,7 @@ def all_pairs(
         TypeError: Something is no body, or no obstacle.
         ValueError: No bodies, or several spaces.
     """
-    _space(bodies)
+    common_space(bodies)
     surface = cache(boundary_of)
     # Rounded, so that equal bodies stay in order.
     groups = sorted(_groups(bodies), key=lambda group: float(f"{surface(*group).size:.6g}"))
@@ -107,23 +108,9 @@ def all_pairs(
 
     for finer, coarser in _halves(groups):
         add(list(chain(*finer)), list(chain(*coarser)))
-    for obstacle in obstacles:
-        if not isinstance(obstacle, Obstacle):
-            raise TypeError(f"expected an obstacle, given {type(obstacle).__name__}")
+    for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
     return pairs
-
-
-def _space(bodies: Sequence[Body]) -> Any:
-    """Space of the bodies, checked."""
-    if not bodies:
-        raise ValueError("expected at least one body, given none")
-    for body in bodies:
-        if not isinstance(body, Body):
-            raise TypeError(f"expected a Body, given {type(body).__name__}")
-    if any(body.V != bodies[0].V for body in bodies):
-        raise ValueError("expected bodies in one function space, given several")
-    return bodies[0].V
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:

@@ -148,5 +148,5 @@ def test_what_makes_no_surface_or_pairs_is_refused(comm, refused):
         nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
     with refused(ValueError, "facets of the boundary, given none"):
         nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
-    with refused(TypeError, "expected an obstacle, given Body"):
+    with refused(TypeError, "expected a Obstacle, given Body"):
         nts.all_pairs(bodies, obstacles=[bodies[0]])
