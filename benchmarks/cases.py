@@ -69,6 +69,7 @@ _BALL = {"scene": "ball", "n": 6, "t_end": 1.0}
 _STIFF = {"scene": "stiff ball", "n": 6, "t_end": 0.2}
 _BLOCK = {"scene": "block", "n": 2, "t_end": 0.1}
 _BAR = {"scene": "bar", "t_end": 25.0}
+_OTHERS = {"degree 2": (3, 6), "tetrahedra": (6, 12), "tetrahedra, degree 2": (3, 6)}
 
 _DEFAULT_ERRORS: Rows = [
     *(
@@ -97,6 +98,25 @@ _DEFAULT_ERRORS: Rows = [
     *(
         {**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,), "element": "one point"}
         for n in (6, 12, 24)
+    ),
+    # Tetrahedra, and elements of degree 2, which have the nodes of 2 n cells.
+    *(
+        {**_BALL, "scheme": "EM elastic", "n": n, "h": (0.02,), "element": element}
+        for element, meshes in _OTHERS.items()
+        for n in meshes
+    ),
+    *(
+        {**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,), "element": element}
+        for element in _OTHERS
+        for n in (6, 12)
+    ),
+    *(
+        {**_BAR, "scheme": "EM elastic", "n": n, "h": (5.0 / n,), "element": "degree 2"}
+        for n in (12, 25, 50)
+    ),
+    *(
+        {**_BAR, "scheme": EXPLICIT, "n": n, "h": (1.0,), "element": "degree 2"}
+        for n in (12, 25, 50)
     ),
 ]
 

@@ -32,7 +32,7 @@ class Series:
         h: Steps [s]; of central differences parts of what they choose.
         h_reference: Step of the run that the displacements are compared
             with, of the same scheme [s]; 0 for none.
-        element: ``"full"``, or ``"one point"`` for the volumetric part.
+        element: Key of `scenes.ELEMENTS`.
     """
 
     scene: str
@@ -48,14 +48,12 @@ class Series:
         explicit = self.scheme == "central differences"
         given = None if explicit else h
         if self.scene == "bar":
-            scene = bar_on_wall(comm, self.scheme, given, cells=self.n)
+            scene = bar_on_wall(comm, self.scheme, given, cells=self.n, element=self.element)
         elif self.scene == "block":
             scene = pressed_block(comm, self.scheme, h)
         else:
             E = {"ball": 1e5, "stiff ball": 1e7}[self.scene]
-            scene = ball_on_plate(
-                comm, self.scheme, given, n=self.n, E=E, one_point=self.element == "one point"
-            )
+            scene = ball_on_plate(comm, self.scheme, given, n=self.n, E=E, element=self.element)
         if explicit:
             scene.stepper.dt *= h
         return scene

@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.meshing import MeshData, add_box, add_hollow_ball
 
-__all__ = ["SCHEMES", "Scene", "ball_on_plate", "bar_on_wall", "pressed_block"]
+__all__ = ["ELEMENTS", "SCHEMES", "Scene", "ball_on_plate", "bar_on_wall", "pressed_block"]
 
 SCHEMES: dict[str, tuple[Any, Any]] = {
     "EM elastic": (nts.EnergyMomentum, lambda: nts.LagrangeMultiplier("elastic")),
@@ -20,6 +20,16 @@ SCHEMES: dict[str, tuple[Any, Any]] = {
     "midpoint": (nts.Midpoint, lambda: nts.LagrangeMultiplier("plastic")),
     "generalised-alpha": (nts.GeneralizedAlpha, lambda: nts.LagrangeMultiplier("plastic")),
     "central differences": (nts.CentralDifference, nts.Penalty),
+}
+
+
+# Cells, degree of the displacement, terms with one point a cell.
+ELEMENTS: dict[str, tuple[str, int, list[str]]] = {
+    "full": ("hexahedron", 1, []),
+    "one point": ("hexahedron", 1, ["lmbda"]),
+    "degree 2": ("hexahedron", 2, []),
+    "tetrahedra": ("tetrahedron", 1, []),
+    "tetrahedra, degree 2": ("tetrahedron", 2, []),
 }
 
 
@@ -40,7 +50,7 @@ def ball_on_plate(
     E: float = 1e5,
     rho: float = 1e3,
     friction: Any = None,
-    one_point: bool = False,
+    element: str = "full",
 ) -> Scene:
     """Hollow ball that flies obliquely onto a free plate.
 
@@ -54,7 +64,7 @@ def ball_on_plate(
         E: Young's modulus [Pa].
         rho: Density [kg/m^3].
         friction: Law of friction or None.
-        one_point: Integrate the volumetric part with one point a cell.
+        element: Key of `ELEMENTS`.
     """
 
     def build(model: Any) -> None:
@@ -66,13 +76,22 @@ def ball_on_plate(
             outer_radius=1.0,
             cells_per_edge=n,
             layers=max(2, n // 3),
+            cell=ELEMENTS[element][0],
         )
         cells = (10 * n // 6, 10 * n // 6, max(1, n // 6))
-        add_box(model, "plate", corner=(-2.0, -2.0, -0.4), size=(4.0, 4.0, 0.4), cells=cells)
+        add_box(
+            model,
+            "plate",
+            corner=(-2.0, -2.0, -0.4),
+            size=(4.0, 4.0, 0.4),
+            cells=cells,
+            cell=ELEMENTS[element][0],
+        )
 
     mesh, cells, facets, tag = _mesh(comm, build)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E, 0.4, rho, one_point=["lmbda"] if one_point else [])
+    _, degree, one_point = ELEMENTS[element]
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    material = nts.SaintVenantKirchhoff(E, 0.4, rho, one_point=one_point)
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
     integrator, enforcement = SCHEMES[scheme]
     pair = nts.ContactPair(
@@ -90,7 +109,9 @@ def ball_on_plate(
 BAR_LENGTH, BAR_SIDE, BAR_SPEED = 10.0, 1.0, 1e-3
 
 
-def bar_on_wall(comm: MPI.Comm, scheme: str, h: float | None, *, cells: int) -> Scene:
+def bar_on_wall(
+    comm: MPI.Comm, scheme: str, h: float | None, *, cells: int, element: str = "full"
+) -> Scene:
     """Bar with E = rho = c = 1, Poisson's ratio 0, that strikes a rigid wall.
 
     So slow that linear theory holds: from the touch at t = 0 on the mean
@@ -101,14 +122,16 @@ def bar_on_wall(comm: MPI.Comm, scheme: str, h: float | None, *, cells: int) -> 
         scheme: Key of `SCHEMES`.
         h: Step [s]; None: what central differences choose.
         cells: Number along the bar.
+        element: Key of `ELEMENTS`.
     """
 
     def build(model: Any) -> None:
         size = (BAR_SIDE, BAR_SIDE, BAR_LENGTH)
-        add_box(model, "bar", corner=(0.0, 0.0, 0.0), size=size, cells=(1, 1, cells))
+        kind = ELEMENTS[element][0]
+        add_box(model, "bar", corner=(0.0, 0.0, 0.0), size=size, cells=(1, 1, cells), cell=kind)
 
     mesh, tags, facets, tag = _mesh(comm, build)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    V = fem.functionspace(mesh, ("Lagrange", ELEMENTS[element][1], (3,)))
     bar = nts.Body(V, tags, tag["bar"], nts.SaintVenantKirchhoff(1.0, 0.0, 1.0))
     integrator, enforcement = SCHEMES[scheme]
     pair = nts.ContactPair(

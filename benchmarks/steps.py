@@ -39,7 +39,7 @@ class Case:
         rho: Density [kg/m^3].
         friction: Coefficient of friction, 0 for none.
         eps_T: Tangential spring [N/m^3], 0 for exact stick.
-        element: ``"full"``, or ``"one point"`` for the volumetric part.
+        element: Key of `scenes.ELEMENTS`.
     """
 
     scene: str
@@ -69,7 +69,7 @@ class Case:
             E=self.E,
             rho=self.rho,
             friction=law,
-            one_point=self.element == "one point",
+            element=self.element,
         )
 
 

@@ -1,9 +1,8 @@
 """Bodies: a region of the mesh with a material, and the forms of its bulk.
 
-Bodies of one material share their forms. Quadrature is the rule of
-degree 2 (2 x 2 x 2 Gauss points in a hexahedron), which integrates the
-consistent mass of straight cells exactly; and that of degree 1, one point,
-for terms of the energy that a material names.
+Bodies of one material share their forms. `Element` tells the rules of
+quadrature, of inertia and of the energy; the rule of degree 1, one point,
+is for terms of the energy that a material names.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -17,13 +16,12 @@ from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.arguments import instances
+from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import compile_form
-from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.materials import Dust, Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["QUADRATURE_DEGREE", "Body", "VolumeRatio", "bulk_form", "check_bodies"]
-
-QUADRATURE_DEGREE = 2
+__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies"]
 
 
 class Body:
@@ -32,7 +30,8 @@ class Body:
     Collective.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))``.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or
+            of degree 2.
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         material: Strain energy and density.
@@ -47,7 +46,8 @@ class Body:
     Raises:
         TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or
             ``material`` no material.
-        ValueError: The space or the tag does not fit.
+        ValueError: The space or the tag does not fit, or the material has
+            terms with one point a cell and the degree is 2.
     """
 
     def __init__(
@@ -59,6 +59,11 @@ class Body:
         check_tag(V, cells, tag, tdim, "cells")
         if not isinstance(material, Hyperelastic):
             raise TypeError(f"expected a material, given {type(material).__name__}")
+        if material.one_point and V.ufl_element().degree > 1:
+            raise ValueError(
+                "expected a material without one_point, which is for degree 1, in a space of "
+                f"degree {V.ufl_element().degree}"
+            )
         self.V, self.material = V, material
         local = cells.find(tag)
         self.cells: npt.NDArray[np.int32] = local[
@@ -77,29 +82,34 @@ def bulk_form(
     Args:
         bodies: Bodies of one space.
         integrand: ``integrand(material, parameters, rho)`` as UFL per
-            reference volume, linear in the material's parameters and in
-            the density. They are constants, or 0 where the rule leaves
-            them out.
+            reference volume: a sum of terms, each with the stress or the
+            energy, which are linear in the parameters of `one_point`, or
+            with the density. Parameters and density are constants, or 0
+            where the rule leaves them out, and so is the stress.
 
     Returns:
         The form.
     """
-    mesh = bodies[0].V.mesh
+    mesh, element = bodies[0].V.mesh, Element.of(bodies[0].V)
+    mass, full = element.mass_degree, element.stress_degree
     terms: list[tuple[Any, npt.NDArray[np.int32], int]] = []
     for material in dict.fromkeys(body.material for body in bodies):
         cells = np.concatenate([body.cells for body in bodies if body.material is material])
         parameters = {
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
-        # Degree of the rule, parameters that it leaves out, density.
-        rules: list[tuple[int, Iterable[str], Any]] = [
-            (QUADRATURE_DEGREE, material.one_point, fem.Constant(mesh, material.rho))
+        density = fem.Constant(mesh, material.rho)
+        # Degree of the rule, material, parameters that it leaves out, density.
+        rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
+            (full, material, material.one_point, density if mass == full else 0.0)
         ]
         if material.one_point:
-            rules.append((1, parameters.keys() - material.one_point, 0.0))
-        for degree, without, rho in rules:
+            rules.append((1, material, parameters.keys() - material.one_point, 0.0))
+        if mass != full:
+            rules.append((mass, Dust(material), (), density))
+        for degree, law, without, rho in rules:
             some = parameters | dict.fromkeys(without, 0.0)
-            value = ufl.as_ufl(integrand(material, some, rho))
+            value = ufl.as_ufl(integrand(law, some, rho))
             if value != 0:
                 terms.append((value, np.sort(cells), degree))
     # A region for each term, even where cells are the same: FFCx 0.9 gets
@@ -164,11 +174,12 @@ class VolumeRatio:
         """Compile det F at the points of the bulk forms."""
         mesh = u.function_space.mesh
         cell = basix.CellType[mesh.topology.cell_name()]
-        points, _ = basix.make_quadrature(cell, QUADRATURE_DEGREE)
+        degree = Element.of(u.function_space).stress_degree
+        points, _ = basix.make_quadrature(cell, degree)
         ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
         self._u = u
         self._expression = fem.Expression(ratio, points)
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
         self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
         num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
         self._cells = np.arange(num_cells, dtype=np.int32)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.numbering import listed
 from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
@@ -259,7 +260,7 @@ class ContactPair:
         if not len(nodes):
             return
         deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
-        where = f"{', '.join(map(str, nodes[:5]))}{', ...' if len(nodes) > 5 else ''}"
+        where = listed(nodes)
         if rigid:
             raise ValueError(
                 f"expected bodies outside a {type(self.segments).__name__}, given {len(nodes)} "
@@ -270,8 +271,11 @@ class ContactPair:
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa]."""
-        return -self.history.lambda_N / self.nodes.area
+        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa].
+
+        Collective, see `Surface.per_area`.
+        """
+        return self.nodes.per_area(-self.history.lambda_N)
 
     def gap(self, x: Floats) -> Floats:
         """Gap of every node, NaN where it faces no segment. Collective.

@@ -25,6 +25,9 @@ Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _RESTLESS = 4  # changes of state after which a node is named if the step fails
+# Force of an active node, and gap times stiffness, that are none: of k h, as in
+# the round-off of the residual.
+_ROUNDING = 16 * np.finfo(np.float64).eps
 
 
 class ContactStep:
@@ -369,7 +372,13 @@ class ContactStep:
         if iteration == 0:
             after = before | (excess < 0)
         else:
-            after = self.pair.enforcement.active(self.lambda_N[node], excess, self._stiffness[node])
+            lambda_N, stiffness = self.lambda_N[node], self._stiffness[node]
+            after = self.pair.enforcement.active(lambda_N, excess, stiffness)
+            # Vertices of triangles of degree 2 carry nothing under a uniform
+            # pressure: rounding must not decide again and again.
+            rounding = _ROUNDING * stiffness * self.pair.segment_size
+            nothing = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess)) <= rounding
+            after = np.where(nothing, before, after)
         ids = self.pair.nodes.node_ids[node]
         changes, violators = self._pivoting.select(after != before, ids, iteration)
         self.active[node] = before ^ changes

@@ -12,6 +12,7 @@ from dolfinx import fem, la
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Load
+from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.springs import SpringState
 
@@ -86,7 +87,7 @@ class ExplicitBulk:
         loads: Loads on the bodies.
 
     Attributes:
-        mass: Sums of the rows of the mass matrix, shape ``(n,)`` [kg].
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
         rate: Velocity on which damping acts.
         internal: Internal forces.
         loads: Forces of the loads.
@@ -98,9 +99,7 @@ class ExplicitBulk:
         V = u.function_space
         self._u, self._eta = u, ufl.TestFunction(V)
         self.rate = fem.Function(V)
-        mass = np.zeros((V.dofmap.index_map.size_local, 3))
-        NodalForce(bulk_form(bodies, self._mass)).add_to(mass, 1.0)
-        self.mass: Floats = mass[:, 0].copy()
+        self.mass: Floats = lumped_mass(bodies)
         self.internal = NodalForce(bulk_form(bodies, self._internal_work))
         self.loads = [NodalForce(load.form(u, u)) for load in loads]
         damped = [body for body in bodies if body.material.is_damped]
@@ -120,9 +119,6 @@ class ExplicitBulk:
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""
         return float(fem.assemble_scalar(self._strain_energy))
-
-    def _mass(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        return rho * sum(self._eta[i] for i in range(3))
 
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         F = ufl.Identity(3) + ufl.grad(self._u)

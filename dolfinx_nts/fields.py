@@ -44,7 +44,7 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
         if pair.friction is not None:
             slip_state[at] = np.maximum(slip_state[at], history.active + 1.0 * history.sliding)
             slip[at] += history.slip
-            traction[at] -= history.traction / pair.nodes.area[:, None]
+            traction[at] -= pair.nodes.per_area(history.traction)
     if rubs:
         fields["friction_traction"] = traction
     if stepper.pairs:

@@ -34,10 +34,12 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
+from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.numbering import listed
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
-from dolfinx_nts.stepper import Stepper, listed
+from dolfinx_nts.stepper import Stepper
 
 __all__ = ["ImplicitStepper"]
 
@@ -112,9 +114,7 @@ class ImplicitStepper(Stepper):
         momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
         self._momentum_form = compile_form(momentum)
         # Lumped mass, where only the size of a force counts.
-        self._mass: Floats = self._nodal_values(
-            compile_form(bulk_form(bodies, lambda m, parameters, rho: rho * sum(eta)))
-        )
+        self._mass: Floats = np.repeat(lumped_mass(bodies), 3)
         self._mean_velocity: Floats = self.v.x.array.copy()
 
     def exchange(self, archive: Archive) -> None:

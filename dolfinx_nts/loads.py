@@ -17,7 +17,8 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.arguments import instances
-from dolfinx_nts.bodies import QUADRATURE_DEGREE, Body, bulk_form
+from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.elements import Element
 from dolfinx_nts.surfaces import Surface
 
 __all__ = [
@@ -119,7 +120,10 @@ class BodyForce(LoadWithValue):
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work, linear in the test function [N]."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        return bulk_form(self.bodies, lambda material, parameters, rho: work)
+        (body,) = self.bodies
+        # The rule of inertia, whose terms have the density.
+        one = fem.Constant(self.V.mesh, body.material.rho)
+        return bulk_form([body], lambda material, parameters, rho: rho / one * work)
 
 
 class Gravity(LoadWithValue):
@@ -285,7 +289,7 @@ def _ds(surface: Surface) -> ufl.Measure:
         domain=surface.V.mesh,
         subdomain_data=surface._facets,
         subdomain_id=int(surface._tag),
-        metadata={"quadrature_degree": QUADRATURE_DEGREE},
+        metadata={"quadrature_degree": Element.of(surface.V).mass_degree},
     )
 
 

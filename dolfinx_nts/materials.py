@@ -19,6 +19,7 @@ from ufl.domain import extract_domains
 from dolfinx_nts.arguments import finite, positive, real
 
 __all__ = [
+    "Dust",
     "Hyperelastic",
     "MooneyRivlin",
     "NeoHookean",
@@ -234,6 +235,28 @@ class Hyperelastic:
         curvature = np.array([[self._along(A + B)[1] for B in basis] for A in basis])
         diagonal = np.diag(curvature) / 4
         return 2 * (curvature - diagonal[:, None] - diagonal)
+
+
+class Dust(Hyperelastic):
+    """The inertia and mass damping of a material, without its stress.
+
+    Args:
+        material: The material.
+    """
+
+    def __init__(self, material: Hyperelastic) -> None:
+        """Take its numbers."""
+        super().__init__(
+            lambda C, **parameters: ufl.zero(),
+            rho=material.rho,
+            mass_damping=material.mass_damping,
+        )
+
+    def stress(self, *strains: Any, **parameters: Any) -> Any:
+        """Zero, UFL (3, 3)."""
+        return ufl.zero(3, 3)
+
+    conserving_stress = linear_stress = stress
 
 
 class SaintVenantKirchhoff(Hyperelastic):

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 from mpi4py import MPI
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -19,6 +18,7 @@ from dolfinx import fem
 
 from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
+from dolfinx_nts.elements import Element
 from dolfinx_nts.movie import Movie
 from dolfinx_nts.ranks import on_root
 from dolfinx_nts.stepper import Stepper
@@ -59,8 +59,9 @@ def snapshot(
     Args:
         stepper: What is run.
         filename: PNG file to write.
-        colour: Von Mises stress, taken in the middle of the cells, or
-            magnitude of the displacement.
+        colour: Von Mises stress, taken in the middle of the cells (of
+            degree 2: of their eight parts), or magnitude of the
+            displacement.
         limits: Range of the colours [Pa or m]; by default that of the
             state.
         camera: Position, focus and upward direction as in PyVista; by
@@ -240,8 +241,10 @@ def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable
     """Function that puts the bodies into a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
-    dofmap, comm = stepper.u.function_space.dofmap, stepper.u.function_space.mesh.comm
+    V = stepper.u.function_space
+    dofmap, comm, pieces = V.dofmap, V.mesh.comm, Element.of(V).pieces
     cells = dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
+    cells = cells[:, pieces].reshape(-1, pieces.shape[1])
     ids = dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape)
     u = stepper.u.x.array.reshape(-1, 3)
     parts = comm.gather((ids, stepper.x[cells], u[cells], _von_mises(stepper)))
@@ -259,9 +262,9 @@ def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable
 
 
 def _von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress in the middle of the owned cells, body by body [Pa]."""
-    mesh = stepper.u.function_space.mesh
-    corners = basix.geometry(basix.CellType[mesh.topology.cell_name()])
+    """Von Mises stress in the middle of the pieces of the owned cells, body by body [Pa]."""
+    mesh, element = stepper.u.function_space.mesh, Element.of(stepper.u.function_space)
+    middles = element.points[element.pieces].mean(axis=1)
     F = ufl.Identity(3) + ufl.grad(stepper.u)
     values = []
     for body in stepper.bodies:
@@ -269,6 +272,6 @@ def _von_mises(stepper: Stepper) -> Floats:
         parameters = {k: fem.Constant(mesh, v) for k, v in body.material.parameters.items()}
         sigma = F * body.material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
         stress = ufl.sqrt(1.5 * ufl.inner(ufl.dev(sigma), ufl.dev(sigma)))
-        expression = fem.Expression(stress, corners.mean(axis=0, keepdims=True))
+        expression = fem.Expression(stress, middles)
         values.append(expression.eval(mesh, body.cells).reshape(-1))
     return np.concatenate(values)

@@ -1,10 +1,11 @@
 r"""Largest stable step of central differences, an estimate on the safe side.
 
 With lumped mass no frequency of an assembly exceeds the highest one of its
-parts (Irons and Treharne 1971). That of a cell is taken from its uniform
-strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in a cell
-of length h that can move in one direction only, and more in one that can
-swell. When cells deform it changes as 1/h. Contact springs add their own.
+parts (Irons and Treharne 1971). That of a cell of degree 1 is taken from its
+uniform strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in
+a cell of length h that can move in one direction only, and more in one that
+can swell. That of a cell of degree 2 is an eigenvalue. When cells deform it
+changes as 1/h. Contact springs add their own.
 """
 
 from collections.abc import Sequence
@@ -12,28 +13,39 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
+import basix
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.bodies import Body
+from dolfinx_nts.elements import Element
+from dolfinx_nts.lumping import nodal_parts
 from dolfinx_nts.materials import Hyperelastic
 
-__all__ = ["Cells", "Damping", "cell_frequency", "cell_length", "largest_step"]
+__all__ = [
+    "Cells",
+    "Damping",
+    "cell_frequency",
+    "cell_length",
+    "highest_frequency",
+    "largest_step",
+]
 
 Floats = npt.NDArray[np.float64]
 
-_BLOCK = 4096  # cells that are looked at together
+# Cells that are looked at together, of degree 1 and 2.
+_BLOCK, _MATRICES = 4096, 64
 
 
 def cell_length(x: Floats) -> Floats:
     r"""Length of cells for waves along their thinnest direction.
 
-    Twice the least radius of gyration of the vertices,
+    Twice the least radius of gyration of the nodes,
     :math:`h^2 = 4 \lambda_{min}(\sum_a r_a \otimes r_a)/k`: the edge of a
-    cube. Local.
+    cube of degree 1. Local.
 
     Args:
-        x: Vertices, shape ``(c, k, 3)`` [m].
+        x: Nodes, shape ``(c, k, 3)`` [m].
 
     Returns:
         Length, shape ``(c,)`` [m].
@@ -64,6 +76,36 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         S = axes / np.sqrt(values)[:, None, :]
         K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
         squared[block] = np.linalg.eigvalsh(K.reshape(-1, 9, 9))[:, -1] / material.rho
+    return squared
+
+
+def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Floats:
+    r"""Highest squared frequency of cells with the moduli at C = 1. Local.
+
+    Args:
+        material: Material of the cells.
+        element: Their element.
+        x: Vertices, shape ``(c, k, 3)`` [m, reference].
+
+    Returns:
+        Squared frequency, shape ``(c,)`` [1/s^2].
+    """
+    basis, moduli = Hyperelastic.strain_basis(), material.moduli()
+    points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
+    slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
+    linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
+    squared: Floats = np.empty(len(x))
+    for block in np.split(np.arange(len(x)), range(_MATRICES, len(x), _MATRICES)):
+        J = np.einsum("jqv,cvi->cqij", linear, x[block])
+        gradient = np.einsum("jqa,cqji->cqai", slopes, np.linalg.inv(J))
+        volume = np.abs(np.linalg.det(J)) * weights
+        scale = 1 / np.sqrt(material.rho * nodal_parts(element, x[block]))
+        gradient *= np.sqrt(volume)[:, :, None, None] * scale[:, None, :, None]
+        strain = np.einsum("sij,cqaj->cqsai", basis, gradient).reshape(*volume.shape, 6, -1)
+        stress = moduli @ strain
+        shape = len(block), -1, strain.shape[-1]
+        K = strain.reshape(shape).swapaxes(1, 2) @ stress.reshape(shape)
+        squared[block] = np.linalg.eigvalsh(K)[:, -1]
     return squared
 
 
@@ -100,14 +142,21 @@ class Cells:
         """Compute the speed in each cell, half of its frequency times length."""
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
-        X, vertices = V.tabulate_dof_coordinates(), V.dofmap.list
+        X, element = V.tabulate_dof_coordinates(), Element.of(V)
+        nodes, k = V.dofmap.list, element.pieces.shape[1]
         cells = {
             material: np.concatenate([b.cells for b in bodies if b.material is material])
             for material in dict.fromkeys(body.material for body in bodies)
         }
-        self._vertices = np.concatenate([vertices[part] for part in cells.values()])
-        squared = [cell_frequency(material, X[vertices[part]]) for material, part in cells.items()]
-        self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._vertices]) / 2
+        self._nodes = np.concatenate([nodes[part] for part in cells.values()])
+        squared = []
+        for material, part in cells.items():
+            x = X[nodes[part, :k]]
+            if element.degree == 1:
+                squared.append(cell_frequency(material, x))
+            else:
+                squared.append(highest_frequency(material, element, x))
+        self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._nodes]) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m]. Collective.
@@ -115,7 +164,7 @@ class Cells:
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
         """
-        length = cell_length(x[self._vertices])
+        length = cell_length(x[self._nodes])
         time = (length / self._speed).min(initial=np.inf)
         limits = np.array([time, length.min(initial=np.inf)])
         self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)

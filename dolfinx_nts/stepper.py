@@ -23,12 +23,12 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.numbering import input_ids, listed
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.step_control import StepControl, StepLength
-from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
-__all__ = ["Stepper", "listed"]
+__all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -59,7 +59,7 @@ class Stepper(ABC):
         u: Displacement at t.
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
-        node_ids: Numbers of the owned nodes in the mesh as read, ``(n,)``.
+        node_ids: Numbers of the owned nodes, see `numbering`, ``(n,)``.
         inertia_defect: Kinetic energy gained in the last step less the
             work of all forces in it [J].
     """
@@ -377,8 +377,3 @@ class Stepper(ABC):
         for name, count in zip(("displacement", "velocity"), bad, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
-
-
-def listed(nodes: npt.NDArray[np.int64]) -> str:
-    """The first of some numbers of nodes."""
-    return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

@@ -1,5 +1,7 @@
 """Surfaces: tagged facets as contact nodes and segments.
 
+A facet of degree 1 is a segment; one of degree 2 is four, on its nodes.
+
 A *node* (literature: slave, secondary, source) may touch a *segment*
 (master, primary, target). A surface offers both; a contact pair decides
 which it uses. Positions are x = X + u; the mesh is never moved.
@@ -17,7 +19,10 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
-__all__ = ["Surface", "check_space", "check_tag", "input_ids"]
+from dolfinx_nts.elements import Element
+from dolfinx_nts.numbering import input_ids
+
+__all__ = ["Surface", "check_space", "check_tag"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -26,6 +31,9 @@ GlobalInts = npt.NDArray[np.int64]
 _SEGMENT_VERTICES = {"tetrahedron": 3, "hexahedron": 4}
 # Edges shorter than this, relative to the largest segment, are points.
 _POINT = 1e-12
+# Part of the force of a node in the middle that counts to each of its ends: at
+# the vertices of triangles of degree 2 a uniform pressure has no force.
+_TO_END = 1 / 8
 # Ends of the edges at each corner, in Basix order.
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
@@ -40,16 +48,17 @@ def check_space(V: fem.FunctionSpace) -> None:
     if mesh.geometry.dim != 3 or mesh.geometry.cmap.degree != 1:
         raise ValueError(
             "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}"
+            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}; displacements on it may be of "
+            "degree 2"
         )
     if (
         element.family_name not in ("P", "Q")
-        or element.degree != 1
+        or element.degree not in (1, 2)
         or V.dofmap.index_map_bs != 3
         or element.discontinuous
     ):
         raise ValueError(
-            "expected the space functionspace(mesh, ('Lagrange', 1, (3,))), given "
+            "expected the space functionspace(mesh, ('Lagrange', 1, (3,))), or of degree 2, given "
             f"{element} with block size {V.dofmap.index_map_bs}"
         )
 
@@ -81,7 +90,8 @@ class Surface:
     Collective.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))``.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or
+            of degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
 
@@ -89,8 +99,9 @@ class Surface:
         V: The space.
         nodes: Owned nodes of the surface, sorted, shape ``(n,)``, local
             block indices of V.
-        segments: Facets owned by this rank, shape ``(s, k)``, ``k`` 3 or
-            4, local block indices (owned or ghost) in Basix order.
+        segments: Facets owned by this rank, or their quarters if the
+            degree is 2, shape ``(s, k)``, ``k`` 3 or 4, local block
+            indices (owned or ghost) in Basix order.
         orientation: +1 where a_1 x a_2 of a segment points out of its
             body, otherwise -1, shape ``(s,)``.
         key: Number of each owned segment in an order that does not
@@ -128,18 +139,20 @@ class Surface:
 
         # All local facets mark nodes, only owned ones are segments.
         k = _SEGMENT_VERTICES[mesh.topology.cell_name()]
-        layout = V.dofmap.dof_layout
+        sides = Element.of(V).sides
         X = V.tabulate_dof_coordinates()
-        segments = np.empty((len(local), k), dtype=np.int32)
-        orientation = np.empty(len(local))
-        for i, (facet, (cell,)) in enumerate(zip(local, cells, strict=True)):
+        parts: list[Ints] = [np.empty((0, k), dtype=np.int32)]
+        outward: list[Floats] = [np.empty((0, 3))]
+        for facet, (cell,) in zip(local, cells, strict=True):
             dofs = V.dofmap.cell_dofs(cell)
             number = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
-            segments[i] = dofs[layout.entity_closure_dofs(tdim - 1, number)]
-            x = X[segments[i]]
-            outward = x.mean(axis=0) - X[dofs].mean(axis=0)
-            normal = np.cross(x[1] - x[0], x[2] - x[0])
-            orientation[i] = 1.0 if normal @ outward > 0 else -1.0
+            on_facet, pieces = (dofs[nodes] for nodes in sides[number])
+            parts.append(on_facet)
+            outward.append(X[on_facet].mean(axis=1) - X[pieces].mean(axis=1))
+        segments = np.concatenate(parts)
+        x = X[segments]
+        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        out = np.einsum("si,si->s", normal, np.concatenate(outward)) > 0
 
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
@@ -147,8 +160,9 @@ class Surface:
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
 
-        self.segments: Ints = segments[owned]
-        self.orientation: Floats = orientation[owned]
+        kept = np.repeat(owned, len(sides[0][0]))
+        self.segments: Ints = segments[kept]
+        self.orientation: Floats = np.where(out[kept], 1.0, -1.0)
         self.key = self._number()
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
@@ -195,7 +209,7 @@ class Surface:
 
     @cached_property
     def node_ids(self) -> GlobalInts:
-        """Numbers of the nodes in the mesh as read, shape ``(n,)``."""
+        """Numbers of the nodes, see `numbering`, shape ``(n,)``."""
         return input_ids(self.V)[self.nodes]
 
     @cached_property
@@ -210,6 +224,43 @@ class Surface:
         vector.scatter_reverse(la.InsertMode.add)
         area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
         return area
+
+    def per_area(self, force: Floats) -> Floats:
+        """Forces of the nodes as tractions, exact if uniform. Collective.
+
+        At degree 2 a mean over the nodes next to each.
+
+        Args:
+            force: Shape ``(n,)`` or ``(n, 3)`` [N].
+
+        Returns:
+            Of the same shape [Pa].
+        """
+        values = np.column_stack([self.area, force])
+        if Element.of(self.V).degree > 1:
+            node, end = self._middles.T
+            vector = la.vector(self.V.dofmap.index_map, values.shape[1])
+            spread: Floats = vector.array.reshape(-1, values.shape[1])
+            spread[self.nodes] = values
+            given = _TO_END * spread[node]
+            np.add.at(spread, end, given)
+            np.subtract.at(spread, node, given)
+            vector.scatter_reverse(la.InsertMode.add)
+            values = spread[self.nodes]
+        tractions: Floats = values[:, 1:] / values[:, :1]
+        return tractions.reshape(force.shape)
+
+    @cached_property
+    def _middles(self) -> Ints:
+        """Owned nodes between vertices, and each vertex; local nodes, ``(m, 2)``."""
+        dofs, element = self.V.dofmap.list, Element.of(self.V)
+        rows = [np.empty((0, 2), dtype=np.int32)]
+        for node, pairs in enumerate(element.diagonals):
+            here = dofs[np.isin(dofs[:, node], self.nodes)]
+            for end in np.unique(pairs):
+                if end != node:
+                    rows.append(here[:, [node, end]])
+        return np.unique(np.concatenate(rows), axis=0)
 
     def sharpest_corner(self) -> float:
         """Least sine of an angle between edges of a segment. Collective.
@@ -235,11 +286,3 @@ class Surface:
         key[order] = np.arange(len(order))
         first = sum(len(part) for part in parts[: comm.rank])
         return key[first : first + len(mine)]
-
-
-def input_ids(V: fem.FunctionSpace) -> GlobalInts:
-    """Number in the mesh as read of every local node of V."""
-    geometry = V.mesh.geometry
-    ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)
-    ids[V.dofmap.list] = geometry.input_global_indices[geometry.dofmap]
-    return ids

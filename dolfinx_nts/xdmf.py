@@ -16,10 +16,11 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.elements import Element
 from dolfinx_nts.fields import nodal_fields
+from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.ranks import gathered, on_root
 from dolfinx_nts.stepper import Stepper
-from dolfinx_nts.surfaces import input_ids
 
 __all__ = ["FieldFile"]
 
@@ -46,6 +47,8 @@ _CELLS = {
 
 class FieldFile:
     """The fields of `nodal_fields` and the number of the body of each cell.
+
+    On cells of degree 1: cells of degree 2 become eight, on their nodes.
 
     Each state is on disk at once. Collective, as all its methods.
 
@@ -94,21 +97,26 @@ class FieldFile:
     def _mesh(self) -> dict[str, Array]:
         """Nodes, cells and number of the body by original numbers. Collective."""
         V = self._stepper.u.function_space
-        mesh = V.mesh
-        n = mesh.geometry.index_map().size_local
-        numbers = mesh.geometry.input_global_indices[:n]
+        mesh, element = V.mesh, Element.of(V)
+        # Vertices as read; computed ones have a round-off of the partition.
+        points = V.tabulate_dof_coordinates()
+        vertices = V.dofmap.list[:, : mesh.geometry.dofmap.shape[1]]
+        points[vertices] = mesh.geometry.x[mesh.geometry.dofmap]
         cell = np.arange(mesh.topology.index_map(3).size_local)
         original = mesh.topology.original_cell_index[cell]
         body = np.empty(len(cell), dtype=np.int32)
         for number, b in enumerate(self._stepper.bodies):
             body[b.cells] = number
         order = _CELLS[mesh.topology.cell_name()][1]
-        cells = gathered(self._comm, original, input_ids(V)[V.dofmap.list[cell]][:, order])[1]
-        numbers, points = gathered(self._comm, numbers, mesh.geometry.x[:n])
+        pieces = input_ids(V)[V.dofmap.list[cell]][:, element.pieces[:, order]]
+        cells = gathered(self._comm, original, pieces)[1].reshape(-1, len(order))
+        ids = self._stepper.node_ids
+        numbers, points = gathered(self._comm, ids, points[: len(ids)])
+        bodies = gathered(self._comm, original, body)[1]
         return {
             "points": points,
             "cells": np.searchsorted(numbers, cells),
-            "body": gathered(self._comm, original, body)[1],
+            "body": np.repeat(bodies, len(element.pieces)),
         }
 
     def _open(self, mesh: dict[str, Array], resume: bool) -> None:

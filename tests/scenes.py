@@ -118,8 +118,8 @@ def input_ids(V: fem.FunctionSpace) -> Ints:
 class Totals:
     """Mass, energies and momenta of a scene, each over all bodies.
 
-    St. Venant-Kirchhoff: psi = lambda/2 tr(E)^2 + mu E:E. The points of
-    degree 2 carry the consistent mass of the bulk.
+    St. Venant-Kirchhoff: psi = lambda/2 tr(E)^2 + mu E:E, by the rule of
+    the bulk, as its sum over the points is what is conserved.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -137,8 +137,13 @@ class Totals:
         p, L = rho * self._v, rho * ufl.cross(x, self._v)
         parts = [rho, ufl.inner(p, self._v) / 2, psi, *(p[i] for i in range(3))]
         parts += [L[i] for i in range(3)]
-        dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": 2})
-        self._forms = [fem.form(part * dx) for part in parts]
+        twice = 2 * V.ufl_element().degree
+        degrees = dict.fromkeys(range(len(parts)), twice)
+        degrees[2] = 2 if mesh.topology.cell_name() == "tetrahedron" else twice
+        self._forms = [
+            fem.form(part * ufl.dx(metadata={"quadrature_degree": degrees[i]}))
+            for i, part in enumerate(parts)
+        ]
 
     def row(self) -> Array:
         """Mass, K, V, linear (3) and angular (3) momentum. Collective."""
@@ -397,6 +402,8 @@ def blocks(
     num_bodies: int = 2,
     motion: Motion | None = None,
     dt: float = BLOCK_STEP,
+    degree: int = 1,
+    friction: nts.Coulomb | None = None,
     permute: np.random.Generator | None = None,
     owner: Callable[[Array], Ints] | None = None,
 ) -> Scene:
@@ -413,6 +420,8 @@ def blocks(
         num_bodies: 2 or 3 blocks.
         motion: Moves everything, velocities too.
         dt: Step.
+        degree: Of the displacements.
+        friction: Law of friction.
         permute: Renumbers nodes and cells at random.
         owner: As in `distribute`, of midpoints before ``motion``.
     """
@@ -420,7 +429,18 @@ def blocks(
     if permute is not None:
         data = data.permuted(permute)
         v = v[data.numbers]
-    return free_flight(comm, scheme, enforcement, data, v, motion=motion, dt=dt, owner=owner)
+    return free_flight(
+        comm,
+        scheme,
+        enforcement,
+        data,
+        v,
+        motion=motion,
+        dt=dt,
+        degree=degree,
+        friction=friction,
+        owner=owner,
+    )
 
 
 def block_input(cell: str, num_bodies: int) -> tuple[Input, Array]:
@@ -466,9 +486,11 @@ def free_flight(
     *,
     motion: Motion | None = None,
     dt: float = BLOCK_STEP,
+    degree: int = 1,
+    friction: nts.Coulomb | None = None,
     owner: Callable[[Array], Ints] | None = None,
 ) -> Scene:
-    """Return free bodies with given velocities of the nodes. Collective.
+    """Return free bodies with given velocities of the vertices. Collective.
 
     Every pair is the bottom of a body against the top of the one below.
     """
@@ -476,7 +498,7 @@ def free_flight(
     num_bodies = int(data.body.max()) + 1
     mesh, cells, facets, tag = distribute(comm, data, owner=owner)
     mesh.geometry.x[:] = motion(mesh.geometry.x)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    V, linear = (fem.functionspace(mesh, ("Lagrange", p, (3,))) for p in (degree, 1))
     rubber = nts.SaintVenantKirchhoff(*BLOCK_RUBBER)
     bodies = {
         f"body {number}": nts.Body(V, cells, tag[f"body {number}"], rubber)
@@ -487,13 +509,17 @@ def free_flight(
             nts.Surface(V, facets, tag[f"bottom {number}"]),
             nts.Surface(V, facets, tag[f"top {number - 1}"]),
             enforcement,
+            friction,
         )
         for number in range(1, num_bodies)
     ]
     stepper = scheme(list(bodies.values()), pairs, dt=dt)
-    ids = input_ids(V)
+    at_vertices, velocity = fem.Function(linear), fem.Function(V)
+    at_vertices.x.array[:] = (v @ motion.Q.T)[input_ids(linear)].ravel()
+    velocity.interpolate(at_vertices)
+    velocity.x.scatter_forward()
     for body in bodies.values():
-        stepper.set_velocity(body, (v @ motion.Q.T)[ids[body.nodes]].T)
+        stepper.set_velocity(body, velocity)
     return Scene(stepper, bodies, BLOCK_RUBBER)
 
 

@@ -43,7 +43,7 @@ def test_wrong_tags_of_bodies_and_surfaces_are_named(comm, refused):
 
 def test_surface_in_a_space_of_another_degree_is_refused(comm, refused):
     mesh, _, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    V = fem.functionspace(mesh, ("Lagrange", 3, (3,)))
     with refused(ValueError, r"\('Lagrange', 1, \(3,\)\).*given .*block size 3"):
         nts.Surface(V, facets, tag["ball_outer"])
 

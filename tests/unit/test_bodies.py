@@ -145,9 +145,12 @@ def test_body_refuses_wrong_arguments(comm, refused):
         nts.Body(V, cells.values, 1, RUBBER)
     with refused(TypeError, "expected a material, given float"):
         nts.Body(V, cells, 1, 1.0e5)
+    cubic = fem.functionspace(mesh, ("Lagrange", 3, (3,)))
+    with refused(ValueError, r"\('Lagrange', 1, \(3,\)\)\), or of degree 2, given .*3"):
+        nts.Body(cubic, cells, 1, RUBBER)
     quadratic = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
-    with refused(ValueError, r"functionspace\(mesh, \('Lagrange', 1, \(3,\)\)\), given .*2"):
-        nts.Body(quadratic, cells, 1, RUBBER)
+    with refused(ValueError, "without one_point, which is for degree 1, in a space of degree 2"):
+        nts.Body(quadratic, cells, 1, nts.SaintVenantKirchhoff(1e5, 0.4, 1e3, one_point=["lmbda"]))
     scalar = fem.functionspace(mesh, ("Lagrange", 1))
     with refused(ValueError, "block size 1"):
         nts.Body(scalar, cells, 1, RUBBER)

@@ -130,3 +130,14 @@ def test_an_energy_that_is_no_sum_of_its_parts_is_refused(refused):
 
     with refused(ValueError, "linear in its parameters"):
         nts.Hyperelastic(psi, rho=1.0, one_point=["b"], a=1.0, b=2.0)
+
+
+def test_body_force_acts_once(comm):
+    """Its form has no parameter that a rule could leave out."""
+    found = []
+    for one_point in ((), ("lmbda",)):
+        _, body = beam(comm, one_point)
+        loaded = nts.EnergyMomentum([body], dt=0.01, loads=[nts.BodyForce(body, (0.0, 0.0, 7.0))])
+        loaded.advance()
+        found.append(nts.Diagnostics(loaded).linear_momentum())
+    np.testing.assert_allclose(found, [[0, 0, 7.0 * 1.5 * 0.01]] * 2, atol=1e-9)

@@ -27,8 +27,9 @@ def colours(comm, path):
 
 @pytest.mark.parametrize("colour", ["stress", "displacement"])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_snapshot_shows_the_bodies(comm, folder, agree, colour, cell):
-    stepper = blocks(comm, cell=cell).stepper
+@pytest.mark.parametrize("degree", [1, 2])
+def test_snapshot_shows_the_bodies(comm, folder, agree, colour, cell, degree):
+    stepper = blocks(comm, cell=cell, degree=degree).stepper
     for _ in range(3):
         stepper.advance()
     plotting.snapshot(stepper, folder / "a.png", colour=colour)

@@ -18,8 +18,8 @@ cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 ghosts_ = pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
 
 
-def space(mesh):
-    return fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+def space(mesh, degree=1):
+    return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
 
 
 def box_top(comm, cell, ghosts=GhostMode.none, **kwargs):
@@ -50,6 +50,28 @@ def test_nodes_and_segments_are_complete_and_counted_once(comm, cell, ghosts):
     assert np.isin(ids, data.surfaces["top 0"]).all()
 
 
+@cells_
+@ghosts_
+def test_facets_of_degree_2_are_four_segments_on_all_their_nodes(comm, cell, ghosts):
+    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    surface = nts.Surface(space(mesh, 2), facets, tag["top 0"])
+    # Nodes on a grid of half the width, diagonals of facets included.
+    nodes = everywhere(surface, surface.V.tabulate_dof_coordinates()[surface.nodes])
+    grid = np.unique((nodes / [0.2, 0.125, 0.5]).round(6), axis=0)
+    assert len(nodes) == len(grid) == 7 * 9
+    assert np.all(grid[:, 2] == 1) and np.all(grid == grid.round())
+    number = 4 * (24 if cell == "tetrahedron" else 12)
+    assert comm.allreduce(len(surface.segments)) == number
+    assert sorted(everywhere(surface, surface.key)) == list(range(number))
+    x = surface.V.tabulate_dof_coordinates()[surface.segments]
+    sides = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+    area = np.linalg.norm(np.cross(*sides), axis=1) / (2 if cell == "tetrahedron" else 1)
+    np.testing.assert_allclose(area, 1.2 / number, rtol=ROUNDING)
+    np.testing.assert_allclose(surface.size, np.hypot(0.2, 0.125), rtol=ROUNDING)
+    assert surface.sharpest_corner() > 0.5
+
+
 def test_ball_has_the_nodes_and_segments_of_its_outside(comm):
     mesh, _, facets, tag = read_mesh(scenes.BALL_PLATE, comm)
     V = space(mesh)
@@ -75,11 +97,12 @@ def test_normals_of_the_ball_point_away_from_its_centre(comm):
 
 @cells_
 @ghosts_
-def test_normals_of_a_renumbered_mesh_point_out_of_the_box(comm, cell, ghosts, rng):
+@pytest.mark.parametrize("degree", [1, 2])
+def test_normals_of_a_renumbered_mesh_point_out_of_the_box(comm, cell, ghosts, degree, rng):
     # Renumbered cells are mirrored too, so that both orientations occur.
     data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell).permuted(rng)
     mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
-    V = space(mesh)
+    V = space(mesh, degree)
     found = []
     for name, sign in (("top 0", 1), ("bottom 0", -1)):
         surface = nts.Surface(V, facets, tag[name])
@@ -208,7 +231,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
     none = meshtags(mesh, 2, np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))
     with refused(ValueError, r"tag out of \[\] in facets, given 1"):
         nts.Surface(V, none, 1)
-    for element in (("Lagrange", 2, (3,)), ("Lagrange", 1), ("Lagrange", 1, (2,)), ("N1curl", 1)):
+    for element in (("Lagrange", 3, (3,)), ("Lagrange", 1), ("Lagrange", 1, (2,)), ("N1curl", 1)):
         if element[0] == "N1curl":
             continue  # no such element on hexahedra
         with refused(ValueError, "expected the space functionspace"):
@@ -228,3 +251,18 @@ def test_meshes_of_other_cells_are_refused(comm, kind, refused):
     none = np.empty(0, dtype=np.int32)
     with refused(ValueError, f"mesh of tetrahedra or hexahedra, given {kind} cells"):
         nts.Surface(V, meshtags(mesh, mesh.topology.dim - 1, none, none), 1)
+
+
+def test_curved_meshes_are_refused(comm, refused):
+    import basix.ufl
+    from dolfinx.mesh import create_mesh
+
+    X = basix.create_element(
+        basix.ElementFamily.P, basix.CellType.tetrahedron, 2, basix.LagrangeVariant.gll_warped
+    ).points
+    cells = np.arange(10, dtype=np.int64)[None] if comm.rank == 0 else np.empty((0, 10), np.int64)
+    element = basix.ufl.element("Lagrange", "tetrahedron", 2, shape=(3,))
+    mesh = create_mesh(comm, cells, X if comm.rank == 0 else X[:0], element)
+    none = np.empty(0, dtype=np.int32)
+    with refused(ValueError, "mesh of degree 1 .*given degree 2 in 3; displacements on it may be"):
+        nts.Surface(space(mesh, 2), meshtags(mesh, 2, none, none), 1)
