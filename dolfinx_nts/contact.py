@@ -17,6 +17,7 @@ from dolfinx_nts.archive import Archive
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
+from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
 
@@ -115,6 +116,11 @@ class ContactWork:
 class ContactPair:
     """Nodes of one surface against segments of another, or an obstacle.
 
+    A surface may be both: then it touches itself, but no node its neighbours
+    on the mesh or the other side of its own wall (`cpp/nts/own_surface.h`).
+    Springs then act from both sides; multipliers are given to nodes that are
+    on no segment of each other, see `independent`.
+
     Collective. ``str`` tells the laws and, after the first step, the least
     and the greatest stiffness of springs, given or derived.
 
@@ -130,11 +136,12 @@ class ContactPair:
         eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
             the first step on; None without.
         eps_T: The same of the tangential springs.
+        touches_itself: Whether both are the same surface.
 
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share
-            nodes; convective friction without what it needs.
+            some of their nodes; convective friction without what it needs.
     """
 
     def __init__(
@@ -165,8 +172,7 @@ class ContactPair:
                 "expected Penalty and a Surface as segments with convective friction, given "
                 f"{type(enforcement).__name__} and {type(segments).__name__}"
             )
-        if isinstance(segments, Surface):
-            _check_surfaces(nodes, segments)
+        self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         self.nodes, self.segments = nodes, segments
         self.enforcement = enforcement
         # Without friction there is no slip to follow.
@@ -180,7 +186,8 @@ class ContactPair:
     def _new_search(self) -> Search | ObstacleNeighbourhood:
         if isinstance(self.segments, Obstacle):
             return ObstacleNeighbourhood(self.segments, self.nodes)
-        return Search(self.nodes, self.segments)
+        search = OwnSearch if self.touches_itself else Search
+        return search(self.nodes, self.segments)
 
     @property
     def segment_size(self) -> float:
@@ -339,23 +346,27 @@ class ContactPair:
         self.search.exchange(archive, f"{name}/search")
 
 
-def _check_surfaces(nodes: Surface, segments: Surface) -> None:
-    """Raise on all ranks unless the surfaces can make a pair. Collective.
+def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
+    """Whether they are the same; raises unless they can make a pair. Collective.
 
     Segments that are bad but usable are logged.
     """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")
-    shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
-    if shared:
+    comm = nodes.V.mesh.comm
+    shared = comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
+    same = np.array_equal(nodes.segments, segments.segments)
+    same = comm.allreduce(same, op=MPI.LAND)
+    if shared and not same:
         raise ValueError(
-            "expected surfaces without common nodes in a contact pair, "
-            f"given {shared} nodes on both sides"
+            "expected surfaces without common nodes in a contact pair, or the same surface "
+            f"twice, given {shared} nodes on both sides"
         )
     sine = segments.sharpest_corner()
-    if sine < _SHARP and nodes.V.mesh.comm.rank == 0:
+    if sine < _SHARP and comm.rank == 0:
         _logger.warning(
             "segments have a corner of sine %.2g: nodes can slip through where it is below %g",
             sine,
             _SHARP,
         )
+    return same

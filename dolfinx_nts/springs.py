@@ -110,6 +110,8 @@ class ContactSprings:
             lightest = mass[pair.segments.nodes].min(initial=np.inf)
             lightest = self._comm.allreduce(lightest, op=MPI.MIN)
             compliance += max(1.0, counts[0] / counts[1]) / lightest
+            # Nodes that are vertices as well have springs from both sides.
+            compliance *= 2 if pair.touches_itself else 1
         self._reduced_mass: Floats = 1 / compliance
         self._candidates: Ints
         self._idle = False

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
-__all__ = ["Surface", "check_space", "check_tag", "input_ids"]
+__all__ = ["Surface", "area_vectors", "check_space", "check_tag", "input_ids"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -95,6 +95,8 @@ class Surface:
             body, otherwise -1, shape ``(s,)``.
         key: Number of each owned segment in an order that does not
             depend on the partition, shape ``(s,)``.
+        thickness: Height of the cell under each segment, ``(s,)`` [m,
+            reference].
         size: Longest diameter of a segment on any rank [m, reference].
 
     Raises:
@@ -131,7 +133,7 @@ class Surface:
         layout = V.dofmap.dof_layout
         X = V.tabulate_dof_coordinates()
         segments = np.empty((len(local), k), dtype=np.int32)
-        orientation = np.empty(len(local))
+        orientation, thickness = np.empty((2, len(local)))
         for i, (facet, (cell,)) in enumerate(zip(local, cells, strict=True)):
             dofs = V.dofmap.cell_dofs(cell)
             number = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
@@ -140,6 +142,7 @@ class Surface:
             outward = x.mean(axis=0) - X[dofs].mean(axis=0)
             normal = np.cross(x[1] - x[0], x[2] - x[0])
             orientation[i] = 1.0 if normal @ outward > 0 else -1.0
+            thickness[i] = 2 * abs(normal @ outward) / max(np.linalg.norm(normal), 1e-300)
 
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
@@ -149,6 +152,7 @@ class Surface:
 
         self.segments: Ints = segments[owned]
         self.orientation: Floats = orientation[owned]
+        self.thickness: Floats = thickness[owned]
         self.key = self._number()
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
@@ -235,6 +239,22 @@ class Surface:
         key[order] = np.arange(len(order))
         first = sum(len(part) for part in parts[: comm.rank])
         return key[first : first + len(mine)]
+
+
+def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
+    """Outward vectors of the size of each segment, shape ``(s, 3)`` [m^2]. Local.
+
+    Args:
+        vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].
+        orientation: As in `Surface`, shape ``(s,)``.
+    """
+    first = vertices[:, -1] - vertices[:, 0]
+    second = vertices[:, 2] - vertices[:, 1]
+    # Of a triangle, its sides; of a quadrilateral, its diagonals.
+    if vertices.shape[1] == 3:
+        first, second = vertices[:, 1] - vertices[:, 0], first
+    vectors: Floats = orientation[:, None] * np.cross(first, second) / 2
+    return vectors
 
 
 def input_ids(V: fem.FunctionSpace) -> GlobalInts:
