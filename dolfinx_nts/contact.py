@@ -215,14 +215,16 @@ class ContactPair:
         """
         if self._springs is not None:
             return
-        self._springs = {}
+        self._springs, share = {}, 1.0
         if isinstance(self.enforcement, Penalty):
-            given = self.enforcement.eps_N
-            self.eps_N = 10 * stiffness if given is None else np.full_like(stiffness, given)
+            given, share = self.enforcement.eps_N, self.enforcement.share
+            self.eps_N = share * (
+                10 * stiffness if given is None else np.full_like(stiffness, given)
+            )
             self._springs["eps_N"] = self._range(self.eps_N)
         if self.friction is not None and self.has_slip_spring:
             given = self.friction.eps_T
-            self.eps_T = stiffness.copy() if given is None else np.full_like(stiffness, given)
+            self.eps_T = share * (stiffness if given is None else np.full_like(stiffness, given))
             self._springs["eps_T"] = self._range(self.eps_T)
         if self.nodes.V.mesh.comm.rank == 0:
             _logger.info("%s", self)

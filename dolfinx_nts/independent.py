@@ -7,8 +7,6 @@ vertex of the segment of another one. All others are held by these: a segment
 on which they are, or their own, has a vertex with a multiplier.
 """
 
-from itertools import chain
-
 import numpy as np
 import numpy.typing as npt
 
@@ -47,14 +45,15 @@ def independent(
     node = np.flatnonzero(candidates)
     dofs = here.dofs(surface.nodes[node], segment[node])
     ids = here.index_map.local_to_global(dofs.ravel()).reshape(dofs.shape)
-    mine = list(zip((-urgency[node]).tolist(), surface.node_ids[node].tolist(), ids.tolist(), strict=True))
+    order = np.column_stack([-urgency[node], surface.node_ids[node], ids])
+    everywhere = np.concatenate(surface.V.mesh.comm.allgather(order))
+    everywhere = everywhere[np.lexsort((everywhere[:, 1], everywhere[:, 0]))]
     taken: set[int] = set()
     covered: set[int] = set()  # vertices of the segments of taken nodes
-    everywhere = chain(*surface.V.mesh.comm.allgather(mine))
-    for _, _, (first, *vertices) in sorted(everywhere, key=lambda item: item[:2]):
+    for first, *vertices in everywhere[:, 2:].tolist():
         if first not in covered and taken.isdisjoint(vertices):
             taken.add(first)
             covered.update(vertices)
     flags: Flags = np.zeros_like(candidates)
-    flags[node] = [first in taken for first in ids[:, 0]]
+    flags[node] = [first in taken for first in ids[:, 0].tolist()]
     return flags

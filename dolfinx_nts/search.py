@@ -271,7 +271,10 @@ class Search:
         return Neighbourhood(
             index_map,
             local.astype(np.int32),
-            *(values[order] for values in (orientation, key, size, thickness)),
+            orientation[order],
+            key[order],
+            size[order],
+            thickness[order],
         )
 
 

@@ -142,7 +142,7 @@ class Surface:
             outward = x.mean(axis=0) - X[dofs].mean(axis=0)
             normal = np.cross(x[1] - x[0], x[2] - x[0])
             orientation[i] = 1.0 if normal @ outward > 0 else -1.0
-            thickness[i] = 2 * abs(normal @ outward) / max(np.linalg.norm(normal), 1e-300)
+            thickness[i] = 2 * abs(normal @ outward) / (np.linalg.norm(normal) or np.inf)
 
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
