@@ -177,7 +177,7 @@ class ContactPair:
         self.enforcement = enforcement
         # Without friction there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
-        self.search = self._new_search()
+        self.search, self._everywhere = self._new_search(), self._new_search()
         self.history = ContactHistory.none(len(nodes.nodes))
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -282,22 +282,24 @@ class ContactPair:
         """Contact pressure of the last step at the nodes, ``(n,)`` [Pa]."""
         return -self.history.lambda_N / self.nodes.area
 
-    def gap(self, x: Floats) -> Floats:
+    def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Gap of every node, NaN where it faces no segment. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and
                 ghost, shape ``(l, 3)`` [m].
+            reach: Distance to segments up to which they are looked for
+                [m].
 
         Returns:
             Gap, shape ``(n,)`` [m], > 0 open.
         """
-        everywhere, _ = self._new_search().update(x, np.inf)
+        everywhere, _ = self._everywhere.update(x, np.inf)
         return everywhere.pair(
             everywhere.with_ghosts(x[: everywhere.index_map.size_local]),
             self.nodes.nodes,
             everywhere.find(self.history.key),
-            np.inf,
+            reach,
         )[1]
 
     def loose(self, x: Floats, gap_tol: float) -> Flags:

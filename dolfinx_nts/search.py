@@ -189,7 +189,8 @@ class Search:
         """Neighbourhood that holds every segment within reach of a node.
 
         Collective. The last one is kept while nothing has moved more
-        than the margin with which it was made.
+        than the margin with which it was made; for ever if it reaches
+        everywhere.
 
         Args:
             x: Current positions of the local nodes of the space, owned
@@ -199,6 +200,12 @@ class Search:
         Returns:
             The neighbourhood, and whether it is a new one.
         """
+        if (
+            self._neighbourhood is not None
+            and self._covered is not None
+            and np.isinf(self._covered[2])
+        ):
+            return self._neighbourhood, False
         x_nodes, x_vertices = x[self._nodes.nodes], x[self._vertices]
         if self._neighbourhood is not None and self._covered is not None:
             # A node and a vertex of different ranks may approach each other.
