@@ -116,10 +116,11 @@ class ContactWork:
 class ContactPair:
     """Nodes of one surface against segments of another, or an obstacle.
 
-    A surface may be both: then it touches itself, but no node its neighbours
-    on the mesh or the other side of its own wall (`cpp/nts/own_surface.h`).
-    Springs then act from both sides; multipliers are given to nodes that are
-    on no segment of each other, see `independent`.
+    A surface may be both: then it touches itself. A node touches segments
+    that face it, but no neighbours on the mesh, nor the other side of its own
+    wall (`cpp/nts/own_surface.h`); it must not move by more than a cell of the
+    wall in a step. Springs act from both sides; multipliers go to nodes of
+    which none is a vertex of the segment of another (`independent`).
 
     Collective. ``str`` tells the laws and, after the first step, the least
     and the greatest stiffness of springs, given or derived.

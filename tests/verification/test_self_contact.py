@@ -83,12 +83,35 @@ def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
     assert nts.Diagnostics(stepper).min_gap() > -0.02
 
 
+def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
+    body, inner = ring(comm)
+    found = []
+    for pair in (nts.ContactPair(inner, inner), *nts.all_pairs([body], self_contact=[body])):
+        stepper = squeezed(body, pair, 2.2, 0.005)
+        most, _ = check(stepper, pair, 0.66, comm)
+        assert most > 0
+        found.append(stepper.u.x.array.copy())
+    assert np.abs(found[1] - found[0]).max(initial=0.0) < 1e-9
+
+
 def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
     body, inner = ring(comm, "tetrahedron")
     pair = nts.ContactPair(inner, inner)
     most, lost = check(squeezed(body, pair, 3.2, 0.0025), pair, 0.47, comm)
     assert most > 0
     assert abs(lost) < CONSERVED
+
+
+def test_failed_steps_are_cut_and_leave_no_trace(comm):
+    body, inner = ring(comm)
+    pair = nts.ContactPair(inner, inner)
+    stepper = squeezed(body, pair, 2.2, 0.02)
+    diagnostics = nts.Diagnostics(stepper)
+    energy, rejected = diagnostics.balance().total_energy, 0
+    for report in stepper.run(0.7, control=nts.StepControl()):
+        rejected += report.rejected
+    assert rejected > 0
+    assert diagnostics.balance().total_energy == pytest.approx(energy, rel=CONSERVED)
 
 
 def test_crushed_ball_keeps_energy_and_momenta(comm):
