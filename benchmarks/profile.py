@@ -64,14 +64,19 @@ class Profile:
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Count the CPU time of the block."""
-        name = self.label(name)
-        self._switch()
-        self._open.append(name)
+        self._enter(self.label(name))
         try:
             yield
         finally:
-            self._switch()
-            self._open.pop()
+            self._leave()
+
+    def _enter(self, name: str) -> None:
+        self._switch()
+        self._open.append(name)
+
+    def _leave(self) -> None:
+        self._switch()
+        self._open.pop()
 
     def _switch(self) -> None:
         now = time.process_time()
@@ -81,9 +86,15 @@ class Profile:
         self._since = now
 
     def _watched(self, function: Callable[..., Any], phase: str) -> Callable[..., Any]:
+        name = self.label(phase)
+
+        # Some calls take microseconds: no context manager here.
         @functools.wraps(function, updated=())
         def call(*args: Any, **kwargs: Any) -> Any:
-            with self.phase(phase):
+            self._enter(name)
+            try:
                 return function(*args, **kwargs)
+            finally:
+                self._leave()
 
         return call

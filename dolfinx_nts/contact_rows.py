@@ -145,7 +145,8 @@ class Rows:
         node: Position in the surface's nodes, shape ``(m,)``.
         segment: Segment in the neighbourhood, shape ``(m,)``.
         dofs: Nodes of the pair in the index map, shape ``(m, 1+k)``.
-        free: 1 where the displacement is unknown, shape ``(m, d)``.
+        free: 1 where the displacement is unknown, otherwise 0, shape
+            ``(m, d)``; None if all are unknown.
         values: What `Neighbourhood.contact` gives.
 
     Attributes:
@@ -170,29 +171,35 @@ class Rows:
         node: Ints,
         segment: Ints,
         dofs: Ints,
-        free: Floats,
+        free: Floats | None,
         values: tuple[npt.NDArray[Any], ...],
     ) -> None:
         """Complete the normal parts; the tangential ones are zero."""
         self.node, self.segment, self.dofs, self.free = node, segment, dofs, free
         self.gap_n, self.gap, F, G, self.tangent, turn, status = values
         m, d = F.shape
-        self.force, self.columns, self.gradients = np.zeros((3, m, 3, d))
+        self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
         self.valid: Flags = (status == 0) & (turn >= 0)
-        self.force[:, 0], self.gradients[:, 0] = F, G * free
-        self.columns[:, 0] = F * free
-        normal = self.gradients[:, 0, :3]
-        length = np.linalg.norm(normal, axis=1)
-        self.normal: Floats = normal / np.where(length > 0, length, 1.0)[:, None]
-        self.eliminable: Flags = length > 0.5
+        self.force[:, 0], self.gradients[:, 0] = F, G
+        self.columns, self.normal = self.force, G[:, :3].copy()
+        self.eliminable: Flags = np.ones(m, dtype=bool)
+        if free is not None:
+            self.columns = self.force * free[:, None]
+            self.gradients[:, 0] *= free
+            self.normal *= free[:, :3]
+            length = np.linalg.norm(self.normal, axis=1)
+            self.normal /= np.where(length > 0, length, 1.0)[:, None]
+            self.eliminable = length > 0.5
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
         self.slip = slip
         self.excess[:, 1:] = self.slip.value
         self.force[:, 1:] = self.slip.force
-        self.columns[:, 1:] = self.slip.force * self.free[:, None]
-        self.gradients[:, 1:] = self.slip.gradient * self.free[:, None]
-        # A sticking node gives up all its displacements.
-        self.eliminable &= np.all(self.free[:, :3] == 1, axis=1)
+        self.gradients[:, 1:] = self.slip.gradient
+        if self.free is not None:
+            self.columns[:, 1:] = self.slip.force * self.free[:, None]
+            self.gradients[:, 1:] *= self.free[:, None]
+            # A sticking node gives up all its displacements.
+            self.eliminable &= np.all(self.free[:, :3] == 1, axis=1)

@@ -153,8 +153,10 @@ class ContactStep:
         else:
             # Decisions follow from multipliers, multipliers from decisions.
             self._balance(rows, R)
-            changed += self._update_active(rows, iteration) + self._rub(rows, iteration)
-            self._balance(rows, R)
+            changes = self._update_active(rows, iteration) + self._rub(rows, iteration)
+            if changes or self._tangential is not None:
+                self._balance(rows, R)
+            changed += changes
         active = self.active[node]
         self.num_active = self.comm.allreduce(int(np.count_nonzero(active)))
         self.touched |= self.num_active > 0
@@ -307,8 +309,8 @@ class ContactStep:
         here, segment, nodes = self.neighbourhood, self.segment[node], self.pair.nodes.nodes[node]
         dofs = here.dofs(nodes, segment)
         values = here.contact(self._scheme, self.x_n, x, nodes, segment)
-        free = np.ones((*dofs.shape, 3)) if self._free is None else self._free[dofs]
-        rows = Rows(node, segment, dofs, free.reshape(values[2].shape), values)
+        free = None if self._free is None else self._free[dofs].reshape(values[2].shape)
+        rows = Rows(node, segment, dofs, free, values)
         if self.pair.is_convective:
             assert isinstance(here, Neighbourhood)
             rows.add_slip(ConvectiveSlip(here.convective_slip(self.x_n, x, nodes, segment)))
@@ -393,18 +395,18 @@ class ContactStep:
         """Residual and tangent from the multipliers and tractions."""
         node, columns, gradients = rows.node, rows.columns, rows.gradients
         active = self.active[node]
-        lambda_N, multiplier = (
-            self.lambda_N[node],
-            isinstance(self.pair.enforcement, LagrangeMultiplier),
-        )
+        lambda_N = self.lambda_N[node]
+        multiplier = isinstance(self.pair.enforcement, LagrangeMultiplier)
         rank = np.where(active, 1 if multiplier else 0, 0)
         force = lambda_N[:, None] * rows.force[:, 0]
         tangent = lambda_N[:, None, None] * rows.tangent
         if self._tangential is not None:
             rank = np.where(self._tangential.sticks(node, active), 3, rank)
             columns = self._tangential.add_to(rows, active, force, tangent)
-        free = rows.free
-        tangent *= free[:, :, None] * free[:, None, :]
+        residual, free = force, rows.free
+        if free is not None:
+            residual = force * free
+            tangent *= free[:, :, None] * free[:, None, :]
         if not multiplier:
             tangent += slope[:, None, None] * columns[:, 0, :, None] * gradients[:, 0, None, :]
         return ContactState(
@@ -416,7 +418,7 @@ class ContactStep:
             excess=rows.excess,
             gradients=gradients,
             columns=columns,
-            residual=force * free,
+            residual=residual,
             tangent=tangent,
             normal=rows.normal,
             eliminable=rows.eliminable,

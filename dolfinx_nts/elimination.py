@@ -106,35 +106,30 @@ class Elimination:
         parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
         return b"".join(part.tobytes() for part in parts)
 
-    def particular(self, n: int) -> Floats:
-        """Nodal vector x_p with G^T x_p = -(g - g_ref)."""
+    def particular(self, n: int) -> tuple[Floats, list[Floats]]:
+        """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
         x = np.zeros((n, 3))
-        for p, excess, node in zip(self.pairs, self._excess, self._node, strict=True):
-            local = np.zeros((p.here.num_local, 3))
-            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, -excess, local)
-            x[node] = local[node]
-        return x
+        return x, self._constrain(x, [-excess for excess in self._excess])
 
     def constrain(self, x: Floats) -> list[Floats]:
         """Replace x by Z x; returns Z x with ghosts for each of `pairs`."""
-        parts = self.with_ghosts(x)
-        for p, part in zip(self.pairs, parts, strict=True):
-            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, _NONE, part)
-        for part, node in zip(parts, self._node, strict=True):
-            x[node] = part[node]
+        return self._constrain(x, [_NONE] * len(self.pairs))
+
+    def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
+        parts = [p.here.with_ghosts(x) for p in self.pairs]
+        for p, node, value, part in zip(self.pairs, self._node, values, parts, strict=True):
+            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, value, part)
+            if part is not x:
+                x[node] = part[node]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
-        """Z~^T (y + sum lambda dF/dq x), x given as by `constrain`."""
+        """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
         for p, x in zip(self.pairs, parts, strict=True):
             local = p.here.with_room(y)
             _kernels.act(p.dofs, p.rank, p.normal, p.columns, p.tangent, x, local)
             y = p.here.to_owners(local)
         return y
-
-    def with_ghosts(self, x: Floats) -> list[Floats]:
-        """Values with ghosts for each of `pairs`."""
-        return [p.here.with_ghosts(x) for p in self.pairs]
 
 
 def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:

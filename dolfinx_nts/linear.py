@@ -207,14 +207,13 @@ class LinearSolver:
         particular: Floats = np.zeros_like(r)
         if not elimination.empty:
             self._preconditioner.prepare()
-            particular = elimination.particular(len(r))
-            parts = elimination.with_ghosts(particular)
-            total: Floats = R.reshape(-1, 3)
+            particular, parts = elimination.particular(len(r))
+            total: Floats = R.reshape(-1, 3).copy()
             # Close to the constraints their part is below what rtol leaves.
             force = 3 * self._bulk.nodal_stiffness()[:, None] * particular
             sums = self._bulk.comm.allreduce(np.array([np.vdot(force, force), R @ R]))
             if sums[0] > (_NEGLIGIBLE * rtol) ** 2 * sums[1]:
-                total = total + self._bulk.action(particular)
+                total += self._bulk.action(particular)
             r = -elimination.act(parts, total)
         self._b.array[:] = r.ravel()
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=1e6, max_it=_MAX_ITERATIONS)

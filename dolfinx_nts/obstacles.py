@@ -303,12 +303,12 @@ class ObstacleNeighbourhood:
         return key.astype(np.int32)
 
     def with_room(self, owned: Floats) -> Floats:
-        """Copy of the owned values."""
-        return owned.copy()
+        """The owned values."""
+        return owned
 
     def with_ghosts(self, owned: Floats) -> Floats:
-        """Copy of the owned values."""
-        return owned.copy()
+        """The owned values."""
+        return owned
 
     def to_owners(self, values: Floats) -> Floats:
         """The values, as no other rank has any for owned nodes."""
@@ -326,6 +326,10 @@ class ObstacleNeighbourhood:
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given facets, shape ``(m,)`` [m]."""
         return self.contact("static", x, x, nodes, segment)[1]
+
+    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gradient of the gap of nodes, shape ``(m, 3)``."""
+        return self.contact("static", x, x, nodes, segment)[3]
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
         """Contact of nodes, see `Obstacle.contact`."""

@@ -68,7 +68,9 @@ class Neighbourhood:
 
     def dofs(self, nodes: Ints, segment: Ints) -> Ints:
         """Nodes of pairs in the index map, shape ``(m, 1+k)``. Local."""
-        return np.column_stack([nodes, self.segments[segment]])
+        dofs = np.empty((len(nodes), 1 + self.segments.shape[1]), dtype=np.int32)
+        dofs[:, 0], dofs[:, 1:] = nodes, self.segments[segment]
+        return dofs
 
     def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
         """Pair nodes with segments, see `cpp/nts/pairing.h`. Local.
@@ -90,6 +92,10 @@ class Neighbourhood:
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
         return _kernels.project(x[self.dofs(nodes, segment)], self.orientation[segment])[1]
+
+    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gradient of the gap of pairs, shape ``(m, d)``. Local."""
+        return _kernels.gap_gradient(x[self.dofs(nodes, segment)], self.orientation[segment])
 
     def contact(
         self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
@@ -127,22 +133,23 @@ class Neighbourhood:
         return *_kernels.convective_slip(x_n[dofs], x[dofs], orientation), orientation
 
     def with_room(self, owned: Floats) -> Floats:
-        """Copy of the owned values with zeros for the ghosts. Local."""
+        """Owned values, then zeros for the ghosts; the same array without. Local."""
         if self._serial:
-            return owned.copy()
+            return owned
         return np.concatenate([owned, np.zeros((self.index_map.num_ghosts, 3))])
 
     def with_ghosts(self, owned: Floats) -> Floats:
-        """Copy of the owned values with those of the ghosts. Collective.
+        """Owned values, then those of the ghosts. Collective.
 
         Args:
             owned: Values at owned nodes, shape ``(n, 3)``.
 
         Returns:
-            Values at all nodes of the map, shape ``(n + ghosts, 3)``.
+            Values at all nodes of the map, shape ``(n + ghosts, 3)``; the
+            same array if there are no ghosts.
         """
         if self._serial:
-            return owned.copy()
+            return owned
         self._vector.array[: owned.size] = owned.ravel()
         self._vector.scatter_forward()
         values: Floats = self._vector.array.reshape(-1, 3).copy()

