@@ -1,11 +1,13 @@
 """Bodies whose walls meet: energy and momenta as in any other contact."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
+from dolfinx_nts import checkpoint, parts
 
 CONSERVED = 1e-11
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
@@ -112,6 +114,27 @@ def test_failed_steps_are_cut_and_leave_no_trace(comm):
         rejected += report.rejected
     assert rejected > 0
     assert diagnostics.balance().total_energy == pytest.approx(energy, rel=CONSERVED)
+
+
+def test_run_goes_on_from_a_checkpoint_on_any_number_of_ranks(comm, tmp_path):
+    path = comm.bcast(tmp_path) / "run.h5"
+
+    def start(of):
+        body, inner = ring(of)
+        return squeezed(body, nts.ContactPair(inner, inner), 2.2, 0.005)
+
+    whole, again, alone = start(comm), start(comm), start(MPI.COMM_SELF)
+    active = [report.num_active for report in whole.run(0.65)]
+    checkpoint.save(path, whole)
+    balances = []
+    for stepper in (whole, again, alone):
+        if stepper is not whole:
+            checkpoint.load(path, stepper)
+        active += [report.num_active for report in stepper.run(0.68)]
+        balances.append(np.array(list(nts.Diagnostics(stepper).balance().columns().values())))
+    assert max(active) > 0
+    for other in balances[1:]:
+        assert np.allclose(other, balances[0], rtol=1e-9, atol=1e-9, equal_nan=True)
 
 
 def test_crushed_ball_keeps_energy_and_momenta(comm):
