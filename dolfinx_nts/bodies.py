@@ -16,6 +16,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
+from dolfinx_nts.arguments import instances
 from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
@@ -114,6 +115,21 @@ def bulk_form(
     return form
 
 
+def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
+    """Space of the bodies. Local.
+
+    Raises:
+        TypeError: Something in the list is no body.
+        ValueError: No bodies, or several spaces.
+    """
+    bodies = instances(Body, bodies)
+    if not bodies:
+        raise ValueError("expected at least one body, given none")
+    if any(body.V != bodies[0].V for body in bodies):
+        raise ValueError("expected bodies in one function space, given several")
+    return bodies[0].V
+
+
 def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
     """Space of the bodies; raises unless every cell is in exactly one.
 
@@ -123,14 +139,7 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
         TypeError: Something in the list is no body.
         ValueError: No bodies, several spaces, or cells in none or two.
     """
-    if not bodies:
-        raise ValueError("expected at least one body, given none")
-    for body in bodies:
-        if not isinstance(body, Body):
-            raise TypeError(f"expected a Body, given {type(body).__name__}")
-    V = bodies[0].V
-    if any(body.V != V for body in bodies):
-        raise ValueError("expected bodies in one function space, given several")
+    V = common_space(bodies)
     mesh = V.mesh
     count = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     for body in bodies:

@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.arguments import positive
+
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
 Floats = npt.NDArray[np.float64]
@@ -99,8 +101,8 @@ class Penalty:
 
     def __init__(self, eps_N: float | None = None) -> None:
         """Check the stiffness."""
-        if eps_N is not None and not (np.isfinite(eps_N) and eps_N > 0):
-            raise ValueError(f"expected a penalty eps_N > 0, given {eps_N}")
+        if eps_N is not None:
+            positive("a penalty eps_N", eps_N)
         self.eps_N = eps_N
         self.share = 1.0
 

@@ -13,6 +13,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.arguments import nonnegative, positive
+
 __all__ = ["Coulomb", "Traction"]
 
 Floats = npt.NDArray[np.float64]
@@ -68,10 +70,9 @@ class Coulomb:
         law: Literal["objective", "convective"] = "objective",
     ) -> None:
         """Check the numbers."""
-        if not (np.isfinite(mu) and mu >= 0):
-            raise ValueError(f"expected a coefficient of friction mu >= 0, given {mu}")
-        if eps_T is not None and not (np.isfinite(eps_T) and eps_T > 0):
-            raise ValueError(f"expected a tangential stiffness eps_T > 0, given {eps_T}")
+        nonnegative("a coefficient of friction mu", mu)
+        if eps_T is not None:
+            positive("a tangential stiffness eps_T", eps_T)
         if law not in ("objective", "convective"):
             raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
         self.mu, self.eps_T, self.law = float(mu), eps_T, law

@@ -16,6 +16,7 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.archive import Archive
+from dolfinx_nts.arguments import finite, instances
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
@@ -77,10 +78,10 @@ class GeneralizedAlpha(ImplicitStepper):
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
         """Choose the parameters and compile the forms."""
-        if not 0 <= rho_inf <= 1:
+        if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
-        for pair in pairs:
-            law = pair.enforcement if isinstance(pair, ContactPair) else None
+        for pair in instances(ContactPair, pairs):
+            law = pair.enforcement
             if isinstance(law, LagrangeMultiplier) and law.impact == "elastic":
                 raise ValueError(
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "

@@ -6,7 +6,7 @@ time are taken at the middle of the step.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from mpi4py import MPI
@@ -16,6 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import QUADRATURE_DEGREE, Body, bulk_form
 from dolfinx_nts.surfaces import Surface
 
@@ -90,7 +91,7 @@ class BodyForce(Load):
 
     def __init__(self, body: Body, value: Any) -> None:
         """Check the body and the value."""
-        self.bodies = _instances(Body, [body])
+        self.bodies = instances(Body, [body])
         super().__init__(body.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
@@ -109,7 +110,7 @@ class Gravity(Load):
 
     def __init__(self, bodies: Sequence[Body], g: Any) -> None:
         """Check the bodies and the value."""
-        self.bodies = _instances(Body, bodies)
+        self.bodies = instances(Body, bodies)
         if not self.bodies:
             raise ValueError("expected at least one Body, given none")
         super().__init__(self.bodies[0].V, g)
@@ -130,7 +131,7 @@ class Traction(Load):
 
     def __init__(self, surface: Surface, value: Any) -> None:
         """Check the surface and the value."""
-        (self.surface,) = _instances(Surface, [surface])
+        (self.surface,) = instances(Surface, [surface])
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
@@ -157,7 +158,7 @@ class Pressure(Load):
 
     def __init__(self, surface: Surface, value: Any) -> None:
         """Check the surface and the value."""
-        (self.surface,) = _instances(Surface, [surface])
+        (self.surface,) = instances(Surface, [surface])
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
@@ -187,7 +188,7 @@ class Supports:
 
     def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
         """Find the dofs and those with several conditions."""
-        self._bcs = _instances(fem.DirichletBC, bcs)
+        self._bcs = instances(fem.DirichletBC, bcs)
         for i, bc in enumerate(self._bcs):
             space = bc.function_space
             if not V._cpp_object.contains(getattr(space, "_cpp_object", space)):
@@ -253,15 +254,6 @@ class Supports:
             self._u.x.scatter_forward()
         copy: Floats = self._u.x.array.copy()
         return copy
-
-
-def _instances(kind: type, items: Iterable[Any]) -> tuple[Any, ...]:
-    """Raise unless all items are of a kind."""
-    items = tuple(items)
-    for item in items:
-        if not isinstance(item, kind):
-            raise TypeError(f"expected a {kind.__name__}, given {type(item).__name__}")
-    return items
 
 
 def _ds(surface: Surface) -> ufl.Measure:

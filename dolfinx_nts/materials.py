@@ -16,6 +16,8 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_domains
 
+from dolfinx_nts.arguments import finite, positive, real
+
 __all__ = [
     "Hyperelastic",
     "MooneyRivlin",
@@ -88,10 +90,8 @@ class Hyperelastic:
             raise TypeError(f"expected a function psi(C), given {type(psi).__name__}")
         damping = {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
         for name, value in {"rho": rho, **damping, **parameters}.items():
-            if not np.isfinite(value):
-                raise ValueError(f"expected a finite number for {name}, given {value}")
-        if rho <= 0:
-            raise ValueError(f"expected a density rho > 0, given {rho}")
+            finite(name, value)
+        positive("a density rho", rho)
         for name, value in damping.items():
             if value < 0:
                 raise ValueError(f"expected {name} >= 0, given {value}")
@@ -313,8 +313,8 @@ class MooneyRivlin(Hyperelastic):
 
     def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
         """Check the moduli of small strains."""
-        _check_positive("c10 + c01", c10 + c01)
-        _check_positive("kappa", kappa)
+        positive("c10 + c01", c10 + c01)
+        positive("kappa", kappa)
         super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
 
 
@@ -340,20 +340,15 @@ class Yeoh(Hyperelastic):
         self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any
     ) -> None:
         """Check the moduli of small strains."""
-        _check_positive("c10", c10)
-        _check_positive("kappa", kappa)
+        positive("c10", c10)
+        positive("kappa", kappa)
         super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"expected {name} > 0, given {value}")
 
 
 def _lame(E: float, nu: float) -> dict[str, float]:
     """Lame's numbers [Pa] of Young's modulus and Poisson's ratio."""
-    _check_positive("Young's modulus E", E)
-    if not -1 < nu < 0.5:
+    positive("Young's modulus E", E)
+    if not -1 < real("nu", nu) < 0.5:
         raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
     return {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
 

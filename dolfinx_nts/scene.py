@@ -14,7 +14,8 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
-from dolfinx_nts.bodies import Body
+from dolfinx_nts.arguments import instances
+from dolfinx_nts.bodies import Body, common_space
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
@@ -43,7 +44,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
         TypeError: Something is no body.
         ValueError: No bodies, several spaces, or no facet is left.
     """
-    V = _space(bodies)
+    V = common_space(bodies)
     topology = V.mesh.topology
     topology.create_connectivity(2, 3)
     facets = exterior_facet_indices(topology)
@@ -87,7 +88,7 @@ def all_pairs(
         ValueError: No bodies, several spaces, or self contact of a body
             that is not among them.
     """
-    _space([*bodies, *self_contact])
+    common_space([*bodies, *self_contact])
     if others := [body for body in self_contact if body not in bodies]:
         raise ValueError(
             f"expected self contact of bodies of the scene, given {len(others)} that are not"
@@ -117,9 +118,7 @@ def all_pairs(
 
     for finer, coarser in _halves(groups):
         add(list(chain(*finer)), list(chain(*coarser)))
-    for obstacle in obstacles:
-        if not isinstance(obstacle, Obstacle):
-            raise TypeError(f"expected an obstacle, given {type(obstacle).__name__}")
+    for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
     for group in groups:
         if not set(group).isdisjoint(self_contact):
@@ -163,18 +162,6 @@ def two_half_passes(
     half = enforcement.halved()
     surfaces = ((first, second), (second, first))
     return [ContactPair(nodes, segments, half, friction) for nodes, segments in surfaces]
-
-
-def _space(bodies: Sequence[Body]) -> Any:
-    """Space of the bodies, checked."""
-    if not bodies:
-        raise ValueError("expected at least one body, given none")
-    for body in bodies:
-        if not isinstance(body, Body):
-            raise TypeError(f"expected a Body, given {type(body).__name__}")
-    if any(body.V != bodies[0].V for body in bodies):
-        raise ValueError("expected bodies in one function space, given several")
-    return bodies[0].V
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:

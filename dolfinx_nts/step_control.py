@@ -4,6 +4,8 @@ import bisect
 import math
 from collections.abc import Sequence
 
+from dolfinx_nts.arguments import positive
+
 __all__ = ["StepControl", "StepLength"]
 
 _SLIVER = 1e-6  # of a step: less is round-off
@@ -40,8 +42,8 @@ class StepControl:
     ) -> None:
         """Check the numbers."""
         for name, value in (("smallest", smallest), ("gap_tol", gap_tol)):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"expected {name} > 0, given {value}")
+            if value is not None:
+                positive(name, value)
         self.times = tuple(sorted(float(t) for t in times))
         if not all(map(math.isfinite, self.times)):
             raise ValueError(f"expected finite times, given {self.times}")

@@ -17,6 +17,7 @@ from dolfinx import fem, la
 from tqdm import tqdm
 
 from dolfinx_nts.archive import Archive, Snapshot
+from dolfinx_nts.arguments import finite, instances, positive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.loads import Load, Supports
@@ -78,21 +79,18 @@ class Stepper(ABC):
     ) -> None:
         """Check the arguments; the bodies are at rest and undeformed."""
         V = check_bodies(bodies)
-        for pair in pairs:
-            if not isinstance(pair, ContactPair):
-                raise TypeError(f"expected a ContactPair, given {type(pair).__name__}")
+        self.bodies, self.pairs = tuple(bodies), instances(ContactPair, pairs)
+        self.loads = instances(Load, loads)
+        for pair in self.pairs:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
             if pair.is_convective and self._contact != "midpoint":
                 raise ValueError(
                     f"expected Midpoint with convective friction, given {type(self).__name__}"
                 )
-        for load in loads:
-            if not isinstance(load, Load):
-                raise TypeError(f"expected a load, given {type(load).__name__}")
+        for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
-        self.bodies, self.pairs, self.loads = tuple(bodies), tuple(pairs), tuple(loads)
         self.t, self.step = 0.0, 0
         self.inertia_defect = 0.0
         self.timings = Timings()
@@ -138,8 +136,7 @@ class Stepper(ABC):
         self._dt.value = dt
 
     def _check_dt(self, dt: float) -> None:
-        if not (math.isfinite(dt) and dt > 0):
-            raise ValueError(f"expected a step dt > 0, given {dt}")
+        positive("a step dt", dt)
 
     @property
     def supports(self) -> Supports:
@@ -273,8 +270,7 @@ class Stepper(ABC):
             ConvergenceError: A step failed, with a control at its smallest
                 length. The state is that of the last accepted step.
         """
-        if not math.isfinite(until):
-            raise ValueError(f"expected a finite time until, given {until}")
+        finite("until", until)
         if control is not None:
             yield from self._run_controlled(until, control)
             return

@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
+    {"arguments"},
     {
         "_kernels",
         "archive",

@@ -206,7 +206,7 @@ def test_impossible_steps_are_refused(comm, dt, refused):
     assert scene.stepper.dt == 0.02
     with refused(ValueError, f"expected a step dt > 0, given {dt}"):
         nts.Midpoint(list(scene.bodies.values()), dt=dt)
-    with refused(ValueError, "finite time until, given nan"):
+    with refused(ValueError, "finite number for until, given nan"):
         list(scene.stepper.run(until=np.nan))
 
 

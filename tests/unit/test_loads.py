@@ -389,7 +389,7 @@ def test_wrong_loads_and_conditions_are_refused(comm, refused):
         Traction(top, ufl.SpatialCoordinate(box.mesh)[0])
     with refused(ValueError, "a finite Pressure, given nan"):
         Pressure(top, np.nan)
-    with refused(TypeError, "expected a load, given tuple"):
+    with refused(TypeError, "expected a Load, given tuple"):
         nts.EnergyMomentum([body], dt=1.0, loads=[(0, 0, 1)])
     with refused(ValueError, "bodies and loads in one function space, given two"):
         nts.EnergyMomentum([body], dt=1.0, loads=[BodyForce(other.body, (0, 0, 1))])

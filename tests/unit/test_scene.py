@@ -217,5 +217,5 @@ def test_what_makes_no_surface_or_pairs_is_refused(comm, refused):
     sides = [nts.boundary_of(body) for body in bodies[:2]]
     with refused(TypeError, "both sides as contact nodes, given LagrangeMultiplier"):
         nts.two_half_passes(*sides, nts.LagrangeMultiplier())
-    with refused(TypeError, "expected an obstacle, given Body"):
+    with refused(TypeError, "expected a Obstacle, given Body"):
         nts.all_pairs(bodies, obstacles=[bodies[0]])

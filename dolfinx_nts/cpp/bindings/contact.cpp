@@ -138,18 +138,16 @@ auto pair_own_nodes_batch(const Doubles& x_node,
   check("N_node", N_node, {n, 3});
   check("X_segment", X_segment, {segments, x_segment.shape(1), 3});
   check("thickness", thickness, {segments});
-  return pair_with(
-      x_node, current, reach, x_segment, orientation, key,
-      [&]<class S>()
-      {
-        return [own = OwnSurface<S>{
-                    view(normal),
-                    view(X_node),
-                    view(N_node),
-                    {view(X_segment), view(orientation), view(key), {}},
-                    view(thickness)}](std::size_t i) noexcept
-        { return own.of(i); };
-      });
+  return pair_with(x_node, current, reach, x_segment, orientation, key,
+                   [&]<class S>()
+                   {
+                     const SegmentSurface<S> rest{
+                         view(X_segment), view(orientation), view(key), {}};
+                     const OwnSurface<S> own{view(normal), view(X_node),
+                                             view(N_node), rest,
+                                             view(thickness)};
+                     return [own](std::size_t i) noexcept { return own.of(i); };
+                   });
 }
 } // namespace
 

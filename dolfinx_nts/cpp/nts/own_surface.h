@@ -45,9 +45,8 @@ struct OwnSurface
   {
     return [this, i](std::int32_t j, const Projection<S>& p) noexcept
     {
-      return S::outside(p.xi) <= PairingRule::overhang
-             && p.gap >= -thickness[j] && dot(vector(normal, i), p.normal) < 0
-             && apart_at_rest(i, j);
+      return S::outside(p.xi) <= PairingRule::overhang && p.gap >= -thickness[j]
+             && dot(vector(normal, i), p.normal) < 0 && apart_at_rest(i, j);
     };
   }
 

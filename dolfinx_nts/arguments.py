@@ -1,0 +1,73 @@
+"""Checks of arguments that several classes share."""
+
+import math
+from collections.abc import Iterable
+from numbers import Real
+from typing import Any
+
+__all__ = ["finite", "instances", "nonnegative", "positive", "real"]
+
+
+def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
+    """Items of a kind.
+
+    Raises:
+        TypeError: They are no list, or one of them is of another kind.
+    """
+    if isinstance(items, kind) or not isinstance(items, Iterable):
+        raise TypeError(f"expected a list of {kind.__name__}, given {type(items).__name__}")
+    items = tuple(items)
+    for item in items:
+        if not isinstance(item, kind):
+            raise TypeError(f"expected a {kind.__name__}, given {type(item).__name__}")
+    return items
+
+
+def real(name: str, value: Any) -> float:
+    """A number, perhaps not finite.
+
+    Raises:
+        TypeError: The value is no real number.
+    """
+    if not isinstance(value, Real):
+        raise TypeError(f"expected a number for {name}, given {value!r}")
+    return float(value)
+
+
+def finite(name: str, value: Any) -> float:
+    """A finite number.
+
+    Raises:
+        TypeError: The value is no real number.
+        ValueError: It is not finite.
+    """
+    number = real(name, value)
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number for {name}, given {value}")
+    return number
+
+
+def nonnegative(name: str, value: Any) -> float:
+    """A finite number from 0 on.
+
+    Raises:
+        TypeError: The value is no real number.
+        ValueError: It is not finite, or below 0.
+    """
+    number = real(name, value)
+    if not (math.isfinite(number) and number >= 0):
+        raise ValueError(f"expected {name} >= 0, given {value}")
+    return number
+
+
+def positive(name: str, value: Any) -> float:
+    """A finite number above 0.
+
+    Raises:
+        TypeError: The value is no real number.
+        ValueError: It is not finite, or not above 0.
+    """
+    number = real(name, value)
+    if not (math.isfinite(number) and number > 0):
+        raise ValueError(f"expected {name} > 0, given {value}")
+    return number
