@@ -142,7 +142,7 @@ class Surface:
             outward = x.mean(axis=0) - X[dofs].mean(axis=0)
             normal = np.cross(x[1] - x[0], x[2] - x[0])
             orientation[i] = 1.0 if normal @ outward > 0 else -1.0
-            thickness[i] = 2 * abs(normal @ outward) / (np.linalg.norm(normal) or np.inf)
+            thickness[i] = abs(normal @ outward) / (np.linalg.norm(normal) or np.inf)
 
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
@@ -152,7 +152,8 @@ class Surface:
 
         self.segments: Ints = segments[owned]
         self.orientation: Floats = orientation[owned]
-        self.thickness: Floats = thickness[owned]
+        # The centre of a tetrahedron is at a quarter of its height.
+        self.thickness: Floats = {3: 4.0, 4: 2.0}[k] * thickness[owned]
         self.key = self._number()
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)

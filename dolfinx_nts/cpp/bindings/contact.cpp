@@ -132,6 +132,8 @@ auto pair_own_nodes_batch(const Doubles& x_node,
                           const Doubles& X_node, const Doubles& N_node,
                           const Doubles& X_segment, const Doubles& thickness)
 {
+  check("x_node", x_node, {any, 3});
+  check("x_segment", x_segment, {any, any, 3});
   const std::size_t n = x_node.shape(0), segments = x_segment.shape(0);
   check("normal", normal, {n, 3});
   check("X_node", X_node, {n, 3});
