@@ -22,7 +22,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.scene import all_pairs, boundary_of
+from dolfinx_nts.scene import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.step_control import StepControl
 from dolfinx_nts.surfaces import Surface
 
@@ -63,4 +63,5 @@ __all__ = [
     "all_pairs",
     "boundary_of",
     "read_mesh",
+    "two_half_passes",
 ]

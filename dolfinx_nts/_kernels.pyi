@@ -27,6 +27,19 @@ def pair_nodes(
     orientation: _Floats,
     key: _Keys,
 ) -> tuple[_Ints, _Floats, _Floats, _Floats]: ...
+def pair_own_nodes(
+    x_node: _Floats,
+    current: _Ints,
+    reach: float,
+    x_segment: _Floats,
+    orientation: _Floats,
+    key: _Keys,
+    normal: _Floats,
+    X_node: _Floats,
+    N_node: _Floats,
+    X_segment: _Floats,
+    thickness: _Floats,
+) -> tuple[_Ints, _Floats, _Floats, _Floats]: ...
 def slip(
     x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...

@@ -18,6 +18,7 @@ from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.numbering import listed
 from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
+from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
 
@@ -116,6 +117,12 @@ class ContactWork:
 class ContactPair:
     """Nodes of one surface against segments of another, or an obstacle.
 
+    A surface may be both: then it touches itself. A node touches segments
+    that face it, but no neighbours on the mesh, nor the other side of its own
+    wall (`cpp/nts/own_surface.h`); it must not move by more than a cell of the
+    wall in a step. Springs act from both sides; multipliers go to nodes of
+    which none is a vertex of the segment of another (`independent`).
+
     Collective. ``str`` tells the laws and, after the first step, the least
     and the greatest stiffness of springs, given or derived.
 
@@ -131,11 +138,12 @@ class ContactPair:
         eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
             the first step on; None without.
         eps_T: The same of the tangential springs.
+        touches_itself: Whether both are the same surface.
 
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share
-            nodes; convective friction without what it needs.
+            some of their nodes; convective friction without what it needs.
     """
 
     def __init__(
@@ -166,13 +174,12 @@ class ContactPair:
                 "expected Penalty and a Surface as segments with convective friction, given "
                 f"{type(enforcement).__name__} and {type(segments).__name__}"
             )
-        if isinstance(segments, Surface):
-            _check_surfaces(nodes, segments)
+        self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         self.nodes, self.segments = nodes, segments
         self.enforcement = enforcement
         # Without friction there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
-        self.search = self._new_search()
+        self.search, self._everywhere = self._new_search(), self._new_search()
         self.history = ContactHistory.none(len(nodes.nodes))
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -181,7 +188,8 @@ class ContactPair:
     def _new_search(self) -> Search | ObstacleNeighbourhood:
         if isinstance(self.segments, Obstacle):
             return ObstacleNeighbourhood(self.segments, self.nodes)
-        return Search(self.nodes, self.segments)
+        search = OwnSearch if self.touches_itself else Search
+        return search(self.nodes, self.segments)
 
     @property
     def segment_size(self) -> float:
@@ -209,14 +217,16 @@ class ContactPair:
         """
         if self._springs is not None:
             return
-        self._springs = {}
+        self._springs, share = {}, 1.0
         if isinstance(self.enforcement, Penalty):
-            given = self.enforcement.eps_N
-            self.eps_N = 10 * stiffness if given is None else np.full_like(stiffness, given)
+            given, share = self.enforcement.eps_N, self.enforcement.share
+            self.eps_N = share * (
+                10 * stiffness if given is None else np.full_like(stiffness, given)
+            )
             self._springs["eps_N"] = self._range(self.eps_N)
         if self.friction is not None and self.has_slip_spring:
             given = self.friction.eps_T
-            self.eps_T = stiffness.copy() if given is None else np.full_like(stiffness, given)
+            self.eps_T = share * (stiffness if given is None else np.full_like(stiffness, given))
             self._springs["eps_T"] = self._range(self.eps_T)
         if self.nodes.V.mesh.comm.rank == 0:
             _logger.info("%s", self)
@@ -277,22 +287,24 @@ class ContactPair:
         """
         return self.nodes.per_area(-self.history.lambda_N)
 
-    def gap(self, x: Floats) -> Floats:
+    def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Gap of every node, NaN where it faces no segment. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and
                 ghost, shape ``(l, 3)`` [m].
+            reach: Distance to segments up to which they are looked for
+                [m].
 
         Returns:
             Gap, shape ``(n,)`` [m], > 0 open.
         """
-        everywhere, _ = self._new_search().update(x, np.inf)
+        everywhere, _ = self._everywhere.update(x, np.inf)
         return everywhere.pair(
             everywhere.with_ghosts(x[: everywhere.index_map.size_local]),
             self.nodes.nodes,
             everywhere.find(self.history.key),
-            np.inf,
+            reach,
         )[1]
 
     def loose(self, x: Floats, gap_tol: float) -> Flags:
@@ -343,23 +355,27 @@ class ContactPair:
         self.search.exchange(archive, f"{name}/search")
 
 
-def _check_surfaces(nodes: Surface, segments: Surface) -> None:
-    """Raise on all ranks unless the surfaces can make a pair. Collective.
+def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
+    """Whether they are the same; raises unless they can make a pair. Collective.
 
     Segments that are bad but usable are logged.
     """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")
-    shared = nodes.V.mesh.comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
-    if shared:
+    comm = nodes.V.mesh.comm
+    shared = comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
+    same = np.array_equal(nodes.segments, segments.segments)
+    same = comm.allreduce(same, op=MPI.LAND)
+    if shared and not same:
         raise ValueError(
-            "expected surfaces without common nodes in a contact pair, "
-            f"given {shared} nodes on both sides"
+            "expected surfaces without common nodes in a contact pair, or the same surface "
+            f"twice, given {shared} nodes on both sides"
         )
     sine = segments.sharpest_corner()
-    if sine < _SHARP and nodes.V.mesh.comm.rank == 0:
+    if sine < _SHARP and comm.rank == 0:
         _logger.warning(
             "segments have a corner of sine %.2g: nodes can slip through where it is below %g",
             sine,
             _SHARP,
         )
+    return same

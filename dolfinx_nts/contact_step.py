@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.independent import independent
 from dolfinx_nts.obstacles import ObstacleNeighbourhood
 from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
@@ -107,6 +108,10 @@ class ContactStep:
         else:
             # A gap that may close within the step.
             may_touch = (np.fmin(gap_n, at_trial[1]) < step) | history.active
+        if pair.touches_itself and isinstance(law, LagrangeMultiplier):
+            assert isinstance(here, Neighbourhood)
+            urgency = 2 * history.active + (np.fmin(gap_n, at_trial[1]) < 0)
+            eligible &= independent(here, pair.nodes, segment, eligible, urgency)
         self.may_touch = bool(self.comm.allreduce(int(may_touch.sum())))
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self.segment: Ints = at_n[0]
@@ -323,12 +328,13 @@ class ContactStep:
         """Gap at which springs start on the present segments.
 
         On a new segment it moves by the difference of the gaps at t_n, so
-        that the energy of the spring is continuous.
+        that the energy of the spring is continuous; that of a node which
+        was open on the old one starts where the node is.
         """
-        old = self.pair.history
-        moved = old.active[rows.node] & (old.key[rows.node] != self.neighbourhood.key[rows.segment])
-        shift = np.where(moved, rows.gap_n - old.gap[rows.node], 0.0)
-        offset: Floats = old.offset[rows.node] + shift
+        old, node = self.pair.history, rows.node
+        moved = (old.key[node] >= 0) & (old.key[node] != self.neighbourhood.key[rows.segment])
+        before = np.where(old.active[node], old.gap[node], np.maximum(rows.gap_n, 0.0))
+        offset: Floats = old.offset[node] + np.where(moved, rows.gap_n - before, 0.0)
         return offset
 
     def _push(self, rows: Rows) -> Floats:

@@ -28,6 +28,7 @@ from dolfinx import fem, la
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.forms import compile_form
 from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Balance", "Diagnostics"]
 
@@ -183,11 +184,44 @@ class Diagnostics:
         return int(self._sum(sum(active)))
 
     def min_gap(self) -> float:
-        """Least gap of all pairs [m], NaN if no node faces a segment."""
-        x = self._stepper.x
-        gaps = np.concatenate([np.empty(0), *(pair.gap(x) for pair in self._stepper.pairs)])
-        least = self._comm.allreduce(gaps[~np.isnan(gaps)].min(initial=np.inf), op=MPI.MIN)
-        return float(least) if least < np.inf else np.nan
+        """Least gap of all pairs [m], NaN if no node faces a segment.
+
+        Pairs whose boxes are further apart than what has been found are
+        left out, and so are segments further from a node than that.
+        """
+        x, pairs, least = self._stepper.x, self._stepper.pairs, np.inf
+        distances = self._distances(x)
+        for i in np.argsort(distances, kind="stable"):
+            pair = pairs[i]
+            # A gap is measured across a facet, at its rim to a point beside it.
+            reach = least + pair.segment_size
+            if distances[i] > reach:
+                continue
+            gap = pair.gap(x, reach)
+            here = float(gap[~np.isnan(gap)].min(initial=least))
+            least = self._comm.allreduce(here, op=MPI.MIN)
+        return least if least < np.inf else np.nan
+
+    def _distances(self, x: Floats) -> Floats:
+        """Distances of the boxes around nodes and segments, ``(p,)`` [m].
+
+        Below zero for obstacles, which are asked first: they know their gaps.
+        """
+        pairs = self._stepper.pairs
+        # Least coordinates of both, and of their negatives.
+        least = np.full((len(pairs), 2, 2, 3), np.inf)
+        for box, pair in zip(least, pairs, strict=True):
+            for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
+                if isinstance(surface, Surface):
+                    some = x[surface.nodes]
+                    part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
+        self._comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+        lower, upper = least[:, :, 0], -least[:, :, 1]
+        apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
+        has_box = np.isfinite(least).all(axis=(1, 2, 3))
+        apart = np.maximum(apart[:, 0], 0.0)
+        distances: Floats = np.where(has_box, np.linalg.norm(apart, axis=1), -1.0)
+        return distances
 
     def centre_of_mass(self, body: Body) -> Floats:
         """Current centre of mass of a body, shape ``(3,)`` [m]."""

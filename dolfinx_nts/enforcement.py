@@ -91,6 +91,10 @@ class Penalty:
         eps_N: Stiffness of the spring at a node [N/m]; None: ten times
             the stiffness of the node itself, mass included.
 
+    Attributes:
+        share: Part of the stiffness that a spring has, and that of
+            friction with it: 1, or what `halved` left of it.
+
     Raises:
         ValueError: ``eps_N`` is not positive.
     """
@@ -100,6 +104,13 @@ class Penalty:
         if eps_N is not None:
             positive("a penalty eps_N", eps_N)
         self.eps_N = eps_N
+        self.share = 1.0
+
+    def halved(self) -> "Penalty":
+        """The same law with springs of half the stiffness."""
+        half = Penalty(self.eps_N)
+        half.share = self.share / 2
+        return half
 
     def energy(self, gap: Floats, eps_N: Floats) -> Floats:
         """Energy of the springs [J].

@@ -22,7 +22,7 @@ from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["all_pairs", "boundary_of"]
+__all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -60,6 +60,7 @@ def all_pairs(
     bodies: Sequence[Body],
     *,
     obstacles: Sequence[Obstacle] = (),
+    self_contact: Sequence[Body] = (),
     enforcement: LagrangeMultiplier | Penalty | None = None,
     friction: Coulomb | None = None,
 ) -> list[ContactPair]:
@@ -68,12 +69,14 @@ def all_pairs(
     Bodies that share nodes count as one. One pair is that of the nodes
     of the finer half of the bodies with the segments of the coarser
     half, by the longest facet of each; and so on within the halves:
-    n - 1 pairs for n bodies. Each obstacle makes a pair with all. The
-    log tells what was built.
+    n - 1 pairs for n bodies. Each obstacle makes a pair with all, each
+    body that may touch itself one with its own boundary. The log tells
+    what was built.
 
     Args:
         bodies: Bodies of one space.
         obstacles: Rigid obstacles.
+        self_contact: Those of the bodies that may touch themselves.
         enforcement: How contact is enforced, as in `ContactPair`.
         friction: Law of friction; None: none.
 
@@ -82,9 +85,14 @@ def all_pairs(
 
     Raises:
         TypeError: Something is no body, or no obstacle.
-        ValueError: No bodies, or several spaces.
+        ValueError: No bodies, several spaces, or self contact of a body
+            that is not among them.
     """
-    common_space(bodies)
+    common_space([*bodies, *self_contact])
+    if others := [body for body in self_contact if body not in bodies]:
+        raise ValueError(
+            f"expected self contact of bodies of the scene, given {len(others)} that are not"
+        )
     surface = cache(boundary_of)
     # Rounded, so that equal bodies stay in order.
     groups = sorted(_groups(bodies), key=lambda group: float(f"{surface(*group).size:.6g}"))
@@ -94,6 +102,8 @@ def all_pairs(
         target: Surface | Obstacle
         if isinstance(segments, Obstacle):
             target, text = segments, type(segments).__name__
+        elif segments is nodes:
+            target, text = surface(*segments), "their own segments"
         else:
             target, text = surface(*segments), f"the segments of {names(segments)}"
         pairs.append(ContactPair(surface(*nodes), target, enforcement, friction))
@@ -110,7 +120,48 @@ def all_pairs(
         add(list(chain(*finer)), list(chain(*coarser)))
     for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
+    for group in groups:
+        if not set(group).isdisjoint(self_contact):
+            add(group, group)
     return pairs
+
+
+def two_half_passes(
+    first: Surface,
+    second: Surface,
+    enforcement: Penalty | None = None,
+    friction: Coulomb | None = None,
+) -> list[ContactPair]:
+    """Both sides as contact nodes, each with springs of half the stiffness.
+
+    Collective. No side is preferred, and nodes of neither sink into the
+    other: for surfaces of similar meshes, or of unknown which is finer.
+
+    Args:
+        first: Surface of one body.
+        second: Surface of another one.
+        enforcement: Springs; half of their stiffness, given or derived,
+            goes to each pair. With multipliers each side would hold the
+            nodes of the other: more constraints than there is room for.
+        friction: Law of friction; None: none.
+
+    Returns:
+        Nodes of the first against segments of the second, and the reverse.
+
+    Raises:
+        TypeError: Enforcement by something else than `Penalty`, or as in
+            `ContactPair`.
+        ValueError: As in `ContactPair`.
+    """
+    enforcement = Penalty() if enforcement is None else enforcement
+    if not isinstance(enforcement, Penalty):
+        raise TypeError(
+            "expected Penalty with both sides as contact nodes, given "
+            f"{type(enforcement).__name__}: multipliers on both sides are too many constraints"
+        )
+    half = enforcement.halved()
+    surfaces = ((first, second), (second, first))
+    return [ContactPair(nodes, segments, half, friction) for nodes, segments in surfaces]
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:

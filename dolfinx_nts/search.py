@@ -35,6 +35,7 @@ class Neighbourhood:
         orientation: Shape ``(s,)``.
         key: Partition-independent number, ascending, shape ``(s,)``.
         size: Current diameters, shape ``(s,)`` [m].
+        thickness: Of the cells under them, shape ``(s,)`` [m, reference].
     """
 
     def __init__(
@@ -44,10 +45,12 @@ class Neighbourhood:
         orientation: Floats,
         key: GlobalInts,
         size: Floats,
+        thickness: Floats,
     ) -> None:
         """Allocate the vector that carries values between ranks."""
         self.index_map, self.segments = index_map, segments
         self.orientation, self.key, self.size = orientation, key, size
+        self.thickness = thickness
         self._serial = index_map.size_global == index_map.size_local
         self._vector = la.vector(index_map, 3)
 
@@ -193,7 +196,8 @@ class Search:
         """Neighbourhood that holds every segment within reach of a node.
 
         Collective. The last one is kept while nothing has moved more
-        than the margin with which it was made.
+        than the margin with which it was made; for ever if it reaches
+        everywhere.
 
         Args:
             x: Current positions of the local nodes of the space, owned
@@ -203,6 +207,12 @@ class Search:
         Returns:
             The neighbourhood, and whether it is a new one.
         """
+        if (
+            self._neighbourhood is not None
+            and self._covered is not None
+            and np.isinf(self._covered[2])
+        ):
+            return self._neighbourhood, False
         x_nodes, x_vertices = x[self._nodes.nodes], x[self._vertices]
         if self._neighbourhood is not None and self._covered is not None:
             # A node and a vertex of different ranks may approach each other.
@@ -256,9 +266,9 @@ class Search:
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
         edges = x[vertices][:, :, None] - x[vertices][:, None]
         size = np.linalg.norm(edges, axis=-1).max(axis=(1, 2), initial=0.0)
-        mine = (ids, owners, orientation, key, size)
+        mine = (ids, owners, orientation, key, size, self._segments.thickness)
         parts = comm.alltoall([tuple(values[n] for values in mine) for n in near])
-        ids, owners, orientation, key, size = (
+        ids, owners, orientation, key, size, thickness = (
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )
         order = np.argsort(key)
@@ -273,7 +283,12 @@ class Search:
         local[remote] = last - first + place
         index_map = common.IndexMap(comm, space.size_local, ghosts, ghost_owners)
         return Neighbourhood(
-            index_map, local.astype(np.int32), orientation[order], key[order], size[order]
+            index_map,
+            local.astype(np.int32),
+            orientation[order],
+            key[order],
+            size[order],
+            thickness[order],
         )
 
 

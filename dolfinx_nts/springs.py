@@ -101,16 +101,19 @@ class ContactSprings:
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
         self.pair = pair
-        self._penalty = pair.enforcement.eps_N
+        self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
+        self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
-        compliance = 1 / mass[pair.nodes.nodes]
+        compliance: Floats = 1 / mass[pair.nodes.nodes]
         if isinstance(pair.segments, Surface):
             counts = np.array([len(pair.nodes.nodes), len(pair.segments.nodes)], dtype=float)
             counts = self._comm.allreduce(counts)
             lightest = mass[pair.segments.nodes].min(initial=np.inf)
             lightest = self._comm.allreduce(lightest, op=MPI.MIN)
             compliance += max(1.0, counts[0] / counts[1]) / lightest
-        self._reduced_mass: Floats = 1 / compliance
+        # Where both sides are nodes, there are springs from both.
+        sides = (2 if pair.touches_itself else 1) / self._share
+        self._reduced_mass: Floats = 1 / (sides * compliance)
         self._candidates: Ints
         self._idle = False
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
@@ -190,11 +193,11 @@ class ContactSprings:
                 reduced mass of a node and a segment's node, if the penalty
                 is open [1/s^2].
         """
-        penalty = squared_frequency * self._reduced_mass
+        penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         # The tangential spring; a pair makes its penalty ten times as stiff.
-        self.pair.fix_stiffness(0.1 * penalty)
+        self.pair.fix_stiffness((0.1 / self._share) * penalty)
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
         """Forces at x; never changes the pair.

@@ -22,7 +22,7 @@ from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 from dolfinx_nts.elements import Element
 from dolfinx_nts.numbering import input_ids
 
-__all__ = ["Surface", "check_space", "check_tag"]
+__all__ = ["Surface", "area_vectors", "check_space", "check_tag"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -106,6 +106,8 @@ class Surface:
             body, otherwise -1, shape ``(s,)``.
         key: Number of each owned segment in an order that does not
             depend on the partition, shape ``(s,)``.
+        thickness: Height of the cell under each segment, ``(s,)`` [m,
+            reference].
         size: Longest diameter of a segment on any rank [m, reference].
 
     Raises:
@@ -152,7 +154,9 @@ class Surface:
         segments = np.concatenate(parts)
         x = X[segments]
         normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        out = np.einsum("si,si->s", normal, np.concatenate(outward)) > 0
+        height = np.einsum("si,si->s", normal, np.concatenate(outward))
+        length = np.linalg.norm(normal, axis=1)
+        height /= np.where(length > 0, length, np.inf)
 
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
@@ -162,7 +166,10 @@ class Surface:
 
         kept = np.repeat(owned, len(sides[0][0]))
         self.segments: Ints = segments[kept]
-        self.orientation: Floats = np.where(out[kept], 1.0, -1.0)
+        self.orientation: Floats = np.where(height[kept] > 0, 1.0, -1.0)
+        # The centre of a tetrahedron is at a quarter of its height.
+        pieces_height = {3: 4.0, 4: 2.0}[k] * np.abs(height[kept])
+        self.thickness: Floats = Element.of(V).degree * pieces_height
         self.key = self._number()
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
@@ -286,3 +293,19 @@ class Surface:
         key[order] = np.arange(len(order))
         first = sum(len(part) for part in parts[: comm.rank])
         return key[first : first + len(mine)]
+
+
+def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
+    """Outward vectors of the size of each segment, shape ``(s, 3)`` [m^2]. Local.
+
+    Args:
+        vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].
+        orientation: As in `Surface`, shape ``(s,)``.
+    """
+    first = vertices[:, -1] - vertices[:, 0]
+    second = vertices[:, 2] - vertices[:, 1]
+    # Of a triangle, its sides; of a quadrilateral, its diagonals.
+    if vertices.shape[1] == 3:
+        first, second = vertices[:, 1] - vertices[:, 0], first
+    vectors: Floats = orientation[:, None] * np.cross(first, second) / 2
+    return vectors

@@ -264,9 +264,6 @@ def test_pair_refuses_wrong_arguments(comm, refused):
         nts.ContactPair(side, lower, "elastic")
     with refused(ValueError, "one function space, given two"):
         nts.ContactPair(side, nts.Surface(W, facets, tag["bottom 0"]))
-    shared = len(data.surfaces["top 1"])
-    with refused(ValueError, f"given {shared} nodes on both sides"):
-        nts.ContactPair(side, side)
 
 
 def test_surfaces_that_share_an_edge_are_refused(comm, refused):
@@ -275,7 +272,7 @@ def test_surfaces_that_share_an_edge_are_refused(comm, refused):
     data.surfaces["left 0"] = np.flatnonzero(X[:, 0] == 0)
     mesh, _, facets, tag = scenes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    with refused(ValueError, "without common nodes in a contact pair, given 3 nodes on both"):
+    with refused(ValueError, "without common nodes in a contact pair, .*given 3 nodes on both"):
         nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
 
 

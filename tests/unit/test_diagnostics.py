@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from dolfinx_nts.diagnostics import Diagnostics
 from reference.bulk import Bulk, rotation
 from scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
@@ -130,6 +131,41 @@ def test_min_gap_is_the_distance_of_parallel_faces(comm, angle):
         stepper.set_displacement(body, lambda X: Q @ X - X)
     gap = HEIGHT - SIZES[0][2]
     assert np.isclose(Diagnostics(stepper).min_gap(), gap, rtol=0, atol=TOLERANCE)
+
+
+def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, monkeypatch):
+    def build(model):
+        for i, x in enumerate((0.0, 1.3, 2.4, 6.0)):
+            box = {"corner": (x, 0, 0), "size": (1, 1, 1), "cells": (2, 2, 2)}
+            parts.add_box(model, f"box {i}", **box)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
+    bodies = [nts.Body(V, cells, tag[f"box {i}"], rubber) for i in range(4)]
+    sides = [nts.boundary_of(body) for body in bodies]
+    pairs = [nts.ContactPair(sides[i], sides[i + 1]) for i in range(3)]
+    pairs.append(nts.ContactPair(sides[0], nts.RigidPlane((-5, 0, 0), (1, 0, 0))))
+    stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
+    stepper.set_velocity(bodies[0], (3.0, 0, 0))
+    diagnostics = Diagnostics(stepper)
+    assert diagnostics.min_gap() == pytest.approx(0.1)
+    looked = []
+    gap = nts.ContactPair.gap
+
+    def counted(pair, x, reach=np.inf):
+        looked.append(pairs.index(pair))
+        return gap(pair, x, reach)
+
+    monkeypatch.setattr(nts.ContactPair, "gap", counted)
+    for _ in range(12):
+        least = min(comm.allgather(min(np.nanmin(gap(p, stepper.x), initial=9.9) for p in pairs)))
+        assert diagnostics.min_gap() == pytest.approx(least, abs=1e-12)
+        assert looked == [3, 1, 0] or looked == [3, 0, 1]
+        stepper.advance()
+        looked.clear()
+    # What surrounds the nodes is found once.
+    assert [pair._everywhere.exchanges for pair in pairs[:3]] == [1, 1, 1]
 
 
 def test_min_gap_is_nan_where_nothing_faces_and_without_pairs(comm):

@@ -119,6 +119,70 @@ def test_pairs_with_obstacles_carry_the_laws_and_are_told(comm, caplog):
     assert caplog.messages == (told if comm.rank == 0 else [])
 
 
+def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(comm, caplog):
+    bodies, _, _ = row(comm)
+    with caplog.at_level(logging.INFO, "dolfinx_nts"):
+        *others, own = nts.all_pairs(bodies, self_contact=[bodies[1]])
+    assert [pair.touches_itself for pair in others] == [False, False]
+    assert own.touches_itself
+    assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(bodies[1])))
+    told = "pair 3: nodes of body 2 against their own segments"
+    assert caplog.messages[2:] == ([told] if comm.rank == 0 else [])
+    (own,) = nts.all_pairs(bodies[:1], self_contact=bodies[:1])
+    assert own.touches_itself
+
+
+def test_bodies_that_share_nodes_touch_each_other_as_one(comm):
+    _, bodies = halved(comm, GhostMode.none)
+    (own,) = nts.all_pairs(bodies, self_contact=[bodies[1]])
+    assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(*bodies)))
+
+
+def meeting(comm, order, **laws):
+    """Two blocks that strike each other, both with contact nodes."""
+    first = scenes.blocks(comm)
+    bodies, (pair,) = first.stepper.bodies, first.stepper.pairs
+    pairs = nts.two_half_passes(*(pair.nodes, pair.segments)[::order], **laws)
+    stepper = nts.EnergyMomentum(bodies, pairs, dt=first.stepper.dt)
+    stepper.v.x.array[:] = first.stepper.v.x.array
+    return stepper
+
+
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
+def test_two_half_passes_keep_energy_and_momenta_and_prefer_no_side(comm, friction):
+    found = []
+    for order in (1, -1):
+        stepper = meeting(comm, order, friction=friction)
+        diagnostics = nts.Diagnostics(stepper)
+        before, lost, most = diagnostics.balance(), 0.0, np.zeros(2)
+        for _ in range(12):
+            stepper.advance()
+            lost += sum(comm.allreduce(p.history.dissipation.sum()) for p in stepper.pairs)
+            active = [comm.allreduce(int(p.history.active.sum())) for p in stepper.pairs]
+            most = np.maximum(most, active)
+        after = diagnostics.balance()
+        assert most.min() > 0
+        assert after.total_energy + lost == pytest.approx(before.total_energy, rel=1e-11)
+        for name in ("linear_momentum", "angular_momentum"):
+            first, last = getattr(before, name), getattr(after, name)
+            assert np.abs(last - first).max() < 1e-11 * np.abs(first).max(), name
+        found.append(stepper.u.x.array.copy())
+    assert np.abs(found[1] - found[0]).max() < 1e-11
+
+
+def test_half_passes_share_the_stiffness_of_the_springs(comm):
+    for given in (None, 5e3):
+        halves = meeting(comm, 1, enforcement=nts.Penalty(given), friction=nts.Coulomb(0.3))
+        whole = scenes.blocks(comm).stepper
+        (pair,) = whole.pairs
+        pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(given), nts.Coulomb(0.3))
+        whole = nts.EnergyMomentum(whole.bodies, [pair], dt=whole.dt)
+        halves.advance()
+        whole.advance()
+        assert np.allclose(halves.pairs[0].eps_N, pair.eps_N / 2)
+        assert np.allclose(halves.pairs[0].eps_T, pair.eps_T / 2)
+
+
 def test_stack_of_three_falls_and_keeps_its_balances(comm):
     bodies, _, _ = row(comm, (2, 2, 2))
     stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies), dt=0.01)
@@ -148,5 +212,10 @@ def test_what_makes_no_surface_or_pairs_is_refused(comm, refused):
         nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
     with refused(ValueError, "facets of the boundary, given none"):
         nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
+    with refused(ValueError, "self contact of bodies of the scene, given 1 that are not"):
+        nts.all_pairs(bodies[:2], self_contact=bodies[2:])
+    sides = [nts.boundary_of(body) for body in bodies[:2]]
+    with refused(TypeError, "both sides as contact nodes, given LagrangeMultiplier"):
+        nts.two_half_passes(*sides, nts.LagrangeMultiplier())
     with refused(TypeError, "expected a Obstacle, given Body"):
         nts.all_pairs(bodies, obstacles=[bodies[0]])

@@ -10,6 +10,7 @@ from dolfinx.mesh import GhostMode, meshtags
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts.meshing import read_mesh
+from dolfinx_nts.surfaces import area_vectors
 
 # Of sums over some hundred facets of lengths of about one.
 ROUNDING = 1e3 * np.finfo(float).eps
@@ -150,6 +151,25 @@ def test_area_of_the_ball_is_that_of_its_facets(comm):
     expected, area = (comm.allreduce(v) for v in (expected, surface.area.sum()))
     # Quadrature of a root; facets of the sphere are nearly flat.
     np.testing.assert_allclose(area, expected, rtol=1e-6)
+
+
+@cells_
+def test_vectors_of_a_closed_surface_sum_to_zero_and_are_as_long_as_it_is_large(comm, cell):
+    data = scenes.boxes([(4, 3, 2)], [(2.0, 1.5, 0.5)], cell)
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = space(mesh)
+    rubber = nts.SaintVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
+    surface = nts.boundary_of(nts.Body(V, cells, tag["body 0"], rubber))
+    x = V.tabulate_dof_coordinates()[surface.segments]
+    vectors = area_vectors(x, surface.orientation)
+    outward = x.mean(axis=1) - [1.0, 0.75, 0.25]
+    assert comm.allreduce(int(np.count_nonzero(np.sum(vectors * outward, axis=1) <= 0))) == 0
+    assert np.allclose(comm.allreduce(vectors.sum(axis=0)), 0, atol=1e-14)
+    area = comm.allreduce(np.linalg.norm(vectors, axis=1).sum())
+    assert area == pytest.approx(2 * (2.0 * 1.5 + 2.0 * 0.5 + 1.5 * 0.5))
+    # Cells of 0.5 x 0.5 x 0.25; tetrahedra are as high as the cells that they fill.
+    height = 0.5 - 0.25 * (np.abs(vectors[:, 2]) > 1e-6)
+    assert np.allclose(surface.thickness, height)
 
 
 @cells_

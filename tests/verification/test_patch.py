@@ -7,6 +7,7 @@ and De Lorenzis 2009; Hesch and Betsch 2011). The error is measured here, so
 that the README tells the truth, and so that a change of it is seen.
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -26,8 +27,15 @@ EXACT = 10 * COMPRESSION
 
 
 @cache
-def stress_error(lower: int, upper: int) -> tuple[float, float]:
+def stress_error(
+    lower: int, upper: int, pairs: Callable[..., Any] = nts.ContactPair
+) -> tuple[float, float]:
     """Error of the stress of blocks with so many cells along an edge. Collective.
+
+    Args:
+        lower: Cells along an edge of the lower block.
+        upper: Of the upper one.
+        pairs: Returns the pair of two surfaces, or several.
 
     Returns:
         Largest at a midpoint of a cell, and root mean square, relative.
@@ -63,8 +71,8 @@ def stress_error(lower: int, upper: int) -> tuple[float, float]:
     def update(t: float) -> None:
         way.value = -COMPRESSION * t
 
-    pair = nts.ContactPair(*surfaces)
-    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
+    contacts = np.atleast_1d(pairs(*surfaces)).tolist()
+    stepper = nts.QuasiStatic(bodies, contacts, dt=1.0, bcs=bcs, update=update)
     stepper.advance()
     F = ufl.Identity(3) + ufl.grad(stepper.u)
     S = material.stress(F.T * F, **material.parameters)
@@ -98,3 +106,13 @@ def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes):
     assert fine == pytest.approx(expected, rel=CHANGE)
     # The layer of wrong cells gets thinner: order 1/2 in the mean.
     assert np.log2(coarse_mean / fine_mean) == pytest.approx(0.5, abs=0.1)
+
+
+# With both as nodes of springs, of which those at the rim are softer.
+BOTH = 0.105
+
+
+@pytest.mark.parametrize("meshes", [(4, 6), (6, 4)])
+def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes):
+    largest, _ = stress_error(*meshes, nts.two_half_passes)
+    assert largest == pytest.approx(BOTH, rel=CHANGE)

@@ -2,7 +2,7 @@
 
 #include "convective_slip.h"
 #include "discrete_gradient.h"
-#include "pairing.h"
+#include "own_surface.h"
 #include "slip.h"
 
 #include <optional>
@@ -151,18 +151,23 @@ void convective_slips(std::span<const double> x_pair_n,
   }
 }
 
+/// @brief Any node may touch any segment.
+inline constexpr auto any_segment
+    = [](std::size_t) noexcept { return Anything{}; };
+
 /// @brief Pair every node with a segment.
 /// @param[in] x_node Positions, (n, 3).
 /// @param[in] current Segment of the previous pairing or -1, (n,).
 /// @param[in] reach Largest distance of interest.
 /// @param[in] surface The segments; their sizes are computed here.
+/// @param[in] may_touch Returns what a node may touch, see `find_segment`.
 /// @param[out] segment, xi, gap, normal See `Found`.
-template <class S>
+template <class S, class MayTouch>
 void pair_nodes(std::span<const double> x_node,
                 std::span<const std::int32_t> current, double reach,
-                SegmentSurface<S> surface, std::span<std::int32_t> segment,
-                std::span<double> xi, std::span<double> gap,
-                std::span<double> normal)
+                SegmentSurface<S> surface, const MayTouch& may_touch,
+                std::span<std::int32_t> segment, std::span<double> xi,
+                std::span<double> gap, std::span<double> normal)
 {
   surface.size.resize(surface.orientation.size());
   for (std::size_t i = 0; i < surface.size.size(); ++i)
@@ -172,9 +177,8 @@ void pair_nodes(std::span<const double> x_node,
   { return tree ? *tree : tree.emplace(build_tree(surface)); };
   for (std::size_t i = 0; i < current.size(); ++i)
   {
-    const Vec3 node = {x_node[3 * i], x_node[3 * i + 1], x_node[3 * i + 2]};
-    const Found found
-        = find_segment(node, current[i], reach, surface, get_tree);
+    const Found found = find_segment(vector(x_node, i), current[i], reach,
+                                     surface, get_tree, may_touch(i));
     segment[i] = found.segment;
     gap[i] = found.gap;
     store(found.xi, xi, i);

@@ -59,6 +59,16 @@ Tree build_tree(const SegmentSurface<S>& surface)
   return Tree(std::move(boxes));
 }
 
+/// @brief Any node may touch any segment.
+struct Anything
+{
+  template <class S>
+  bool operator()(std::int32_t, const Projection<S>&) const noexcept
+  {
+    return true;
+  }
+};
+
 /// @brief Find a node's segment.
 ///
 /// The current segment is kept while the node stays over it. Otherwise the
@@ -70,9 +80,12 @@ Tree build_tree(const SegmentSurface<S>& surface)
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments (asked only if needed).
-template <class S, class GetTree>
+/// @param[in] may_touch Whether the node may touch a segment, given the
+/// projection on it.
+template <class S, class GetTree, class MayTouch = Anything>
 Found find_segment(const Vec3& node, std::int32_t current, double reach,
-                   const SegmentSurface<S>& surface, GetTree&& tree)
+                   const SegmentSurface<S>& surface, GetTree&& tree,
+                   const MayTouch& may_touch = {})
 {
   constexpr double tie = 1e-9; // relative to the segment
   const auto project_on = [&](std::int32_t i) noexcept
@@ -87,7 +100,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
-    if (over(p, current, PairingRule::hysteresis) && p.gap <= reach)
+    if (over(p, current, PairingRule::hysteresis) && p.gap <= reach
+        && may_touch(current, p))
       return {current, p.xi, p.gap, p.normal};
   }
 
@@ -100,7 +114,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
       {
         const double margin = tie * surface.size[i];
         const Projection<S> p = project_on(i);
-        if (!p.converged)
+        if (!p.converged || !may_touch(i, p))
           return nearest + margin;
         const double distance
             = norm(node - combine(S::phi(S::clamp(p.xi)), surface.segment(i)));

@@ -1,0 +1,160 @@
+"""Bodies whose walls meet: energy and momenta as in any other contact."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import checkpoint, parts
+
+CONSERVED = 1e-11
+RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
+LAWS = {
+    "elastic": {"enforcement": nts.LagrangeMultiplier()},
+    "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "penalty": {"enforcement": nts.Penalty()},
+    "sticking": {"enforcement": nts.LagrangeMultiplier(), "friction": nts.Coulomb(0.3)},
+    "rubbing springs": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
+}
+
+
+def ring(comm, cell="hexahedron"):
+    """A soft ring, its inner surface."""
+
+    def build(model):
+        shape = {"inner_radius": 0.94, "outer_radius": 1.0, "width": 0.2, "cells": (48, 2, 1)}
+        parts.add_ring(model, "ring", centre=(0, 0, 0), cell=cell, **shape)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    return nts.Body(V, cells, tag["ring"], RUBBER), nts.Surface(V, facets, tag["ring_inner"])
+
+
+def ball(comm):
+    """A hollow ball, its inner surface."""
+
+    def build(model):
+        shape = {"inner_radius": 0.95, "outer_radius": 1.0, "cells_per_edge": 6, "layers": 1}
+        parts.add_hollow_ball(model, "ball", centre=(0, 0, 0), **shape)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    return nts.Body(V, cells, tag["ball"], RUBBER), nts.Surface(V, facets, tag["ball_inner"])
+
+
+def squeezed(body, pair, speed, dt, scheme=nts.EnergyMomentum):
+    """Thrown so that its top and its bottom fly towards each other."""
+    stepper = scheme([body], [pair], dt=dt)
+    x, y, z = body.V.tabulate_dof_coordinates()[body.nodes].T
+    stepper.set_velocity(body, np.array([0.7 - 0.1 * z, 0.3 * x - speed * y, 0.2 + 0 * x]))
+    return stepper
+
+
+def check(stepper, pair, until, comm):
+    """Run; returns the most active nodes and the final balance."""
+    diagnostics = nts.Diagnostics(stepper)
+    before, lost, most = diagnostics.balance(), 0.0, 0
+    scale = np.abs(stepper.nodal_momentum()).sum()
+    for report in stepper.run(until):
+        lost += comm.allreduce(pair.history.dissipation.sum())
+        most = max(most, report.num_active)
+        works = report.contact_work
+        if isinstance(pair.enforcement, nts.LagrangeMultiplier):
+            lost -= works.persistent + works.activation + works.facet_change
+    after = diagnostics.balance()
+    scale = comm.allreduce(scale)
+    error = abs(after.total_energy + lost - before.total_energy) / before.total_energy
+    assert error < CONSERVED
+    for name in ("linear_momentum", "angular_momentum"):
+        change = np.abs(getattr(after, name) - getattr(before, name)).max()
+        assert change < CONSERVED * scale, name
+    return most, lost / before.total_energy
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
+    body, inner = ring(comm)
+    pair = nts.ContactPair(inner, inner, **LAWS[law])
+    stepper = squeezed(body, pair, 2.2, 0.005)
+    most, lost = check(stepper, pair, 0.85, comm)
+    assert most > 1
+    assert abs(lost) < CONSERVED if law in ("elastic", "penalty") else 0 < lost < 0.1
+    # Its walls have not passed each other.
+    assert nts.Diagnostics(stepper).min_gap() > -0.02
+
+
+def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
+    body, inner = ring(comm)
+    found = []
+    for pair in (nts.ContactPair(inner, inner), *nts.all_pairs([body], self_contact=[body])):
+        stepper = squeezed(body, pair, 2.2, 0.005)
+        most, _ = check(stepper, pair, 0.66, comm)
+        assert most > 0
+        found.append(stepper.u.x.array.copy())
+    assert np.abs(found[1] - found[0]).max(initial=0.0) < 1e-9
+
+
+def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
+    body, inner = ring(comm, "tetrahedron")
+    pair = nts.ContactPair(inner, inner)
+    most, lost = check(squeezed(body, pair, 3.2, 0.0025), pair, 0.47, comm)
+    assert most > 0
+    assert abs(lost) < CONSERVED
+
+
+def test_failed_steps_are_cut_and_leave_no_trace(comm):
+    body, inner = ring(comm)
+    pair = nts.ContactPair(inner, inner)
+    stepper = squeezed(body, pair, 2.2, 0.02)
+    diagnostics = nts.Diagnostics(stepper)
+    energy, rejected = diagnostics.balance().total_energy, 0
+    for report in stepper.run(0.7, control=nts.StepControl()):
+        rejected += report.rejected
+    assert rejected > 0
+    assert diagnostics.balance().total_energy == pytest.approx(energy, rel=CONSERVED)
+
+
+def test_run_goes_on_from_a_checkpoint_on_any_number_of_ranks(comm, tmp_path):
+    path = comm.bcast(tmp_path) / "run.h5"
+
+    def start(of):
+        body, inner = ring(of)
+        return squeezed(body, nts.ContactPair(inner, inner), 2.2, 0.005)
+
+    whole, again, alone = start(comm), start(comm), start(MPI.COMM_SELF)
+    active = [report.num_active for report in whole.run(0.65)]
+    checkpoint.save(path, whole)
+    balances = []
+    for stepper in (whole, again, alone):
+        if stepper is not whole:
+            checkpoint.load(path, stepper)
+        active += [report.num_active for report in stepper.run(0.68)]
+        balances.append(np.array(list(nts.Diagnostics(stepper).balance().columns().values())))
+    assert max(active) > 0
+    for other in balances[1:]:
+        assert np.allclose(other, balances[0], rtol=1e-9, atol=1e-9, equal_nan=True)
+
+
+def test_crushed_ball_keeps_energy_and_momenta(comm):
+    body, inner = ball(comm)
+    pair = nts.ContactPair(inner, inner)
+    most, lost = check(squeezed(body, pair, 4.0, 0.005), pair, 0.45, comm)
+    assert most > 0
+    assert abs(lost) < CONSERVED
+
+
+def test_explicit_ring_keeps_its_momenta_and_its_energy_to_one_per_cent(comm):
+    body, inner = ring(comm)
+    pair = nts.ContactPair(inner, inner, nts.Penalty())
+    stepper = squeezed(body, pair, 2.2, 5e-4, nts.CentralDifference)
+    diagnostics = nts.Diagnostics(stepper)
+    before = diagnostics.balance()
+    scale = comm.allreduce(np.abs(stepper.nodal_momentum()).sum())
+    assert max(report.num_active for report in stepper.run(0.9)) > 1
+    after = diagnostics.balance()
+    assert after.total_energy == pytest.approx(before.total_energy, rel=1e-2)
+    for name in ("linear_momentum", "angular_momentum"):
+        change = np.abs(getattr(after, name) - getattr(before, name)).max()
+        assert change < CONSERVED * scale, name
