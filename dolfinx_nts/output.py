@@ -135,7 +135,7 @@ class Recorder:
                     files.enter_context(self._table)
                 path = Path(f"{self._name}.xdmf")
                 self._fields = FieldFile(path, self._stepper, resume=resume)
-                files.callback(self._fields.close)
+                files.callback(self._fields.abandon)
                 if not resume:
                     self._fields.write()
                     self._write_row(0.0)
@@ -218,6 +218,7 @@ class Recorder:
                     self._fields.write()
                     if self._checkpoint_every is not None and self._saved != self._step:
                         self._save()
+                    self._fields.close()
             self._fields = None
         self._time = time.perf_counter() - self._time
         if self._comm.rank == 0:

@@ -19,6 +19,7 @@ from tqdm import tqdm
 from dolfinx_nts.archive import Archive, Snapshot
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.newton import ConvergenceError
@@ -92,6 +93,7 @@ class Stepper(ABC):
                 raise TypeError(f"expected a load, given {type(load).__name__}")
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
+        end_together()
         self.bodies, self.pairs, self.loads = tuple(bodies), tuple(pairs), tuple(loads)
         self.t, self.step = 0.0, 0
         self.inertia_defect = 0.0
@@ -209,13 +211,16 @@ class Stepper(ABC):
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
         X = self._X[body.nodes].T
-        if isinstance(value, fem.Function):
-            if value.function_space != self.u.function_space:
-                raise ValueError("expected a Function of the bodies' space, given one of another")
-            value = value.x.array.reshape(-1, 3)[body.nodes].T
-        values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
-        if values.shape not in ((3,), X.shape):
-            raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
+        with agreed(self.u.function_space.mesh.comm):
+            if isinstance(value, fem.Function):
+                if value.function_space != self.u.function_space:
+                    raise ValueError(
+                        "expected a Function of the bodies' space, given one of another"
+                    )
+                value = value.x.array.reshape(-1, 3)[body.nodes].T
+            values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
+            if values.shape not in ((3,), X.shape):
+                raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
         function.x.array.reshape(-1, 3)[body.nodes] = values.T
         self._state_was_set()
 
@@ -240,10 +245,9 @@ class Stepper(ABC):
         if self.step == 0:
             for pair in self.pairs:
                 pair.check_start(self.x)
-        if self._update is not None:
-            self._update(self.t + self.dt)
-        for load in self.loads:
-            load.update(self.t + self._load_point * self.dt)
+        if self._update is not None or self.loads:
+            with agreed(self.u.function_space.mesh.comm):
+                self._call_back()
         self._supports.check()
         self.u_n.x.array[:] = self.u.x.array
         report = self._step()
@@ -257,6 +261,13 @@ class Stepper(ABC):
                 report.num_active,
             )
         return report
+
+    def _call_back(self) -> None:
+        """Ask the user's functions for the values of the next step. Local."""
+        if self._update is not None:
+            self._update(self.t + self.dt)
+        for load in self.loads:
+            load.update(self.t + self._load_point * self.dt)
 
     def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.

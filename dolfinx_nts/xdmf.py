@@ -52,7 +52,7 @@ class FieldFile:
     pairs. The gap is NaN at other nodes and where a node faces no segment,
     the others are 0 there.
 
-    Each state is on disk at once. Collective, as all its methods.
+    Each state is on disk at once. Collective, as all its methods but `abandon`.
 
     Args:
         path: The file, ``.xdmf``; a file ``.h5`` comes with it.
@@ -91,8 +91,15 @@ class FieldFile:
         on_root(self._comm, self._sync)
 
     def close(self) -> None:
-        """Close the files."""
-        on_root(self._comm, self._close)
+        """Close the files; then any rank may read them."""
+        on_root(self._comm, self.abandon)
+
+    def abandon(self) -> None:
+        """Close the files where the ranks may be apart after an error. Local."""
+        if self._text is not None:
+            self._text.close()
+        if self._data is not None:
+            self._data.close()
 
     def _mesh(self) -> dict[str, Array]:
         """Nodes, cells and number of the body by original numbers. Collective."""
@@ -226,9 +233,3 @@ class FieldFile:
         for path in (self._path, self._path.with_suffix(".h5")):
             with open(path, "rb") as file:
                 os.fsync(file.fileno())
-
-    def _close(self) -> None:
-        if self._text is not None:
-            self._text.close()
-        if self._data is not None:
-            self._data.close()
