@@ -23,8 +23,9 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 
-stress: ## scenes that try to break a run; table in results/stress.csv and README.md
+stress: ## scenes that try to break a run, table in results/stress.csv and README.md; 10 000 steps
 	$(RUN) python3 -m stress.run
+	$(RUN) python3 -m stress.endurance
 
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize
