@@ -18,6 +18,7 @@ LAYERS = [
         "failures",
         "forms",
         "interrupts",
+        "journal",
         "pivoting",
         "step_control",
         "timing",
