@@ -35,9 +35,9 @@ from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
-from dolfinx_nts.report import StepReport
+from dolfinx_nts.report import StepReport, listed
 from dolfinx_nts.rest import Rest
-from dolfinx_nts.stepper import Stepper, listed
+from dolfinx_nts.stepper import Stepper
 
 __all__ = ["ImplicitStepper"]
 

@@ -1,10 +1,13 @@
-"""Report of an accepted step."""
+"""Report of an accepted step, and how nodes are named."""
 
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from dolfinx_nts.contact import ContactWork
 
-__all__ = ["StepReport"]
+__all__ = ["StepReport", "listed"]
 
 
 @dataclass(frozen=True)
@@ -49,3 +52,8 @@ class StepReport:
     damping_work: float
     solver_work: float
     rejected: int = 0
+
+
+def listed(nodes: npt.NDArray[np.int64]) -> str:
+    """The first of some numbers of nodes."""
+    return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

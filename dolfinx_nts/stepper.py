@@ -14,21 +14,21 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
-from tqdm import tqdm
 
-from dolfinx_nts.archive import Archive, Snapshot
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.controlled import run_controlled
 from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
-from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.step_control import StepControl, StepLength
 from dolfinx_nts.surfaces import input_ids
 from dolfinx_nts.timing import Timings
 
-__all__ = ["Stepper", "listed"]
+__all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -60,6 +60,8 @@ class Stepper(ABC):
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
         node_ids: Numbers of the owned nodes in the mesh as read, ``(n,)``.
+        length: Length of a step as a part of the usual one, in controlled
+            runs.
         inertia_defect: Kinetic energy gained in the last step less the
             work of all forces in it [J].
     """
@@ -107,7 +109,7 @@ class Stepper(ABC):
         self._num_owned = V.dofmap.index_map.size_local
         self.node_ids = input_ids(V)[: self._num_owned]
         self._origin = (0.0, 0)  # time and number of the step from which steps are counted
-        self._length = StepLength()
+        self.length = StepLength()
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -167,8 +169,8 @@ class Stepper(ABC):
         self._dt.value = archive.same("dt", self.dt)
         t, step = self._origin
         self._origin = archive.same("start_time", t), archive.same("start_step", step)
-        self._length.cuts = archive.same("cuts", self._length.cuts)
-        self._length.accepted = archive.same("accepted", self._length.accepted)
+        self.length.cuts = archive.same("cuts", self.length.cuts)
+        self.length.accepted = archive.same("accepted", self.length.accepted)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             self._exchange_nodal(archive, name, function.x.array)
@@ -287,88 +289,44 @@ class Stepper(ABC):
         if not math.isfinite(until):
             raise ValueError(f"expected a finite time until, given {until}")
         if control is not None:
-            yield from self._run_controlled(until, control)
+            yield from run_controlled(self, until, control)
             return
         dt = self.dt
         # A run that is resumed counts on, with the same round-off.
         if self.t != self._time_of(self.step, dt):
             self._origin = (self.t, self.step)
         num_steps = math.ceil((until - self.t) / dt - 1e-6)
-        for i in self._progress(num_steps):
-            end = self._time_of(self.step + 1, dt)
-            if i == num_steps - 1 and end != until:
-                yield self._advance_to(until, until - self.t)
-            else:
-                yield self._advance_to(end, dt)
+        with progress(self.u.function_space.mesh.comm, num_steps, unit="step") as bar:
+            for i in range(num_steps):
+                end = self._time_of(self.step + 1, dt)
+                if i == num_steps - 1 and end != until:
+                    yield self.advance_to(until, until - self.t)
+                else:
+                    yield self.advance_to(end, dt)
+                bar.update()
 
-    def _run_controlled(self, until: float, control: StepControl) -> Iterator[StepReport]:
-        smallest = 2.0**-20 * self.dt if control.smallest is None else control.smallest
-        loose = None if control.gap_tol is None else self._loose_nodes(control.gap_tol)
-        rejected = 0
-        while until - self.t > 1e-6 * smallest:
-            longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
-            dt, end = control.next_step(self.t, longest, until)
-            before = Snapshot()
-            self.exchange(before)
-            try:
-                report = self._advance_to(end, dt)
-                if loose is not None and control.gap_tol is not None:
-                    loose = self._check_loose(loose, control.gap_tol)
-            except ConvergenceError as error:
-                self.exchange(before.rewind())
-                if dt / 2 < smallest:
-                    raise ConvergenceError(
-                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                        f"less than the smallest step of {smallest:.3g} s",
-                        error.reports,
-                    ) from None
-                self._log_cut(error)
-                self._length.cut()
-                rejected += 1
-                continue
-            self._length.accept()
-            yield replace(report, rejected=rejected)
-            rejected = 0
-
-    def _longest_step(self) -> float:
-        """Length that a step must not exceed [s]."""
+    def longest_step(self) -> float:
+        """Length that a step must not exceed [s]. Collective."""
         return math.inf
-
-    def _log_cut(self, error: ConvergenceError) -> None:
-        if self.u.function_space.mesh.comm.rank == 0:
-            _logger.info("step %d from t = %g is cut: %s", self.step + 1, self.t, error)
-
-    def _loose_nodes(self, gap_tol: float) -> list[Flags]:
-        """Nodes of each pair that are held, or inside, beyond the tolerance."""
-        x = self.x
-        return [pair.loose(x, gap_tol) for pair in self.pairs]
-
-    def _check_loose(self, before: list[Flags], gap_tol: float) -> list[Flags]:
-        """Loose nodes of the step just done; raises if there are new ones."""
-        after = self._loose_nodes(gap_tol)
-        comm = self.u.function_space.mesh.comm
-        new = [
-            pair.nodes.node_ids[now & ~then]
-            for pair, now, then in zip(self.pairs, after, before, strict=True)
-        ]
-        none = np.empty(0, dtype=np.int64)
-        nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
-        if len(nodes):
-            raise ConvergenceError(
-                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "
-                f"{gap_tol:g} m from the surface that catches them: {listed(nodes)}; the state is "
-                "that of the last accepted step",
-                [],
-            )
-        return after
 
     def _time_of(self, step: int, dt: float) -> float:
         """Time at the end of a step of the present run [s]."""
         t, first = self._origin
         return t + (step - first) * dt
 
-    def _advance_to(self, end: float, dt: float) -> StepReport:
-        """A step of length dt that ends exactly at a time; keeps `dt`."""
+    def advance_to(self, end: float, dt: float) -> StepReport:
+        """Advance by one step that ends exactly at a time; keeps `dt`.
+
+        Args:
+            end: Time at its end [s].
+            dt: Its length [s], the difference of the times but for round-off.
+
+        Returns:
+            Report of the step.
+
+        Raises:
+            ConvergenceError: As `advance`.
+        """
         usual = self.dt
         try:
             self.dt = dt
@@ -377,11 +335,6 @@ class Stepper(ABC):
             self._dt.value = usual
         self.t = end
         return replace(report, t=end)
-
-    def _progress(self, num_steps: int) -> Iterator[int]:
-        """Count steps, with a bar on the terminal of rank 0 if it takes long."""
-        silent = None if self.u.function_space.mesh.comm.rank == 0 else True
-        yield from tqdm(range(num_steps), unit="step", delay=1, leave=False, disable=silent)
 
     def _check_state(self) -> None:
         bad = [
@@ -392,8 +345,3 @@ class Stepper(ABC):
         for name, count in zip(("displacement", "velocity"), bad, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
-
-
-def listed(nodes: npt.NDArray[np.int64]) -> str:
-    """The first of some numbers of nodes."""
-    return ", ".join(map(str, nodes[:5])) + (", ..." if len(nodes) > 5 else "")

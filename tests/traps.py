@@ -5,7 +5,8 @@
 A division by zero and an overflow are trapped in all that runs in a test, an
 invalid operation in the kernels and, as `FloatingPointError`, in NumPy. (To
 compare with NaN, the gap of a node that faces nothing, is invalid as well, and
-NumPy may do so.) The values are those of x86.
+NumPy may do so.) Where PETSc builds a preconditioner, multigrid for instance,
+which divides by zero, nothing is trapped. The values are those of x86.
 """
 
 import ctypes
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.preconditioner import Preconditioner
 
 __all__ = ["WANTED", "trapped"]
 
@@ -52,6 +54,20 @@ def trapped(flags: int = _DIVIDE_BY_ZERO | _OVERFLOW) -> Iterator[None]:
         _set(former)
 
 
+def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Function of which nothing is trapped."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        former = _set(0)
+        try:
+            return function(*arguments)
+        finally:
+            _set(former)
+
+    return call
+
+
 def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Kernel with all traps, if there are any around it."""
 
@@ -68,6 +84,7 @@ def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 
 if WANTED:
+    Preconditioner.build = untrapped(Preconditioner.build)
     for name in dir(_kernels):
         if not isinstance(kernel := getattr(_kernels, name), type) and callable(kernel):
             setattr(_kernels, name, strict(kernel))
