@@ -30,6 +30,9 @@ stress: ## scenes that try to break a run, table in results/stress.csv and READM
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize
 
+traps: ## all tests on one rank, with floating-point traps
+	$(RUN) env NTS_TRAPS=1 $(PYTEST)
+
 lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff check
 	$(RUN) ruff format --check
@@ -45,4 +48,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test stress sanitize lint shell clean
+.PHONY: help demo bench bench-publish test stress sanitize traps lint shell clean

@@ -177,6 +177,7 @@ class CentralDifference(Stepper):
         return bulk + contact
 
     def longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
         return self.stable_step / (1 + 1e-5)
 
     def _check_dt(self, dt: float) -> None:

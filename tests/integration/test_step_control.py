@@ -228,7 +228,7 @@ class Bar(nullcontext):
         self.done += done
 
 
-@pytest.mark.parametrize("control", [None, nts.StepControl(gap_tol=0.005)])
+@pytest.mark.parametrize("control", [None, nts.StepControl()])
 def test_the_bar_reaches_its_end_on_the_first_rank_only(comm, agree, monkeypatch, control):
     bars = []
     monkeypatch.setattr(progress, "tqdm", lambda **options: bars.append(Bar(**options)) or bars[-1])
