@@ -23,11 +23,15 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 
-stress: ## scenes that try to break a run; table in results/stress.csv and README.md
+stress: ## scenes that try to break a run, table in results/stress.csv and README.md; 10 000 steps
 	$(RUN) python3 -m stress.run
+	$(RUN) python3 -m stress.endurance
 
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize
+
+traps: ## all tests on one rank, with floating-point traps
+	$(RUN) env NTS_TRAPS=1 $(PYTEST)
 
 lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff check
@@ -44,4 +48,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test stress sanitize lint shell clean
+.PHONY: help demo bench bench-publish test stress sanitize traps lint shell clean

@@ -176,7 +176,8 @@ class CentralDifference(Stepper):
         bulk, self._smallest = self._cells.limits(self.x)
         return bulk + contact
 
-    def _longest_step(self) -> float:
+    def longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
         return self.stable_step / (1 + 1e-5)
 
     def _check_dt(self, dt: float) -> None:

@@ -148,9 +148,9 @@ class Coulomb:
         turns = sliding & (limit > 0) & (np.einsum("mi,mi->m", heading, slip) >= 0)
         size, s, across = _polar(np.where(turns[:, None], t + c[:, None] * slip, heading))
         ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
-        with np.errstate(divide="ignore"):
-            turn = np.minimum(ratio / (1.0 - ratio), _STIFFEST_DIRECTION)
-        turn = np.where(turns, turn, 0.0)
+        stiffest = np.full_like(ratio, _STIFFEST_DIRECTION)
+        turn = np.divide(ratio, 1.0 - ratio, out=stiffest, where=ratio != 1.0)
+        turn = np.where(turns, np.minimum(turn, _STIFFEST_DIRECTION), 0.0)
         return Traction(
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),

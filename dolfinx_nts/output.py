@@ -135,7 +135,7 @@ class Recorder:
         with self._timings.phase("output"):
             self._first = self._last = self.diagnostics.balance()
             self._step = self._saved = self._stepper.step
-            self._iterations: list[int] = []
+            self._count = self._newton = self._most = 0  # steps, iterations, most in a step
             self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
             self._contact = ContactWork()
             self._drift = dict.fromkeys(_CONSERVED, 0.0)
@@ -149,7 +149,7 @@ class Recorder:
                 if self._table:
                     files.enter_context(self._table)
                 self._fields = self._open_fields(resume)
-                files.callback(self._fields.close)
+                files.callback(self._fields.abandon)
                 if not resume:
                     self._fields.write()
                     self._write_row(0.0)
@@ -165,9 +165,8 @@ class Recorder:
             archive: Takes them or gives them.
         """
         self._step = archive.same("record/step", self._step)
-        iterations = archive.same("record/iterations", np.array(self._iterations, dtype=np.int64))
-        self._iterations = [int(count) for count in iterations]
-        self._table_size = archive.same("record/table_size", self._table_size)
+        for name in ("_count", "_newton", "_most", "_table_size"):
+            setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
         for name in ("_bulk", "_loads", "_supports", "_damping", "_solver"):
             setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
         for name in self._drift:
@@ -207,14 +206,16 @@ class Recorder:
             self._damping += step.damping_work
             self._solver += step.solver_work
             self._step, self._last = step.step, self.diagnostics.balance()
-            self._iterations.append(step.newton_iterations)
+            self._count += 1
+            self._newton += step.newton_iterations
+            self._most = max(self._most, step.newton_iterations)
             self._write_row(step.dt, step.newton_iterations, step.rejected)
-            due = len(self._iterations) % self._every == 0
+            due = self._count % self._every == 0
             if due if self._times is None else step.t in self._times:
                 self._fields.write()
             if self._checkpoint_every is not None:
                 signum = self._interrupts.received()
-                if signum or len(self._iterations) % self._checkpoint_every == 0:
+                if signum or self._count % self._checkpoint_every == 0:
                     self._save()
                 if signum:
                     self._interrupts.take_effect(signum)
@@ -232,6 +233,7 @@ class Recorder:
                     self._fields.write()
                     if self._checkpoint_every is not None and self._saved != self._step:
                         self._save()
+                    self._fields.close()
             self._fields = None
         self._time = time.perf_counter() - self._time
         if self._comm.rank == 0:
@@ -250,15 +252,15 @@ class Recorder:
 
         Local; the times are those of this rank.
         """
-        its, first = self._iterations, self._first
+        count, first = self._count, self._first
         phases = {
             name: seconds - self._seconds.get(name, 0.0)
             for name, seconds in self._timings.seconds.items()
         }
         phases["other"] = self._time - sum(phases.values())
-        mean, most = np.mean(its or [0]), max(its, default=0)
-        lines = [f"{self._name}: {len(its)} steps from t = {first.time:g} to {self._last.time:g} s"]
-        lines += [f"Newton iterations: {sum(its)}, mean {mean:.2f}, max {most}"]
+        mean = self._newton / max(count, 1)
+        lines = [f"{self._name}: {count} steps from t = {first.time:g} to {self._last.time:g} s"]
+        lines += [f"Newton iterations: {self._newton}, mean {mean:.2f}, max {self._most}"]
         lines += self._stepper.describe()
         for name, unit in _CONSERVED.items():
             size = np.linalg.norm(getattr(first, name))
@@ -301,7 +303,7 @@ class Recorder:
     def _add_row(self, row: dict[str, float]) -> None:
         assert self._table is not None
         table = csv.writer(self._table)
-        if not self._iterations:
+        if not self._count:
             table.writerow(row)
         table.writerow(row.values())
         self._table.flush()

@@ -8,6 +8,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.failures import portable
+
 __all__ = ["gathered", "on_root", "scattered"]
 
 T = TypeVar("T")
@@ -30,7 +32,7 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
         try:
             result = action()
         except Exception as failure:
-            error = failure
+            error = portable(failure)
     result, error = comm.bcast((result, error))
     if error is not None:
         raise error

@@ -1,4 +1,4 @@
-"""Report of an accepted step."""
+"""Report of an accepted step, and how nodes are named."""
 
 from dataclasses import dataclass
 

@@ -8,6 +8,7 @@ can swell. That of a cell of degree 2 is an eigenvalue. When cells deform it
 changes as 1/h. Contact springs add their own.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,6 +34,7 @@ __all__ = [
 
 Floats = npt.NDArray[np.float64]
 
+_SHORTEST_TIME = 1e-150  # of a wave through a cell, whose square is a number [s]
 # Cells that are looked at together, of degree 1 and 2.
 _BLOCK, _MATRICES = 4096, 64
 
@@ -168,8 +170,9 @@ class Cells:
         time = (length / self._speed).min(initial=np.inf)
         limits = np.array([time, length.min(initial=np.inf)])
         self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)
-        with np.errstate(divide="ignore"):
-            return float((2 / limits[0]) ** 2), float(limits[1])
+        least, shortest = (float(limit) for limit in limits)
+        # A cell without any length has no frequency that a number can hold.
+        return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
 
 
 @dataclass(frozen=True)
@@ -202,11 +205,13 @@ def largest_step(squared: float, damping: Damping) -> float:
     r"""Largest stable step [s].
 
     From :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`,
-    as damping lags half a step behind.
+    as damping lags half a step behind; 0 where the frequency is infinite.
 
     Args:
         squared: Highest squared frequency without damping [1/s^2].
         damping: The damping.
     """
+    if math.isinf(squared):
+        return 0.0
     c = (damping.mass + damping.stiffness * squared) / 2
     return float(2 / (c + np.sqrt(c**2 + squared)))

@@ -14,16 +14,17 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
-from tqdm import tqdm
 
-from dolfinx_nts.archive import Archive, Snapshot
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import finite, instances, positive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.controlled import run_controlled
+from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic
-from dolfinx_nts.newton import ConvergenceError
-from dolfinx_nts.numbering import input_ids, listed
+from dolfinx_nts.numbering import input_ids
+from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.step_control import StepControl, StepLength
 from dolfinx_nts.timing import Timings
@@ -60,6 +61,8 @@ class Stepper(ABC):
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
         node_ids: Numbers of the owned nodes, see `numbering`, ``(n,)``.
+        length: Length of a step as a part of the usual one, in controlled
+            runs.
         inertia_defect: Kinetic energy gained in the last step less the
             work of all forces in it [J].
     """
@@ -91,6 +94,7 @@ class Stepper(ABC):
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
+        end_together()
         self.t, self.step = 0.0, 0
         self.inertia_defect = 0.0
         self.timings = Timings()
@@ -103,7 +107,7 @@ class Stepper(ABC):
         self._num_owned = V.dofmap.index_map.size_local
         self.node_ids = input_ids(V)[: self._num_owned]
         self._origin = (0.0, 0)  # time and number of the step from which steps are counted
-        self._length = StepLength()
+        self.length = StepLength()
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -162,8 +166,8 @@ class Stepper(ABC):
         self._dt.value = archive.same("dt", self.dt)
         t, step = self._origin
         self._origin = archive.same("start_time", t), archive.same("start_step", step)
-        self._length.cuts = archive.same("cuts", self._length.cuts)
-        self._length.accepted = archive.same("accepted", self._length.accepted)
+        self.length.cuts = archive.same("cuts", self.length.cuts)
+        self.length.accepted = archive.same("accepted", self.length.accepted)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             self._exchange_nodal(archive, name, function.x.array)
@@ -206,13 +210,16 @@ class Stepper(ABC):
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
         X = self._X[body.nodes].T
-        if isinstance(value, fem.Function):
-            if value.function_space != self.u.function_space:
-                raise ValueError("expected a Function of the bodies' space, given one of another")
-            value = value.x.array.reshape(-1, 3)[body.nodes].T
-        values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
-        if values.shape not in ((3,), X.shape):
-            raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
+        with agreed(self.u.function_space.mesh.comm):
+            if isinstance(value, fem.Function):
+                if value.function_space != self.u.function_space:
+                    raise ValueError(
+                        "expected a Function of the bodies' space, given one of another"
+                    )
+                value = value.x.array.reshape(-1, 3)[body.nodes].T
+            values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
+            if values.shape not in ((3,), X.shape):
+                raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
         function.x.array.reshape(-1, 3)[body.nodes] = values.T
         self._state_was_set()
 
@@ -237,10 +244,9 @@ class Stepper(ABC):
         if self.step == 0:
             for pair in self.pairs:
                 pair.check_start(self.x)
-        if self._update is not None:
-            self._update(self.t + self.dt)
-        for load in self.loads:
-            load.update(self.t + self._load_point * self.dt)
+        if self._update is not None or self.loads:
+            with agreed(self.u.function_space.mesh.comm):
+                self._call_back()
         self._supports.check()
         self.u_n.x.array[:] = self.u.x.array
         report = self._step()
@@ -254,6 +260,13 @@ class Stepper(ABC):
                 report.num_active,
             )
         return report
+
+    def _call_back(self) -> None:
+        """Ask the user's functions for the values of the next step. Local."""
+        if self._update is not None:
+            self._update(self.t + self.dt)
+        for load in self.loads:
+            load.update(self.t + self._load_point * self.dt)
 
     def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
         """Advance step by step; the last step ends exactly at ``until``.
@@ -272,88 +285,44 @@ class Stepper(ABC):
         """
         finite("until", until)
         if control is not None:
-            yield from self._run_controlled(until, control)
+            yield from run_controlled(self, until, control)
             return
         dt = self.dt
         # A run that is resumed counts on, with the same round-off.
         if self.t != self._time_of(self.step, dt):
             self._origin = (self.t, self.step)
         num_steps = math.ceil((until - self.t) / dt - 1e-6)
-        for i in self._progress(num_steps):
-            end = self._time_of(self.step + 1, dt)
-            if i == num_steps - 1 and end != until:
-                yield self._advance_to(until, until - self.t)
-            else:
-                yield self._advance_to(end, dt)
+        with progress(self.u.function_space.mesh.comm, num_steps, unit="step") as bar:
+            for i in range(num_steps):
+                end = self._time_of(self.step + 1, dt)
+                if i == num_steps - 1 and end != until:
+                    yield self.advance_to(until, until - self.t)
+                else:
+                    yield self.advance_to(end, dt)
+                bar.update()
 
-    def _run_controlled(self, until: float, control: StepControl) -> Iterator[StepReport]:
-        smallest = 2.0**-20 * self.dt if control.smallest is None else control.smallest
-        loose = None if control.gap_tol is None else self._loose_nodes(control.gap_tol)
-        rejected = 0
-        while until - self.t > 1e-6 * smallest:
-            longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
-            dt, end = control.next_step(self.t, longest, until)
-            before = Snapshot()
-            self.exchange(before)
-            try:
-                report = self._advance_to(end, dt)
-                if loose is not None and control.gap_tol is not None:
-                    loose = self._check_loose(loose, control.gap_tol)
-            except ConvergenceError as error:
-                self.exchange(before.rewind())
-                if dt / 2 < smallest:
-                    raise ConvergenceError(
-                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                        f"less than the smallest step of {smallest:.3g} s",
-                        error.reports,
-                    ) from None
-                self._log_cut(error)
-                self._length.cut()
-                rejected += 1
-                continue
-            self._length.accept()
-            yield replace(report, rejected=rejected)
-            rejected = 0
-
-    def _longest_step(self) -> float:
-        """Length that a step must not exceed [s]."""
+    def longest_step(self) -> float:
+        """Length that a step must not exceed [s]. Collective."""
         return math.inf
-
-    def _log_cut(self, error: ConvergenceError) -> None:
-        if self.u.function_space.mesh.comm.rank == 0:
-            _logger.info("step %d from t = %g is cut: %s", self.step + 1, self.t, error)
-
-    def _loose_nodes(self, gap_tol: float) -> list[Flags]:
-        """Nodes of each pair that are held, or inside, beyond the tolerance."""
-        x = self.x
-        return [pair.loose(x, gap_tol) for pair in self.pairs]
-
-    def _check_loose(self, before: list[Flags], gap_tol: float) -> list[Flags]:
-        """Loose nodes of the step just done; raises if there are new ones."""
-        after = self._loose_nodes(gap_tol)
-        comm = self.u.function_space.mesh.comm
-        new = [
-            pair.nodes.node_ids[now & ~then]
-            for pair, now, then in zip(self.pairs, after, before, strict=True)
-        ]
-        none = np.empty(0, dtype=np.int64)
-        nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
-        if len(nodes):
-            raise ConvergenceError(
-                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than gap_tol = "
-                f"{gap_tol:g} m from the surface that catches them: {listed(nodes)}; the state is "
-                "that of the last accepted step",
-                [],
-            )
-        return after
 
     def _time_of(self, step: int, dt: float) -> float:
         """Time at the end of a step of the present run [s]."""
         t, first = self._origin
         return t + (step - first) * dt
 
-    def _advance_to(self, end: float, dt: float) -> StepReport:
-        """A step of length dt that ends exactly at a time; keeps `dt`."""
+    def advance_to(self, end: float, dt: float) -> StepReport:
+        """Advance by one step that ends exactly at a time; keeps `dt`.
+
+        Args:
+            end: Time at its end [s].
+            dt: Its length [s], the difference of the times but for round-off.
+
+        Returns:
+            Report of the step.
+
+        Raises:
+            ConvergenceError: As `advance`.
+        """
         usual = self.dt
         try:
             self.dt = dt
@@ -362,11 +331,6 @@ class Stepper(ABC):
             self._dt.value = usual
         self.t = end
         return replace(report, t=end)
-
-    def _progress(self, num_steps: int) -> Iterator[int]:
-        """Count steps, with a bar on the terminal of rank 0 if it takes long."""
-        silent = None if self.u.function_space.mesh.comm.rank == 0 else True
-        yield from tqdm(range(num_steps), unit="step", delay=1, leave=False, disable=silent)
 
     def _check_state(self) -> None:
         bad = [

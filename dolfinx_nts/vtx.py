@@ -72,6 +72,9 @@ class VtxFile:
     def flush(self) -> None:
         """Do nothing: each state is complete when it is written."""
 
+    def abandon(self) -> None:
+        """Leave the file as it is where the ranks may be apart. Local."""
+
     def close(self) -> None:
         """Close the file."""
         self._writer.close()

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from dolfinx_nts.elements import Element
 from dolfinx_nts.fields import nodal_fields
+from dolfinx_nts.journal import JournaledFile
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.ranks import gathered, on_root
 from dolfinx_nts.stepper import Stepper
@@ -37,7 +38,6 @@ _TAIL = """    </Grid>
   </Domain>
 </Xdmf>
 """
-_METADATA = 1 << 15  # of a state in HDF5, at most [bytes]
 # Name in XDMF, and order of its vertices in the one of DOLFINx.
 _CELLS = {
     "tetrahedron": ("Tetrahedron", [0, 1, 2, 3]),
@@ -50,7 +50,7 @@ class FieldFile:
 
     On cells of degree 1: cells of degree 2 become eight, on their nodes.
 
-    Each state is on disk at once. Collective, as all its methods.
+    Each state is on disk at once. Collective, as all its methods but `abandon`.
 
     Args:
         path: The file, ``.xdmf``; a file ``.h5`` comes with it.
@@ -67,6 +67,7 @@ class FieldFile:
         self._path, self._stepper = path, stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._data: Any = None
+        self._file: JournaledFile | None = None
         self._text: IO[bytes] | None = None
         mesh = self._mesh()
         on_root(self._comm, lambda: self._open(mesh, resume))
@@ -91,8 +92,18 @@ class FieldFile:
         on_root(self._comm, self._sync)
 
     def close(self) -> None:
-        """Close the files."""
-        on_root(self._comm, self._close)
+        """Close the files; then any rank may read them."""
+        on_root(self._comm, self.abandon)
+
+    def abandon(self) -> None:
+        """Close the files where the ranks may be apart after an error. Local."""
+        if self._text is not None:
+            self._text.close()
+        if self._file is not None:
+            self._data.close()
+            self._file.commit()
+            self._file.close()
+            self._file = None
 
     def _mesh(self) -> dict[str, Array]:
         """Nodes, cells and number of the body by original numbers. Collective."""
@@ -123,40 +134,40 @@ class FieldFile:
         data = self._path.with_suffix(".h5")
         if resume:
             try:
-                self._data = h5py.File(data, "r+")
+                self._file = JournaledFile(data, new=False)
+                self._data = h5py.File(self._file, "r+")
                 states = self._data["states"]
                 for name in [name for name in states if int(name) > self._stepper.step]:
                     del states[name]
-            except (OSError, KeyError) as error:
-                # Killed in the instant of a write; the run itself is whole.
+            except (OSError, KeyError, RuntimeError) as error:
+                # Someone else has changed it; the run itself is whole.
                 _logger.warning("the fields begin anew, as %s cannot be read: %s", data, error)
                 if data.exists():
                     data.replace(f"{data}.damaged")
                 resume = False
         if not resume:
-            self._data = h5py.File(data, "w")
+            self._file = JournaledFile(data, new=True)
+            self._data = h5py.File(self._file, "w")
             states = self._data.create_group("states")
             for name, values in mesh.items():
                 self._data[f"mesh/{name}"] = values
-        self._data.flush()
+        self._commit()
         self._text = open(self._path, "wb")
         self._text.write(_HEAD.encode())
         self._end = self._text.tell()
         self._add_text("".join(self._grid(f"states/{name}") for name in sorted(states)))
 
     def _append(self, name: str, t: float, fields: dict[str, Array]) -> None:
-        self._reserve(sum(values.nbytes for values in fields.values()))
         for key, values in fields.items():
             self._data[f"{name}/{key}"] = values
         self._data[name].attrs["time"] = t
-        self._data.flush()
+        self._commit()
         self._add_text(self._grid(name))
 
-    def _reserve(self, size: int) -> None:
-        """Let a full disk show before HDF5 writes, which would not survive it."""
-        if hasattr(os, "posix_fallocate"):
-            with open(self._path.with_suffix(".h5"), "r+b") as file:
-                os.posix_fallocate(file.fileno(), self._data.id.get_filesize(), size + _METADATA)
+    def _commit(self) -> None:
+        assert self._file is not None
+        self._data.flush()
+        self._file.commit()
 
     def _add_text(self, text: str) -> None:
         assert self._text is not None
@@ -203,9 +214,3 @@ class FieldFile:
         for path in (self._path, self._path.with_suffix(".h5")):
             with open(path, "rb") as file:
                 os.fsync(file.fileno())
-
-    def _close(self) -> None:
-        if self._text is not None:
-            self._text.close()
-        if self._data is not None:
-            self._data.close()

@@ -1,6 +1,8 @@
 """Fixtures of all tests, and what keeps several ranks together."""
 
+import faulthandler
 import gc
+import os
 import re
 import sys
 import time
@@ -12,22 +14,38 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+import traps
+
 # Seconds that a rank on which a test failed waits for the others.
 _PATIENCE = 30.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give the fixtures' own messages a communicator."""
+    """Give the fixtures' own messages a communicator and a way out."""
     config.stash[_TALK] = MPI.COMM_WORLD.Dup()
+    # While tests run, what they write goes to pytest.
+    config.stash[_STDERR] = os.dup(2)
 
 
 _TALK: pytest.StashKey[MPI.Comm] = pytest.StashKey()
+_STDERR: pytest.StashKey[int] = pytest.StashKey()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip tests marked ``serial`` on several ranks."""
     if item.get_closest_marker("serial") and MPI.COMM_WORLD.size > 1:
         pytest.skip("runs on one rank only")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Run tests with floating-point traps if they are asked for, see `traps`."""
+    if not traps.WANTED or item.get_closest_marker("untrapped"):
+        return (yield)
+    # Above the handler of PETSc, which does not tell where in Python it was.
+    faulthandler.enable(item.config.stash[_STDERR])
+    with traps.trapped():
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,12 +1,13 @@
 """Rows of the stress suite that take a second, and how it judges."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from stress import meetings
+from stress import endurance, meetings
 from stress.impact import impact
 from stress.rows import Case, run
 from stress.run import CASES
@@ -85,3 +86,21 @@ def test_table_has_a_line_for_each_sweep():
     assert summary(rows).splitlines()[2:] == [
         "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - |"
     ]
+
+
+@pytest.mark.serial
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+@pytest.mark.parametrize("scheme", endurance.SCHEMES)
+def test_a_run_needs_no_more_memory_and_objects_the_longer_it_is(comm, scheme):
+    taken = list(endurance.samples(scheme, 250))
+    assert endurance.growth(taken) == ""
+    steps, _, objects, _ = np.array(taken).T
+    assert steps.tolist() == list(range(25, 251, 25)) and objects[0] > 0
+
+
+def test_growth_is_found():
+    flat = [(100 * i, i, 7, 10**8) for i in range(1, 11)]
+    assert endurance.growth(flat) == ""
+    assert "objects" in endurance.growth([(s, t, 7 + s // 100, m) for s, t, _, m in flat])
+    assert "memory" in endurance.growth([(s, t, o, m + 65 * s) for s, t, o, m in flat])
+    assert "no contact" in endurance.growth([(s, 0, o, m) for s, _, o, m in flat])

@@ -232,7 +232,7 @@ def once(function, *arguments, **options):
     if calls == int(sys.argv[5]):
         os.kill(os.getpid(), signum)
     return function(*arguments, **options)
-if when in ("fsync", "replace"):
+if when in ("fsync", "replace", "pwrite", "unlink"):
     function = getattr(os, when)
     setattr(os, when, lambda *a, **k: once(function, *a, **k))
 with nts.Recorder(sys.argv[2], stepper, checkpoint_every=2, resume=True) as record:
@@ -257,7 +257,10 @@ def run_script(path, when="never", signum=0, call=0):
     [
         ("step", signal.SIGKILL, 6),  # between checkpoints
         ("fsync", signal.SIGKILL, 8),  # the second checkpoint is written, not yet renamed
-        ("replace", signal.SIGKILL, 2),
+        ("replace", signal.SIGKILL, 7),  # the same, after the fields of six steps
+        ("replace", signal.SIGKILL, 6),  # the fields of a step are half written
+        ("pwrite", signal.SIGKILL, 100),
+        ("unlink", signal.SIGKILL, 7),
         ("step", signal.SIGTERM, 5),
         ("step", signal.SIGINT, 5),
     ],

@@ -1,13 +1,14 @@
 """Steps are cut and grow again, and the state does not tell that they were."""
 
 import csv
+from contextlib import nullcontext
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import contact_step, implicit, linear, newton
+from dolfinx_nts import contact_step, implicit, linear, newton, progress
 from dolfinx_nts.contact import ContactHistory
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
@@ -213,3 +214,28 @@ def test_wrong_numbers_are_refused(comm, refused):
                 nts.StepControl(**{name: value})
     with refused(ValueError, "finite times"):
         nts.StepControl(times=[1.0, np.nan])
+
+
+class Bar(nullcontext):
+    """Bar that keeps what it is told."""
+
+    def __init__(self, **options):
+        """Begin."""
+        super().__init__(self)
+        self.options, self.done = options, options.get("initial", 0)
+
+    def update(self, done=1):
+        self.done += done
+
+
+@pytest.mark.parametrize("control", [None, nts.StepControl()])
+def test_the_bar_reaches_its_end_on_the_first_rank_only(comm, agree, monkeypatch, control):
+    bars = []
+    monkeypatch.setattr(progress, "tqdm", lambda **options: bars.append(Bar(**options)) or bars[-1])
+    stepper = scene(comm).stepper
+    list(stepper.run(UNTIL / 2, control))
+    list(stepper.run(UNTIL, control))
+    total = UNTIL if control else UNTIL / 2 / BLOCK_STEP
+    assert agree([bar.options["total"] for bar in bars] == pytest.approx([bars[0].done, total]))
+    assert agree(all(bar.done == pytest.approx(bar.options["total"]) for bar in bars))
+    assert {bar.options["disable"] for bar in bars} == {None if comm.rank == 0 else True}

@@ -237,6 +237,7 @@ def test_force_and_tangent_follow_the_vertex_numbering(implementation, k, orient
         np.testing.assert_allclose(renumbered[4], tangent[:, dofs][:, :, dofs], atol=5 * ROUND_OFF)
 
 
+@pytest.mark.untrapped
 @segments
 @schemes
 def test_nan_appears_only_with_a_status(k, scheme):

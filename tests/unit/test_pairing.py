@@ -187,6 +187,7 @@ def test_no_segments_or_no_nodes_give_empty_results(k):
     assert [len(array) for array in found] == [0, 0, 0, 0]
 
 
+@pytest.mark.untrapped
 @segments_
 def test_node_at_no_number_has_no_segment(k):
     segments, orientation = bumpy_surface(k)

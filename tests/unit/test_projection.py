@@ -173,6 +173,7 @@ def test_degenerate_segments_are_reported(implementation, k):
         assert status[0] != 0
 
 
+@pytest.mark.untrapped
 @both
 @segments
 def test_nan_appears_only_with_a_status(implementation, k):

@@ -74,3 +74,11 @@ def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
 
     assert radius(0.999 * limit) <= 1 + 1e-6
     assert radius(1.001 * limit) > 1
+
+
+def test_no_step_is_stable_for_a_cell_without_length(comm):
+    stepper = scenes.blocks(comm).stepper
+    squared, shortest = stable_step.Cells(stepper.bodies).limits(np.zeros_like(stepper.x))
+    assert squared == np.inf and shortest == 0
+    for damping in (stable_step.Damping(0.0, 0.0), stable_step.Damping(1.0, 0.1)):
+        assert stable_step.largest_step(squared, damping) == 0

@@ -1,0 +1,135 @@
+"""Run whose steps are cut where they fail, and grow again."""
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_nts.archive import Archive, Snapshot
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.numbering import listed
+from dolfinx_nts.progress import progress
+from dolfinx_nts.report import StepReport
+from dolfinx_nts.step_control import StepControl, StepLength
+
+__all__ = ["Steps", "run_controlled"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Of a bar in seconds of the run.
+_BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
+
+
+class Steps(Protocol):
+    """What can be run: a stepper, see there."""
+
+    t: float
+    step: int
+    u: fem.Function
+    length: StepLength
+
+    @property
+    def dt(self) -> float:
+        """Length of a step that is not cut [s]."""
+
+    @property
+    def pairs(self) -> Sequence[ContactPair]:
+        """Contact pairs."""
+
+    @property
+    def x(self) -> Floats:
+        """Positions of the local nodes [m]."""
+
+    def longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
+
+    def advance_to(self, end: float, dt: float) -> StepReport:
+        """Advance by one step."""
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange the accepted state."""
+
+
+def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterator[StepReport]:
+    """Advance step by step, each as long as it can be. Collective.
+
+    Args:
+        stepper: What is run.
+        until: Time at the end [s].
+        control: Says how long a step may be.
+
+    Yields:
+        The report of each step, after it has been accepted.
+
+    Raises:
+        ConvergenceError: A step failed at its smallest length. The state is
+            that of the last accepted step.
+    """
+    comm: MPI.Comm = stepper.u.function_space.mesh.comm
+    smallest = 2.0**-20 * stepper.dt if control.smallest is None else control.smallest
+    loose = None if control.gap_tol is None else _loose_nodes(stepper, control.gap_tol)
+    rejected = 0
+    with progress(comm, until, initial=stepper.t, bar_format=_BAR) as bar:
+        while until - stepper.t > 1e-6 * smallest:
+            longest = min(stepper.dt * 0.5**stepper.length.cuts, stepper.longest_step())
+            dt, end = control.next_step(stepper.t, longest, until)
+            before = Snapshot()
+            stepper.exchange(before)
+            try:
+                report = stepper.advance_to(end, dt)
+                if loose is not None and control.gap_tol is not None:
+                    loose = _checked(stepper, loose, control.gap_tol)
+            except ConvergenceError as error:
+                stepper.exchange(before.rewind())
+                if dt / 2 < smallest:
+                    raise ConvergenceError(
+                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
+                        f"less than the smallest step of {smallest:.3g} s",
+                        error.reports,
+                    ) from None
+                if comm.rank == 0:
+                    number, t = stepper.step + 1, stepper.t
+                    _logger.info("step %d from t = %g is cut: %s", number, t, error)
+                stepper.length.cut()
+                rejected += 1
+                continue
+            stepper.length.accept()
+            yield replace(report, rejected=rejected)
+            bar.update(dt)
+            rejected = 0
+
+
+def _loose_nodes(stepper: Steps, gap_tol: float) -> list[Flags]:
+    """Nodes of each pair that are held, or inside, beyond the tolerance."""
+    x = stepper.x
+    return [pair.loose(x, gap_tol) for pair in stepper.pairs]
+
+
+def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]:
+    """Loose nodes of the step just done; raises if there are new ones."""
+    after = _loose_nodes(stepper, gap_tol)
+    comm = stepper.u.function_space.mesh.comm
+    new = [
+        pair.nodes.node_ids[now & ~then]
+        for pair, now, then in zip(stepper.pairs, after, before, strict=True)
+    ]
+    none = np.empty(0, dtype=np.int64)
+    nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
+    if len(nodes):
+        raise ConvergenceError(
+            f"step {stepper.step} to t = {stepper.t:g} brings {len(nodes)} nodes more than "
+            f"gap_tol = {gap_tol:g} m from the surface that catches them: {listed(nodes)}; the "
+            "state is that of the last accepted step",
+            [],
+        )
+    return after

@@ -1,0 +1,90 @@
+"""Floating-point traps: with them, a bad operation ends the process where it happens.
+
+    NTS_TRAPS=1 python3 -m pytest ...
+
+A division by zero and an overflow are trapped in all that runs in a test, an
+invalid operation in the kernels and, as `FloatingPointError`, in NumPy. (To
+compare with NaN, the gap of a node that faces nothing, is invalid as well, and
+NumPy may do so.) Where PETSc builds a preconditioner, multigrid for instance,
+which divides by zero, nothing is trapped. The values are those of x86.
+"""
+
+import ctypes
+import functools
+import os
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.preconditioner import Preconditioner
+
+__all__ = ["WANTED", "trapped"]
+
+WANTED = os.environ.get("NTS_TRAPS") == "1"
+if WANTED and platform.machine() != "x86_64":
+    raise RuntimeError(f"expected x86_64 for NTS_TRAPS=1, given {platform.machine()}")
+
+_INVALID, _DIVIDE_BY_ZERO, _OVERFLOW = 0x1, 0x4, 0x8
+_ALL = _INVALID | _DIVIDE_BY_ZERO | _OVERFLOW
+
+
+def _set(flags: int) -> int:
+    """Trap these and no others; returns what was trapped."""
+    libm = ctypes.CDLL("libm.so.6")
+    former: int = libm.fegetexcept()
+    # What was raised before does not count.
+    libm.feclearexcept(_ALL)
+    libm.fedisableexcept(_ALL & ~flags)
+    libm.feenableexcept(flags)
+    return former
+
+
+@contextmanager
+def trapped(flags: int = _DIVIDE_BY_ZERO | _OVERFLOW) -> Iterator[None]:
+    """Context with traps."""
+    former = _set(flags)
+    try:
+        with np.errstate(all="raise", under="ignore"):
+            yield
+    finally:
+        _set(former)
+
+
+def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Function of which nothing is trapped."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        former = _set(0)
+        try:
+            return function(*arguments)
+        finally:
+            _set(former)
+
+    return call
+
+
+def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Kernel with all traps, if there are any around it."""
+
+    @functools.wraps(kernel)
+    def call(*arguments: Any) -> Any:
+        former = _set(0)
+        _set(_ALL if former else 0)
+        try:
+            return kernel(*arguments)
+        finally:
+            _set(former)
+
+    return call
+
+
+if WANTED:
+    Preconditioner.build = untrapped(Preconditioner.build)
+    for name in dir(_kernels):
+        if not isinstance(kernel := getattr(_kernels, name), type) and callable(kernel):
+            setattr(_kernels, name, strict(kernel))
