@@ -17,6 +17,8 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
+from dolfinx_nts import compat
+
 __all__ = ["Surface", "check_space", "check_tag", "input_ids"]
 
 Floats = npt.NDArray[np.float64]
@@ -37,10 +39,11 @@ def check_space(V: fem.FunctionSpace) -> None:
     element = V.ufl_element()
     if cell not in _SEGMENT_VERTICES:
         raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
-    if mesh.geometry.dim != 3 or mesh.geometry.cmap.degree != 1:
+    degree = compat.geometry_degree(mesh)
+    if mesh.geometry.dim != 3 or degree != 1:
         raise ValueError(
             "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}"
+            f"{degree} in {mesh.geometry.dim}"
         )
     if (
         element.family_name not in ("P", "Q")
@@ -239,7 +242,6 @@ class Surface:
 
 def input_ids(V: fem.FunctionSpace) -> GlobalInts:
     """Number in the mesh as read of every local node of V."""
-    geometry = V.mesh.geometry
     ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)
-    ids[V.dofmap.list] = geometry.input_global_indices[geometry.dofmap]
+    ids[V.dofmap.list] = V.mesh.geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
     return ids
