@@ -23,7 +23,9 @@ except ModuleNotFoundError:
 
 # `Geometry` has the attributes `dofmaps` and `cmaps`, one entry a cell type, since
 # 0.11, which deprecates `dofmap` and `cmap`. Use them directly when 0.10 is dropped.
-_HAS_LISTS = isinstance(getattr(Geometry, "cmaps", None), property)
+_HAS_LISTS = all(
+    isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
+)
 
 __all__ = [
     "cell_partitioner",
