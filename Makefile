@@ -23,6 +23,9 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 
+test-latest: export DOLFINX_NTS_SUITE := sid
+test-latest: test ## the same on the newest DOLFINx, that of Debian unstable
+
 stress: ## scenes that try to break a run, table in results/stress.csv and README.md; 10 000 steps
 	$(RUN) python3 -m stress.run
 	$(RUN) python3 -m stress.endurance
@@ -48,4 +51,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test stress sanitize traps lint shell clean
+.PHONY: help demo bench bench-publish test test-latest stress sanitize traps lint shell clean

@@ -10,7 +10,9 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx.mesh import Mesh, MeshTags, meshtags
+import numpy.typing as npt
+from dolfinx.common import IndexMap
+from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
 
 # The gmsh reader `dolfinx.io.gmshio` became `dolfinx.io.gmsh` in 0.10.
 # Import it directly when 0.9 is dropped.
@@ -19,7 +21,61 @@ try:
 except ModuleNotFoundError:
     _reader = import_module("dolfinx.io.gmshio")
 
-__all__ = ["model_to_mesh", "vtx_writer"]
+# `Geometry` has the attributes `dofmaps` and `cmaps`, one entry a cell type, since
+# 0.11, which deprecates `dofmap` and `cmap`. Use them directly when 0.10 is dropped.
+_HAS_LISTS = all(
+    isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
+)
+
+__all__ = [
+    "cell_partitioner",
+    "cpp_object",
+    "geometry_degree",
+    "geometry_nodes",
+    "index_map",
+    "model_to_mesh",
+    "vtx_writer",
+]
+
+
+def geometry_nodes(mesh: Mesh) -> npt.NDArray[np.int32]:
+    """Nodes of the geometry of each local cell of a mesh with one type of cells."""
+    nodes = mesh.geometry.dofmaps[0] if _HAS_LISTS else mesh.geometry.dofmap
+    return np.asarray(nodes)
+
+
+def geometry_degree(mesh: Mesh) -> int:
+    """Degree of the cells of a mesh with one type of cells."""
+    geometry = mesh.geometry
+    return int((geometry.cmaps[0] if _HAS_LISTS else geometry.cmap).degree)
+
+
+def cell_partitioner(ghosts: GhostMode) -> Any:
+    """Partitioner of `dolfinx.mesh.create_mesh` with a ghost mode."""
+    # 0.11 must be told how many cells share a facet. Always tell it when 0.9 is dropped.
+    try:
+        return create_cell_partitioner(ghosts)
+    except TypeError:
+        return create_cell_partitioner(ghosts, 2)
+
+
+def cpp_object(item: Any) -> Any:
+    """What stands behind an object of DOLFINx where C++ expects it."""
+    # The space of a condition and an adjacency list are Python classes since 0.10 or
+    # 0.11. Use the attribute directly when 0.10 is dropped.
+    return getattr(item, "_cpp_object", item)
+
+
+def index_map(
+    comm: MPI.Comm, size: int, ghosts: npt.NDArray[np.int64], owners: npt.NDArray[np.int32]
+) -> IndexMap:
+    """Index map with owned entries and ghosts. Collective."""
+    # 0.11 must be told the tag of its messages, before it was 1202. Always tell it
+    # when 0.10 is dropped.
+    try:
+        return IndexMap(comm, size, ghosts, owners, 1202)
+    except TypeError:
+        return IndexMap(comm, size, ghosts, owners)
 
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts import compat
 from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.elements import Element
@@ -216,8 +217,7 @@ class Supports:
         """Find the dofs and those with several conditions."""
         self._bcs = instances(fem.DirichletBC, bcs)
         for i, bc in enumerate(self._bcs):
-            space = bc.function_space
-            if not V._cpp_object.contains(getattr(space, "_cpp_object", space)):
+            if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
                 raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
         self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
         self._comm: MPI.Comm = V.mesh.comm

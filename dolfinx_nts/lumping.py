@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
+from dolfinx_nts import compat
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.elements import Element
 
@@ -32,7 +33,7 @@ def lumped_mass(bodies: Sequence[Body]) -> Floats:
     element, geometry = Element.of(V), V.mesh.geometry
     mass = la.vector(V.dofmap.index_map, 1)
     for body in bodies:
-        parts = nodal_parts(element, geometry.x[geometry.dofmap[body.cells]])
+        parts = nodal_parts(element, geometry.x[compat.geometry_nodes(V.mesh)[body.cells]])
         np.add.at(mass.array, V.dofmap.list[body.cells], body.material.rho * parts)
     mass.scatter_reverse(la.InsertMode.add)
     owned: Floats = mass.array[: V.dofmap.index_map.size_local].copy()

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_nts import compat
 from dolfinx_nts.elements import Element
 
 __all__ = ["input_ids", "listed"]
@@ -25,7 +26,7 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
     :math:`2^{31} (a + 1) + b`.
     """
     geometry = V.mesh.geometry
-    vertices = geometry.input_global_indices[geometry.dofmap]
+    vertices = geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
     element = Element.of(V)
     number = np.empty((len(vertices), len(element.points)), dtype=np.int64)
     for node, pairs in enumerate(element.diagonals):

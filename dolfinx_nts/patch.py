@@ -11,9 +11,9 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import common, la
+from dolfinx import la
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.elimination import ActivePairs, Elimination
@@ -152,7 +152,7 @@ class _Overlapping:
         nodes = np.concatenate([domain, halo])
         own = (nodes >= first) & (nodes < last)
         ghosts = nodes[~own]
-        index_map = common.IndexMap(
+        index_map = compat.index_map(
             space.comm,
             space.size_local,
             ghosts,

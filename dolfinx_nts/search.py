@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import common, la
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface
 
@@ -281,7 +281,7 @@ class Search:
         ghost_owners[place] = owners[remote]
         local = ids - first
         local[remote] = last - first + place
-        index_map = common.IndexMap(comm, space.size_local, ghosts, ghost_owners)
+        index_map = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
         return Neighbourhood(
             index_map,
             local.astype(np.int32),

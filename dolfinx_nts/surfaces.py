@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
+from dolfinx_nts import compat
 from dolfinx_nts.elements import Element
 from dolfinx_nts.numbering import input_ids
 
@@ -45,10 +46,11 @@ def check_space(V: fem.FunctionSpace) -> None:
     element = V.ufl_element()
     if cell not in _SEGMENT_VERTICES:
         raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
-    if mesh.geometry.dim != 3 or mesh.geometry.cmap.degree != 1:
+    degree = compat.geometry_degree(mesh)
+    if mesh.geometry.dim != 3 or degree != 1:
         raise ValueError(
             "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{mesh.geometry.cmap.degree} in {mesh.geometry.dim}; displacements on it may be of "
+            f"{degree} in {mesh.geometry.dim}; displacements on it may be of "
             "degree 2"
         )
     if (

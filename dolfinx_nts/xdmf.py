@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.elements import Element
 from dolfinx_nts.fields import nodal_fields
 from dolfinx_nts.journal import JournaledFile
@@ -111,8 +112,8 @@ class FieldFile:
         mesh, element = V.mesh, Element.of(V)
         # Vertices as read; computed ones have a round-off of the partition.
         points = V.tabulate_dof_coordinates()
-        vertices = V.dofmap.list[:, : mesh.geometry.dofmap.shape[1]]
-        points[vertices] = mesh.geometry.x[mesh.geometry.dofmap]
+        corners = geometry_nodes(mesh)
+        points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
         cell = np.arange(mesh.topology.index_map(3).size_local)
         original = mesh.topology.original_cell_index[cell]
         body = np.empty(len(cell), dtype=np.int32)

@@ -12,6 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import create_mesh, meshtags
 
 import dolfinx_nts as nts
+from dolfinx_nts import compat
 from stress.parts import Ints, Part
 
 __all__ = ["Touch", "World"]
@@ -71,12 +72,12 @@ class World:
     def _facets(self) -> Ints:
         """Input numbers of the nodes of local facets, sorted."""
         mesh = self.V.mesh
-        topology, geometry = mesh.topology, mesh.geometry
+        topology, nodes = mesh.topology, compat.geometry_nodes(mesh)
         ids = np.empty(
             topology.index_map(0).size_local + topology.index_map(0).num_ghosts, dtype=np.int64
         )
-        to_vertex = topology.connectivity(3, 0).array.reshape(geometry.dofmap.shape)
-        ids[to_vertex] = geometry.input_global_indices[geometry.dofmap]
+        to_vertex = topology.connectivity(3, 0).array.reshape(nodes.shape)
+        ids[to_vertex] = mesh.geometry.input_global_indices[nodes]
         k = {"hexahedron": 4, "tetrahedron": 3}[topology.cell_name()]
         return np.sort(ids[topology.connectivity(2, 0).array.reshape(-1, k)], axis=1)
 

@@ -22,12 +22,12 @@ from dolfinx.mesh import (
     GhostMode,
     Mesh,
     MeshTags,
-    create_cell_partitioner,
     create_mesh,
     meshtags,
 )
 
 import dolfinx_nts as nts
+from dolfinx_nts import compat
 from reference.bulk import box, rotation
 
 BALL_PLATE = Path(__file__).parents[1] / "meshes" / "ball_plate.msh"
@@ -107,11 +107,10 @@ def gathered(V: fem.FunctionSpace, values: Array) -> Array:
 
 def input_ids(V: fem.FunctionSpace) -> Ints:
     """Return the input number of every local node of V."""
-    geometry = V.mesh.geometry
     index_map = V.dofmap.index_map
     ids = np.full(index_map.size_local + index_map.num_ghosts, -1, dtype=np.int64)
-    for dofs, nodes in zip(V.dofmap.list, geometry.dofmap, strict=True):
-        ids[dofs] = geometry.input_global_indices[nodes]
+    for dofs, nodes in zip(V.dofmap.list, compat.geometry_nodes(V.mesh), strict=True):
+        ids[dofs] = V.mesh.geometry.input_global_indices[nodes]
     return ids
 
 
@@ -244,7 +243,7 @@ def ball_plate(
     """
     motion = motion or Motion.none()
     mesh, cells, facets, tag = nts.read_mesh(BALL_PLATE, comm)
-    ball_nodes = np.unique(mesh.geometry.dofmap[cells.find(tag["ball"])])
+    ball_nodes = np.unique(compat.geometry_nodes(mesh)[cells.find(tag["ball"])])
     mesh.geometry.x[ball_nodes] += shift
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -357,18 +356,18 @@ def distribute(
     """
     root = comm.rank == 0
     rows = slice(None) if root else slice(0)
-    partitioner = create_cell_partitioner(ghosts)
+    partitioner = compat.cell_partitioner(ghosts)
     if owner is not None:
         ranks = np.asarray(owner(data.X[data.cells].mean(axis=1)), dtype=np.int32)[rows, None]
 
         def partitioner(*_: Any) -> Any:
-            return graph.adjacencylist(ranks)
+            return compat.cpp_object(graph.adjacencylist(ranks))
 
     element = basix.ufl.element("Lagrange", data.cell, 1, shape=(3,))
     mesh = create_mesh(
         comm=comm, cells=data.cells[rows], x=data.X[rows], e=element, partitioner=partitioner
     )
-    topology, geometry = mesh.topology, mesh.geometry
+    topology, nodes = mesh.topology, compat.geometry_nodes(mesh)
     for dims in ((2, 0), (2, 3), (3, 2)):
         topology.create_connectivity(*dims)
     body = data.body[topology.original_cell_index].astype(np.int32)
@@ -377,8 +376,8 @@ def distribute(
     ids = np.empty(
         topology.index_map(0).size_local + topology.index_map(0).num_ghosts, dtype=np.int64
     )
-    to_vertex = topology.connectivity(3, 0).array.reshape(geometry.dofmap.shape)
-    ids[to_vertex] = geometry.input_global_indices[geometry.dofmap]
+    to_vertex = topology.connectivity(3, 0).array.reshape(nodes.shape)
+    ids[to_vertex] = mesh.geometry.input_global_indices[nodes]
     k = {"hexahedron": 4, "tetrahedron": 3}[data.cell]
     facet_ids = ids[topology.connectivity(2, 0).array.reshape(-1, k)]
     tag = {f"body {number}": number for number in np.unique(data.body).tolist()}

@@ -114,6 +114,17 @@ def test_module_knows_only_the_libraries_of_its_layer(module):
             assert not {n for n in names if f"{n}.".startswith(f"{library}.")}, library
 
 
+@modules
+def test_what_differs_between_releases_is_used_through_compat(module):
+    if module == "compat":
+        return
+    nodes = list(ast.walk(tree(module)))
+    used = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
+    called = {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
+    assert not {name for name in used if name.endswith(("geometry.dofmap", ".cmap"))}
+    assert not {name for name in called if name.endswith("IndexMap")}
+
+
 def test_arrays_of_contact_know_no_forms():
     for module in (
         "search",

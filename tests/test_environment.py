@@ -50,6 +50,7 @@ class Host:
         self.home = folder / "home"
         self.cache = self.home / ".cache" / "dolfinx_nts"
         self.programs = folder / "bin"
+        self.environ: dict[str, str] = {}
         self.processes: list[subprocess.Popen[str]] = []
         for new in (self.home, self.programs):
             new.mkdir()
@@ -70,7 +71,7 @@ class Host:
         process = subprocess.Popen(
             [self.project / "environment" / "run", *command],
             cwd=self.project,
-            env=keep | {"PATH": path, "HOME": str(self.home)},
+            env=keep | {"PATH": path, "HOME": str(self.home)} | self.environ,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -157,6 +158,32 @@ def test_debian_is_built_once(host: Host) -> None:
     for _ in range(2):
         assert host.call("echo", "two  words")[:2] == (0, "two  words\n")
     assert host.builds() == 1
+
+
+def test_suites_of_debian_live_side_by_side(host: Host) -> None:
+    host.stub("mmdebstrap", 'echo "$@" >> "$HOME/builds" && tar --create --files-from=/dev/null')
+    for suite in ("", "sid", "", "sid"):
+        host.environ["DOLFINX_NTS_SUITE"] = suite
+        assert host.call("true")[0] == 0
+        for lock in host.cache.glob("*.lock"):
+            os.utime(lock, (0, 0))
+    first, second = (host.home / "builds").read_text().splitlines()
+    assert " trixie " in first
+    assert " sid " in second
+
+
+def test_suite_that_is_asked_for_is_built_although_apt_has_dolfinx(host: Host) -> None:
+    host.stub("apt-cache", 'echo "  Candidate: 1:0.9.0-1"')
+    host.environ["DOLFINX_NTS_SUITE"] = "sid"
+    assert host.call("true")[0] == 0
+    assert host.builds() == 1
+
+
+def test_one_debian_is_not_entered_from_another(host: Host) -> None:
+    host.environ |= {"DOLFINX_NTS_ENTERED": "trixie", "DOLFINX_NTS_SUITE": "sid"}
+    status, _, error = host.call("true")
+    assert (status, error) == (1, "environment: this is Debian trixie: leave it for Debian sid")
+    assert host.builds() == 0
 
 
 @pytest.mark.parametrize("command", ["exit 3", "kill -TERM $$", "kill -KILL $$"])
