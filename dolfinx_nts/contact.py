@@ -208,11 +208,30 @@ class ContactPair:
         """Whether slip is measured by convective coordinates."""
         return self.friction is not None and self.friction.law == "convective"
 
+    def derive_stiffness(self, stiffness: Floats) -> None:
+        """Settle the stiffness of the springs, once. Collective.
+
+        By that of the softer side: a stiff node cannot press harder than
+        soft segments, and stiffer springs only spoil Newton's method.
+
+        Args:
+            stiffness: Stiffness of all owned nodes of the space, ``(n,)``
+                [N/m].
+        """
+        if self._springs is not None:
+            return
+        softer = stiffness[self.nodes.nodes]
+        if isinstance(self.segments, Surface):
+            there = stiffness[self.segments.nodes].max(initial=0.0)
+            comm = self.nodes.V.mesh.comm
+            softer = np.minimum(softer, comm.allreduce(float(there), op=MPI.MAX))
+        self.fix_stiffness(softer)
+
     def fix_stiffness(self, stiffness: Floats) -> None:
         """Settle the stiffness of the springs, once; log it. Collective.
 
         Args:
-            stiffness: Stiffness of the contact nodes themselves, ``(n,)``
+            stiffness: What is taken for that of the contact nodes, ``(n,)``
                 [N/m].
         """
         if self._springs is not None:

@@ -79,7 +79,7 @@ class ContactStep:
         law = pair.enforcement
         elastic = isinstance(law, LagrangeMultiplier) and law.impact == "elastic"
         self._holds = elastic and scheme != "static"
-        pair.fix_stiffness(self._stiffness)
+        pair.derive_stiffness(stiffness)
 
         step = np.linalg.norm(x_trial - x_n, axis=1).max(initial=0.0)
         step = self.comm.allreduce(step, op=MPI.MAX)

@@ -89,7 +89,8 @@ class Penalty:
 
     Args:
         eps_N: Stiffness of the spring at a node [N/m]; None: ten times
-            the stiffness of the node itself, mass included.
+            the stiffness of the node itself, mass included, or of the
+            stiffest vertex of the segments if that is less.
 
     Attributes:
         share: Part of the stiffness that a spring has, and that of

@@ -236,6 +236,16 @@ class Hyperelastic:
         diagonal = np.diag(curvature) / 4
         return 2 * (curvature - diagonal[:, None] - diagonal)
 
+    @property
+    def least_modulus(self) -> float:
+        """Least eigenvalue of `moduli`, at least 0; twice the shear modulus if
+        isotropic [Pa]. NaN for energies with fields in them.
+        """
+        value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
+        if extract_domains(value):
+            return np.nan
+        return max(float(np.linalg.eigvalsh(self.moduli())[0]), 0.0)
+
 
 class Dust(Hyperelastic):
     """The inertia and mass damping of a material, without its stress.

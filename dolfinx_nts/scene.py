@@ -26,6 +26,9 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Power of the stiffness in the order of bodies: a hundred times is twice.
+_BY_STIFFNESS = 0.15
+
 
 def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Surface:
     """Boundary of one or several bodies, or a part of it. Collective.
@@ -69,7 +72,10 @@ def all_pairs(
     Bodies that share nodes count as one. One pair is that of the nodes
     of the finer half of the bodies with the segments of the coarser
     half, by the longest facet of each; and so on within the halves:
-    n - 1 pairs for n bodies. Each obstacle makes a pair with all, each
+    n - 1 pairs for n bodies. A body a hundred times as stiff as another
+    counts as twice as coarse: among similar meshes nodes are those of
+    the softer body, into which the vertices of the stiffer one would
+    sink between its nodes. Each obstacle makes a pair with all, each
     body that may touch itself one with its own boundary. The log tells
     what was built.
 
@@ -88,14 +94,22 @@ def all_pairs(
         ValueError: No bodies, several spaces, or self contact of a body
             that is not among them.
     """
+    bodies, self_contact = instances(Body, bodies), instances(Body, self_contact)
     common_space([*bodies, *self_contact])
     if others := [body for body in self_contact if body not in bodies]:
         raise ValueError(
             f"expected self contact of bodies of the scene, given {len(others)} that are not"
         )
     surface = cache(boundary_of)
-    # Rounded, so that equal bodies stay in order.
-    groups = sorted(_groups(bodies), key=lambda group: float(f"{surface(*group).size:.6g}"))
+    stiffness = {body: body.material.least_modulus for body in bodies}
+    power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
+
+    def coarseness(group: Sequence[Body]) -> float:
+        weight = max(stiffness[body] for body in group) ** power
+        # Rounded, so that equal bodies stay in order.
+        return float(f"{surface(*group).size * weight:.6g}")
+
+    groups = sorted(_groups(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:

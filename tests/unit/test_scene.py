@@ -15,7 +15,7 @@ from dolfinx_nts.meshing import read_mesh
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
 
 
-def row(comm, cells=(1, 2, 3)):
+def row(comm, cells=(1, 2, 3), stiffness=None):
     """Unit cubes in a row, each of another number of cells an edge."""
 
     def build(model):
@@ -25,7 +25,11 @@ def row(comm, cells=(1, 2, 3)):
 
     mesh, tags, facets, tag = read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    return [nts.Body(V, tags, tag[f"box {i}"], RUBBER) for i in range(len(cells))], facets, tag
+    materials = [RUBBER] * len(cells)
+    if stiffness is not None:
+        materials = [nts.NeoHookean(E, 0.3, 1e3) for E in stiffness]
+    bodies = [nts.Body(V, tags, tag[f"box {i}"], m) for i, m in enumerate(materials)]
+    return bodies, facets, tag
 
 
 def ids(surface):
@@ -100,6 +104,23 @@ def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(co
                 met[i, j] += 1
                 met[j, i] += 1
     assert np.array_equal(met, 1 - np.eye(count, dtype=int))
+
+
+@pytest.mark.parametrize(
+    ("cells", "stiffness", "first_gives_nodes"),
+    [
+        ((2, 2), (1e5, 1e7), True),
+        ((2, 2), (1e7, 1e5), False),
+        ((2, 3), (1e5, 1e7), True),  # a little finer does not count
+        ((1, 4), (1e5, 1e7), False),  # much finer does
+        ((3, 3), (0.0, 1e5), True),
+    ],
+)
+def test_nodes_are_those_of_the_softer_of_similar_meshes(comm, cells, stiffness, first_gives_nodes):
+    bodies, _, _ = row(comm, cells, [max(E, 1e-6) for E in stiffness])
+    (pair,) = nts.all_pairs(bodies)
+    expected = bodies[0 if first_gives_nodes else 1]
+    assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(expected)))
 
 
 def test_pairs_with_obstacles_carry_the_laws_and_are_told(comm, caplog):
