@@ -238,8 +238,9 @@ class Hyperelastic:
 
     @property
     def least_modulus(self) -> float:
-        """Least eigenvalue of `moduli`, at least 0; twice the shear modulus if
-        isotropic [Pa]. NaN for energies with fields in them.
+        """Least eigenvalue of `moduli`, or 0; NaN for energies with fields [Pa].
+
+        Twice the shear modulus of an isotropic material.
         """
         value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
         if extract_domains(value):
