@@ -168,6 +168,28 @@ class ContactStep:
             changed = int(np.count_nonzero(active))
         return self._state(rows, slope, changed)
 
+    def close_gaps(self, x: Floats) -> None:
+        """Move nodes held by a normal multiplier alone to where it wants them.
+
+        Along the normals of the last evaluation. Otherwise the linear system
+        has to do so, which takes an action of the tangent. Collective.
+
+        Args:
+            x: Positions of the owned nodes, shape ``(n, 3)`` [m], changed.
+        """
+        if not (self.num_active and isinstance(self.pair.enforcement, LagrangeMultiplier)):
+            return
+        rows, here = self._evaluated, self.neighbourhood
+        held = self.active[rows.node] & rows.eliminable
+        if self._tangential is not None:
+            held &= ~self._tangential.sticks(rows.node, held)
+        nodes, normal = rows.dofs[held, 0], rows.normal[held]
+        excess = here.gap(here.with_ghosts(x), nodes, rows.segment[held])
+        if self._holds:
+            excess -= rows.gap_n[held]
+        slope = np.einsum("mi,mi->m", normal, rows.gradients[held, 0, :3])
+        x[nodes] -= np.nan_to_num(excess / slope)[:, None] * normal
+
     def _rub(self, rows: Rows, iteration: int) -> int:
         """Decide on stick and slip; returns how many nodes do not fit."""
         if self._tangential is None:

@@ -162,9 +162,17 @@ def solve(
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
         du_norm = bulk.comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
-        # A step of more than half a cell is not to be trusted.
-        du *= min(1.0, 0.5 * size / du_norm) if du_norm > 0 else 1.0
-        bulk.u.x.array[:n] += du
+        u = bulk.u.x.array[:n]
+        if du_norm > 0.5 * size:
+            # A step of more than half a cell is not to be trusted.
+            u += 0.5 * size / du_norm * du
+        else:
+            u += du
+            x = X + u.reshape(-1, 3)
+            with timings.phase("contact"):
+                for step in steps:
+                    step.close_gaps(x)
+            u[:] = (x - X).ravel()
         bulk.u.x.scatter_forward()
         iteration += 1
 
