@@ -199,6 +199,7 @@ class VolumeRatio:
                 x = V.tabulate_dof_coordinates() + self._u.x.array.reshape(-1, 3)
                 middle = x[V.dofmap.cell_dofs(cell)].mean(axis=0)
                 number = mesh.topology.original_cell_index[cell]
-                text = f"cell {number} near {np.round(middle, 6)} is inverted, det F = {worst:.3g}"
+                place = " ".join(f"{value:.4g}" for value in middle)
+                text = f"cell {number} near [{place}] is inverted, det F = {worst:.3g}"
         _, text = min(mesh.comm.allgather((worst, text)))
         return text

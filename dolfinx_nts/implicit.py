@@ -240,6 +240,13 @@ class ImplicitStepper(Stepper):
                 f"from the {start} state: {attempt}"
                 for start, attempt in zip(starts, attempts, strict=True)
             )
+            weak = {
+                type(b.material).__name__ for b in self.bodies if not b.material.resists_collapse
+            }
+            if "is inverted" in reasons and weak:
+                reasons += (
+                    f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
+                )
             restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
             nodes = np.unique(np.concatenate(self._bulk.comm.allgather(restless)))
             if len(nodes):

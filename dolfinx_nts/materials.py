@@ -247,6 +247,19 @@ class Hyperelastic:
             return np.nan
         return max(float(np.linalg.eigvalsh(self.moduli())[0]), 0.0)
 
+    @property
+    def resists_collapse(self) -> bool:
+        """Whether the energy grows without bound as the volume vanishes.
+
+        True for energies with fields in them, which are not looked at.
+        """
+        C = [ufl.as_matrix((scale * np.eye(3)).tolist()) for scale in (1e-8, 1e-4)]
+        values = [ufl.as_ufl(self.psi(each, **self.parameters)) for each in C]
+        if any(extract_domains(value) for value in values):
+            return True
+        smaller, small = (float(value(())) for value in values)
+        return smaller > 1.5 * small
+
 
 class Dust(Hyperelastic):
     """The inertia and mass damping of a material, without its stress.

@@ -187,3 +187,16 @@ def test_hyperelastic_refuses_bad_numbers_and_energies():
         nts.Hyperelastic(neo_hookean, rho=1.0, mu=np.nan, lmbda=LMBDA)
     with pytest.raises(ValueError, match=r"scalar strain energy psi\(C\), given shape \(3, 3\)"):
         nts.Hyperelastic(lambda C: C, rho=1.0)
+
+
+@pytest.mark.parametrize(
+    ("material", "resists"),
+    [
+        (nts.SaintVenantKirchhoff(1e5, 0.3, 1e3), False),
+        (nts.NeoHookean(1e5, 0.3, 1e3), True),
+        (nts.Hyperelastic(lambda C: (ufl.det(C) - 1) ** 2, rho=1.0), False),
+        (nts.Hyperelastic(lambda C: ufl.tr(C) + 1 / ufl.det(C), rho=1.0), True),
+    ],
+)
+def test_energies_tell_whether_they_resist_collapse(material, resists):
+    assert material.resists_collapse == resists
