@@ -240,9 +240,8 @@ class ImplicitStepper(Stepper):
                 f"from the {start} state: {attempt}"
                 for start, attempt in zip(starts, attempts, strict=True)
             )
-            weak = {
-                type(b.material).__name__ for b in self.bodies if not b.material.resists_collapse
-            }
+            materials = {body.material for body in self.bodies}
+            weak = {type(m).__name__ for m in materials if not m.resists_collapse}
             if "is inverted" in reasons and weak:
                 reasons += (
                     f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
