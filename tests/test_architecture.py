@@ -27,7 +27,7 @@ LAYERS = [
         "timing",
     },
     {"materials", "parts", "ranks"},
-    {"meshing"},
+    {"energies", "meshing"},
     {"numbering"},
     {"surfaces"},
     {"bodies"},
