@@ -17,7 +17,8 @@ from dolfinx_nts.archive import Archive
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.numbering import listed
-from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface

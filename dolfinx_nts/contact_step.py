@@ -13,7 +13,7 @@ from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.independent import independent
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
 from dolfinx_nts.tangential import Tangential

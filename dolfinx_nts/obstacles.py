@@ -14,8 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
 
@@ -268,76 +266,6 @@ class RigidSurface(Obstacle):
             x, current, reach, self._x, self._orientation, self.key
         )
         return found, gap
-
-
-class ObstacleNeighbourhood:
-    """An obstacle with the interface of `search.Neighbourhood`.
-
-    Args:
-        obstacle: The obstacle.
-        nodes: Surface whose nodes meet it.
-    """
-
-    def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
-        """Keep both."""
-        self.obstacle = obstacle
-        self.index_map = nodes.V.dofmap.index_map
-        self.num_local = int(self.index_map.size_local)
-        self.key = obstacle.key
-        self.size = np.full(len(self.key), nodes.size)
-
-    def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
-        """Itself: there is nothing to search."""
-        return self, False
-
-    @property
-    def neighbourhood(self) -> "ObstacleNeighbourhood":
-        """Itself."""
-        return self
-
-    def exchange(self, archive: Archive, name: str) -> None:
-        """Nothing: an obstacle has no state."""
-
-    def find(self, key: GlobalInts) -> Ints:
-        """Facet of each key, -1 where there is none."""
-        return key.astype(np.int32)
-
-    def with_room(self, owned: Floats) -> Floats:
-        """The owned values."""
-        return owned
-
-    def with_ghosts(self, owned: Floats) -> Floats:
-        """The owned values."""
-        return owned
-
-    def to_owners(self, values: Floats) -> Floats:
-        """The values, as no other rank has any for owned nodes."""
-        return values
-
-    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
-        """Nodes of pairs, shape ``(m, 1)``."""
-        return nodes[:, None].astype(np.int32)
-
-    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
-        """Facet of each node or -1, and gap, NaN without."""
-        found, gap = self.obstacle.find(x[nodes], current, reach)
-        return found, np.where(found >= 0, gap, np.nan)
-
-    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gap of nodes to given facets, shape ``(m,)`` [m]."""
-        return self.contact("static", x, x, nodes, segment)[1]
-
-    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gradient of the gap of nodes, shape ``(m, 3)``."""
-        return self.contact("static", x, x, nodes, segment)[3]
-
-    def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
-        """Contact of nodes, see `Obstacle.contact`."""
-        return self.obstacle.contact(scheme, x_n[nodes], x[nodes], segment)
-
-    def slip(self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
-        """Slip of nodes, see `Obstacle.slip`."""
-        return self.obstacle.slip(x_n[nodes], x[nodes], segment)
 
 
 def _vector(name: str, value: Sequence[float]) -> Floats:

@@ -18,7 +18,7 @@ from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
 from dolfinx_nts.contact_rows import Slip
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 from dolfinx_nts.surfaces import Surface
 
@@ -265,15 +265,8 @@ class ContactSprings:
         here: Neighbourhood | ObstacleNeighbourhood
         here, _ = pair.search.update(x, reach)
         self._neighbourhood, self._travelled = here, 0.0
-        if isinstance(here, ObstacleNeighbourhood):
-            self._candidates = np.arange(len(pair.nodes.nodes), dtype=np.int32)
-        else:
-            vertices = here.with_ghosts(x[: here.index_map.size_local])[here.segments]
-            lower = vertices.min(axis=(0, 1), initial=np.inf) - reach
-            upper = vertices.max(axis=(0, 1), initial=-np.inf) + reach
-            x_nodes = x[pair.nodes.nodes]
-            near = np.all((x_nodes >= lower) & (x_nodes <= upper), axis=1)
-            self._candidates = np.flatnonzero(near).astype(np.int32)
+        x = here.with_ghosts(x[: here.index_map.size_local])
+        self._candidates = here.near(x, pair.nodes.nodes, reach)
         self._idle = not self._comm.allreduce(len(self._candidates))
 
     def _nothing(self) -> SpringState:
