@@ -9,7 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.independent import independent

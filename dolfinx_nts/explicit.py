@@ -23,7 +23,8 @@ from dolfinx import fem
 
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
-from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
 from dolfinx_nts.loads import Load, Supports
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.archive import Archive
-from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.contact_rows import Slip
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
