@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ContactState", "Rows"]
+__all__ = ["ContactState", "ConvectiveSlip", "Rows", "Slip"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

@@ -29,7 +29,6 @@ from dolfinx_nts.search import Neighbourhood
 __all__ = ["ActivePairs", "Elimination", "coupled"]
 
 Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _NONE = np.empty(0)

@@ -33,13 +33,16 @@ class SaintVenantKirchhoff(Hyperelastic):
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
 
     def stress(self, C: Any, **parameters: Any) -> Any:
-        """Second Piola-Kirchhoff stress [Pa], UFL (3, 3)."""
+        """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
         E_GL = (C - ufl.Identity(3)) / 2
         lmbda, mu = parameters["lmbda"], parameters["mu"]
         return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Stress at the mean of both tensors: exact, as psi is quadratic in C."""
+        """Stress at the mean of both tensors: exact, as psi is quadratic in C.
+
+        See `Hyperelastic.conserving_stress`.
+        """
         return self.stress((C_n + C) / 2, **parameters)
 
 

@@ -147,7 +147,7 @@ class CentralDifference(Stepper):
         )
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Mean of the stresses at both ends of the step."""
+        """Mean of the stresses at both ends, see `Stepper.first_piola`."""
         stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
         return sum(stresses) / 2
 

@@ -36,7 +36,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Load(ABC):
-    """A load on bodies of one space; use one of the classes below.
+    """A load on bodies of one space; use one of the classes below. Local.
 
     Attributes:
         V: Space of the displacement.
@@ -46,11 +46,20 @@ class Load(ABC):
 
     @abstractmethod
     def update(self, t: float) -> None:
-        """Take the value at a time [s]."""
+        """Take the value at a time.
+
+        Args:
+            t: Time [s].
+        """
 
     @abstractmethod
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step from u_n to u, linear in the test function."""
+        """Virtual work in a step, linear in the test function [N m].
+
+        Args:
+            u_n: Displacement at the start of the step [m].
+            u: Displacement at its end [m].
+        """
 
 
 class LoadWithValue(Load):
@@ -83,7 +92,10 @@ class LoadWithValue(Load):
             self._set(value(0.0) if callable(value) else value)
 
     def update(self, t: float) -> None:
-        """Take the value at a time [s]; nothing if it does not depend on it.
+        """Take the value at a time; nothing if it does not depend on it.
+
+        Args:
+            t: Time [s].
 
         Raises:
             ValueError: The value has the wrong shape or is not finite.
@@ -119,7 +131,7 @@ class BodyForce(LoadWithValue):
         super().__init__(body.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         (body,) = self.bodies
         # The rule of inertia, whose terms have the density.
@@ -143,7 +155,7 @@ class Gravity(LoadWithValue):
         super().__init__(self.bodies[0].V, g)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         return bulk_form(self.bodies, lambda material, parameters, rho: rho * work)
 
@@ -162,7 +174,7 @@ class Traction(LoadWithValue):
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         return ufl.inner(self._value, ufl.TestFunction(self.V)) * _ds(self.surface)
 
 
@@ -189,7 +201,7 @@ class Pressure(LoadWithValue):
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         F_mid, dF = ufl.Identity(3) + ufl.grad(u_n + u) / 2, ufl.grad(u - u_n)
         N = ufl.FacetNormal(self.V.mesh)
         area = _cofactor(F_mid) * N + _cofactor(dF) * N / 12

@@ -31,7 +31,7 @@ _GENERIC = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
 
 
 def right_cauchy_green(F: Any) -> Any:
-    """C = F^T F, UFL (3, 3)."""
+    """C = F^T F of a deformation gradient F, both UFL (3, 3)."""
     return F.T * F
 
 
@@ -105,11 +105,21 @@ class Hyperelastic:
         return self.mass_damping > 0 or self.stiffness_damping > 0
 
     def psi(self, C: Any, **parameters: Any) -> Any:
-        """Strain energy per reference volume [J/m^3], a UFL scalar."""
+        """Strain energy per reference volume [J/m^3], a UFL scalar.
+
+        Args:
+            C: Right Cauchy-Green tensor, UFL (3, 3).
+            **parameters: Numbers of the energy.
+        """
         return self._psi(C, **parameters)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
-        """Second Piola-Kirchhoff stress S = 2 d psi/d C [Pa], UFL (3, 3)."""
+        """Second Piola-Kirchhoff stress S = 2 d psi/d C [Pa], UFL (3, 3).
+
+        Args:
+            C: Right Cauchy-Green tensor, UFL (3, 3).
+            **parameters: Numbers of the energy.
+        """
         C = ufl.variable(C)
         # UFL's derivative is not symmetric if psi names entries of C.
         return 2 * ufl.sym(ufl.diff(self.psi(C, **parameters), C))

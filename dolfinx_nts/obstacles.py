@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 
-__all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
+__all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -80,7 +80,15 @@ class _Exact(Obstacle):
 
     @abstractmethod
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap [m] and outward unit normal of points, (m,) and (m, 3)."""
+        """Gap and normal of points. Local.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+
+        Returns:
+            Gap [m], shape ``(m,)``, > 0 open, and unit normal out of the
+            obstacle, shape ``(m, 3)``.
+        """
 
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -123,7 +131,7 @@ class RigidPlane(_Exact):
         self._normal = _direction("normal", normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal."""
+        """Gap and normal of points, see `_Exact.distance`."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -146,7 +154,7 @@ class _Round(_Exact):
         return r, np.linalg.norm(r, axis=1)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal."""
+        """Gap and normal of points, see `_Exact.distance`."""
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal
@@ -245,7 +253,7 @@ class RigidSurface(Obstacle):
         return pairs, self._orientation[segment]
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Contact of nodes: the rows of the node in those of the pair."""
+        """Contact of nodes: the rows of the node, see `Obstacle.contact`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         kernel = getattr(_kernels, f"contact_{scheme}")
@@ -253,7 +261,7 @@ class RigidSurface(Obstacle):
         return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Slip of nodes: the rows of the node in those of the pair."""
+        """Slip of nodes: the rows of the node, see `Obstacle.slip`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)

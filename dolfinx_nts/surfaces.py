@@ -40,7 +40,14 @@ _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 def check_space(V: fem.FunctionSpace) -> None:
-    """Raise ValueError unless V is one this package works in."""
+    """Raise unless V is a space that this package works in. Local.
+
+    Args:
+        V: Space of the displacement.
+
+    Raises:
+        ValueError: Mesh or element is another.
+    """
     mesh = V.mesh
     cell = mesh.topology.cell_name()
     element = V.ufl_element()
@@ -69,6 +76,13 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
     """Raise on all ranks unless ``tags`` has entities of value ``tag``.
 
     Collective.
+
+    Args:
+        V: Space of the displacement.
+        tags: Tags of the mesh.
+        tag: Value that is looked for.
+        dim: Dimension that the tags should have.
+        name: What the message calls the tags.
 
     Raises:
         TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
