@@ -7,14 +7,10 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from boxed import RHO, RUBBER, SIZE, VOLUME, Box, Ledger, swirl
+from boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 
 EPS = np.finfo(float).eps
-# Displacements and energies of order one, after Newton's tolerance.
-SOLVED = 1e-9
-# Energy that no cause accounts for, relative: sums of some thousand terms.
-CLOSED = 1e4 * EPS
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
