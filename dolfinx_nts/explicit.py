@@ -26,13 +26,14 @@ from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
-from dolfinx_nts.loads import Load, Supports
+from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stable_step import Cells, Damping, largest_step
 from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.supports import Supports
 
 __all__ = ["CentralDifference"]
 

@@ -21,12 +21,13 @@ from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.controlled import run_controlled
 from dolfinx_nts.failures import agreed, end_together
-from dolfinx_nts.loads import Load, Supports
+from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.step_control import StepControl, StepLength
+from dolfinx_nts.supports import Supports
 from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]

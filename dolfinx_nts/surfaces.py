@@ -235,15 +235,29 @@ class Surface:
         """Numbers of the nodes, see `numbering`, shape ``(n,)``."""
         return input_ids(self.V)[self.nodes]
 
+    def measure(self, degree: int | None = None) -> ufl.Measure:
+        """Measure of integrals over the reference surface. Local.
+
+        Args:
+            degree: Degree that its rule integrates exactly; None: that of
+                the integrand.
+        """
+        return ufl.Measure(
+            "ds",
+            domain=self.V.mesh,
+            subdomain_data=self._facets,
+            subdomain_id=int(self._tag),
+            metadata={} if degree is None else {"quadrature_degree": degree},
+        )
+
     @cached_property
     def area(self) -> Floats:
         """Tributary reference area of each node, shape ``(n,)`` [m^2].
 
         Collective at the first use.
         """
-        ds = ufl.Measure("ds", domain=self.V.mesh, subdomain_data=self._facets)
         eta = ufl.TestFunction(self.V)
-        vector = fem.assemble_vector(fem.form(eta[0] * ds(int(self._tag))))
+        vector = fem.assemble_vector(fem.form(eta[0] * self.measure()))
         vector.scatter_reverse(la.InsertMode.add)
         area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
         return area

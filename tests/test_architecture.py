@@ -27,7 +27,7 @@ LAYERS = [
         "step_control",
         "timing",
     },
-    {"materials", "parts", "ranks"},
+    {"materials", "parts", "ranks", "supports"},
     {"energies", "meshing"},
     {"numbering"},
     {"surfaces"},
