@@ -14,9 +14,10 @@ from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
-from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.rigid_surface import RigidSurface
 from dolfinx_nts.scene import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.step_control import StepControl
 from dolfinx_nts.surfaces import Surface

@@ -5,7 +5,7 @@ that every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -16,14 +16,15 @@ import numpy.typing as npt
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
-from dolfinx_nts.contact_rows import Slip
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.slip import Slip
+from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["ContactSprings", "SpringState"]
+__all__ = ["ContactSprings"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -31,53 +32,6 @@ Ints = npt.NDArray[np.int32]
 # A node up to this part of a segment deep belongs to the segment; nodes are
 # looked at while they are within reach or may get there soon.
 _REACH, _MARGIN = 0.5, 0.25
-
-
-@dataclass(frozen=True)
-class SpringState:
-    """Forces of the springs of a pair at one state.
-
-    Attributes:
-        neighbourhood: Owned nodes and ghosts of the forces.
-        node: Position in the surface's nodes, shape ``(m,)``.
-        dofs: Nodes of the pairs in the neighbourhood, ``(m, 1+k)``.
-        force: On these nodes, shape ``(m, 1+k, 3)`` [N].
-        history: Contact at this state.
-        num_active: Nodes in contact on all ranks.
-    """
-
-    neighbourhood: Neighbourhood | ObstacleNeighbourhood
-    node: Ints
-    dofs: Ints
-    force: Floats
-    history: ContactHistory
-    num_active: int
-
-    def add_to(self, total: Floats) -> None:
-        """Add the forces to those of the owned nodes. Collective.
-
-        Args:
-            total: Shape ``(n, 3)`` [N].
-        """
-        if self.num_active:
-            forces = np.zeros((self.neighbourhood.num_local, 3))
-            np.add.at(forces, self.dofs.ravel(), self.force.reshape(-1, 3))
-            total += self.neighbourhood.to_owners(forces)
-
-    def work(self, du: Floats) -> Floats:
-        """Work of the forces, by contact node. Collective.
-
-        Args:
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
-
-        Returns:
-            Work at each node of the surface, shape ``(n,)`` [J].
-        """
-        work = np.zeros(len(self.history.key))
-        if self.num_active:
-            dx = self.neighbourhood.with_ghosts(du)[self.dofs]
-            work[self.node] = np.einsum("maj,maj->m", self.force, dx)
-        return work
 
 
 class ContactSprings:
