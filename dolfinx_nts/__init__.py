@@ -3,6 +3,7 @@
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
+from dolfinx_nts.energies import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
 from dolfinx_nts.form_load import FormLoad
@@ -10,18 +11,13 @@ from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
-from dolfinx_nts.materials import (
-    Hyperelastic,
-    MooneyRivlin,
-    NeoHookean,
-    SaintVenantKirchhoff,
-    Yeoh,
-)
+from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.meshing import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
-from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.rigid_surface import RigidSurface
 from dolfinx_nts.scene import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.step_control import StepControl
 from dolfinx_nts.surfaces import Surface

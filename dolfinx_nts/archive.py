@@ -31,7 +31,15 @@ class Archive(ABC):
 
     @abstractmethod
     def same(self, name: str, value: T) -> T:
-        """Exchange a number or array that is the same on all ranks."""
+        """Exchange a number or array that is the same on all ranks.
+
+        Args:
+            name: Name of the value.
+            value: What is taken; while giving, its kind counts only.
+
+        Returns:
+            The kept value, or the one that was taken.
+        """
 
     @abstractmethod
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
@@ -41,6 +49,9 @@ class Archive(ABC):
             name: Name of the values.
             ids: Numbers of the nodes in the mesh as read, shape ``(n,)``.
             values: Shape ``(n, ...)``.
+
+        Returns:
+            The kept values of these nodes, or those that were taken.
         """
 
     @abstractmethod
@@ -48,6 +59,10 @@ class Archive(ABC):
         """Exchange arrays that have a meaning on this rank only.
 
         They save work, or the last digit, and are never changed in place.
+
+        Args:
+            name: Name of the arrays.
+            arrays: What is taken, on all ranks or on none.
 
         Returns:
             The arrays; None if there are none, on all ranks, which they

@@ -18,7 +18,7 @@ from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.forms import CellForm, compile_form
-from dolfinx_nts.loads import Supports
+from dolfinx_nts.supports import Supports
 
 __all__ = ["Bulk", "contact_residual"]
 

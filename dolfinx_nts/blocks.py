@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SIDES", "Block", "add_body", "hexahedra", "join", "quadrangles"]
+__all__ = ["SIDES", "Block", "Floats", "add_body", "hexahedra", "join", "quadrangles"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

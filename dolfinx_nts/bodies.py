@@ -21,7 +21,7 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Dust, Hyperelastic
 from dolfinx_nts.surfaces import check_space, check_tag
 
-__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies"]
+__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies", "common_space"]
 
 
 class Body:
@@ -128,6 +128,9 @@ def bulk_form(
 def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
     """Space of the bodies. Local.
 
+    Args:
+        bodies: Some bodies.
+
     Raises:
         TypeError: Something in the list is no body.
         ValueError: No bodies, or several spaces.
@@ -144,6 +147,9 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
     """Space of the bodies; raises unless every cell is in exactly one.
 
     Collective.
+
+    Args:
+        bodies: All bodies of the mesh.
 
     Raises:
         TypeError: Something in the list is no body.

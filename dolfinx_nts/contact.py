@@ -1,11 +1,11 @@
-"""Contact of one pair of surfaces: what it consists of, what is accepted.
+"""Contact of one pair of surfaces: laws, stiffness of springs, gaps.
 
 The work within a step is done in `contact_step`; only an accepted step
 replaces a pair's history.
 """
 
 import logging
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 from mpi4py import MPI
@@ -14,20 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.archive import Archive
+from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.numbering import listed
-from dolfinx_nts.obstacles import Obstacle, ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["ContactHistory", "ContactPair", "ContactWork"]
+__all__ = ["ContactPair"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -35,83 +35,6 @@ _logger = logging.getLogger("dolfinx_nts")
 _OVERLAP = 0.02
 # Sine of the angle at a corner from which the nearest segment is found surely.
 _SHARP = 0.05
-
-
-@dataclass(frozen=True)
-class ContactHistory:
-    """Accepted contact of the owned nodes of a pair at t_n.
-
-    Attributes:
-        key: Segment of each node, -1 without, shape ``(n,)``.
-        active: Whether the node transmits force, shape ``(n,)``.
-        sliding: Whether an active node slides, shape ``(n,)``.
-        lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
-        force: Contact force on the node in it, shape ``(n, 3)`` [N].
-        gap: Gap to the segment, NaN without, shape ``(n,)`` [m].
-        offset: Gap at which a penalty spring starts, ``(n,)`` [m].
-        normal: Normal of the segment, shape ``(n, 3)``.
-        traction: Tangential part that friction remembers, Cartesian,
-            against the motion, shape ``(n, 3)`` [N].
-        slip: Accumulated length of slip, shape ``(n,)`` [m].
-        energy: Stored in the node's springs, shape ``(n,)`` [J].
-        dissipation: Lost by friction in the last step, ``(n,)`` [J].
-    """
-
-    key: GlobalInts
-    active: Flags
-    sliding: Flags
-    lambda_N: Floats
-    force: Floats
-    gap: Floats
-    offset: Floats
-    normal: Floats
-    traction: Floats
-    slip: Floats
-    energy: Floats
-    dissipation: Floats
-
-    @classmethod
-    def none(cls, n: int) -> "ContactHistory":
-        """No contact at n nodes."""
-        return cls(
-            key=np.full(n, -1, dtype=np.int64),
-            active=np.zeros(n, dtype=bool),
-            sliding=np.zeros(n, dtype=bool),
-            lambda_N=np.zeros(n),
-            force=np.zeros((n, 3)),
-            gap=np.full(n, np.nan),
-            offset=np.zeros(n),
-            normal=np.zeros((n, 3)),
-            traction=np.zeros((n, 3)),
-            slip=np.zeros(n),
-            energy=np.zeros(n),
-            dissipation=np.zeros(n),
-        )
-
-
-@dataclass(frozen=True)
-class ContactWork:
-    """Energy that contact gave to the bodies in a step, by cause [J].
-
-    Attributes:
-        persistent: Nodes that were active on the same segment before.
-        activation: Nodes that were not active before.
-        facet_change: Nodes that were active on another segment.
-        springs: Taken from penalty and friction springs.
-        friction: Minus the dissipation.
-    """
-
-    persistent: float = 0.0
-    activation: float = 0.0
-    facet_change: float = 0.0
-    springs: float = 0.0
-    friction: float = 0.0
-
-    def __add__(self, other: "ContactWork") -> "ContactWork":
-        """Sum by cause."""
-        return ContactWork(
-            *(getattr(self, f.name) + getattr(other, f.name) for f in fields(ContactWork))
-        )
 
 
 class ContactPair:

@@ -9,13 +9,15 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
-from dolfinx_nts.contact_rows import ContactState, ConvectiveSlip, Rows, Slip
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactHistory, ContactWork
+from dolfinx_nts.contact_rows import ContactState, Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.independent import independent
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.pivoting import Pivoting
 from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.slip import ConvectiveSlip, Slip
 from dolfinx_nts.tangential import Tangential
 
 __all__ = ["ContactStep"]

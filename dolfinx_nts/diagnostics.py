@@ -224,11 +224,19 @@ class Diagnostics:
         return distances
 
     def centre_of_mass(self, body: Body) -> Floats:
-        """Current centre of mass of a body, shape ``(3,)`` [m]."""
+        """Current centre of mass of a body, shape ``(3,)`` [m]. Collective.
+
+        Args:
+            body: One of the stepper's bodies.
+        """
         return self._mean(body, self._stepper.x)
 
     def body_velocity(self, body: Body) -> Floats:
-        """Velocity of the centre of mass of a body, ``(3,)`` [m/s]."""
+        """Velocity of the centre of mass of a body, ``(3,)`` [m/s]. Collective.
+
+        Args:
+            body: One of the stepper's bodies.
+        """
         return self._mean(body, self._stepper.v.x.array.reshape(-1, 3))
 
     def balance(self) -> Balance:

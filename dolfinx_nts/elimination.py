@@ -23,13 +23,12 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["ActivePairs", "Elimination", "coupled"]
 
 Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _NONE = np.empty(0)

@@ -23,15 +23,17 @@ from dolfinx import fem
 
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
-from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
-from dolfinx_nts.loads import Load, Supports
+from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stable_step import Cells, Damping, largest_step
 from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.supports import Supports
 
 __all__ = ["CentralDifference"]
 
@@ -146,7 +148,7 @@ class CentralDifference(Stepper):
         )
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Mean of the stresses at both ends of the step."""
+        """Mean of the stresses at both ends, see `Stepper.first_piola`."""
         stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
         return sum(stresses) / 2
 

@@ -14,7 +14,7 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
-from dolfinx_nts.springs import SpringState
+from dolfinx_nts.spring_state import SpringState
 
 __all__ = ["ExplicitBulk", "Forces", "NodalForce"]
 

@@ -39,6 +39,9 @@ def agreed(comm: MPI.Comm) -> Iterator[None]:
 
     Args:
         comm: Communicator.
+
+    Raises:
+        Exception: That of a rank.
     """
     error: Exception | None = None
     try:

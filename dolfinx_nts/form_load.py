@@ -56,11 +56,11 @@ class FormLoad(Load):
             )
 
     def update(self, t: float) -> None:
-        """Set the time [s]."""
+        """Set the time, see `Load.update`."""
         self._t.value = t
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         # Forms are callable too, with other arguments.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work

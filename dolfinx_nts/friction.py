@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_nts.arguments import nonnegative, positive
 
-__all__ = ["Coulomb", "Traction"]
+__all__ = ["Coulomb", "Traction", "transport"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

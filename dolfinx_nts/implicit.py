@@ -27,7 +27,8 @@ from dolfinx_nts import newton
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.contact import ContactPair, ContactWork
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.forms import compile_form

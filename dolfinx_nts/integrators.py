@@ -25,7 +25,7 @@ class Midpoint(ImplicitStepper):
     _contact = "midpoint"
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Stress at the mean deformation gradient."""
+        """Stress at the mean deformation gradient, see `Stepper.first_piola`."""
         F_m = (F_n + F) / 2
         return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
@@ -40,7 +40,7 @@ class EnergyMomentum(ImplicitStepper):
     _contact = "conserving"
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Conserving stress on the mean deformation gradient."""
+        """Conserving stress on the mean gradient, see `Stepper.first_piola`."""
         C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
         return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
 

@@ -1,4 +1,4 @@
-r"""Loads on bodies, and supports: Dirichlet conditions fixed or moving.
+r"""Loads on bodies: forms of virtual work.
 
 A load is a linear form of virtual work, evaluated once per step, so that its
 work in the step is the form at u_{n+1} - u_n. Values that are functions of
@@ -9,14 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
-from mpi4py import MPI
-
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import compat
 from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.elements import Element
@@ -28,15 +24,12 @@ __all__ = [
     "Load",
     "LoadWithValue",
     "Pressure",
-    "Supports",
     "Traction",
 ]
 
-Floats = npt.NDArray[np.float64]
-
 
 class Load(ABC):
-    """A load on bodies of one space; use one of the classes below.
+    """A load on bodies of one space; use one of the classes below. Local.
 
     Attributes:
         V: Space of the displacement.
@@ -46,11 +39,20 @@ class Load(ABC):
 
     @abstractmethod
     def update(self, t: float) -> None:
-        """Take the value at a time [s]."""
+        """Take the value at a time.
+
+        Args:
+            t: Time [s].
+        """
 
     @abstractmethod
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step from u_n to u, linear in the test function."""
+        """Virtual work in a step, linear in the test function [N m].
+
+        Args:
+            u_n: Displacement at the start of the step [m].
+            u: Displacement at its end [m].
+        """
 
 
 class LoadWithValue(Load):
@@ -83,7 +85,10 @@ class LoadWithValue(Load):
             self._set(value(0.0) if callable(value) else value)
 
     def update(self, t: float) -> None:
-        """Take the value at a time [s]; nothing if it does not depend on it.
+        """Take the value at a time; nothing if it does not depend on it.
+
+        Args:
+            t: Time [s].
 
         Raises:
             ValueError: The value has the wrong shape or is not finite.
@@ -119,7 +124,7 @@ class BodyForce(LoadWithValue):
         super().__init__(body.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         (body,) = self.bodies
         # The rule of inertia, whose terms have the density.
@@ -143,7 +148,7 @@ class Gravity(LoadWithValue):
         super().__init__(self.bodies[0].V, g)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         return bulk_form(self.bodies, lambda material, parameters, rho: rho * work)
 
@@ -162,7 +167,7 @@ class Traction(LoadWithValue):
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         return ufl.inner(self._value, ufl.TestFunction(self.V)) * _ds(self.surface)
 
 
@@ -189,108 +194,16 @@ class Pressure(LoadWithValue):
         super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work, linear in the test function [N]."""
+        """Virtual work in a step, see `Load.form`."""
         F_mid, dF = ufl.Identity(3) + ufl.grad(u_n + u) / 2, ufl.grad(u - u_n)
         N = ufl.FacetNormal(self.V.mesh)
         area = _cofactor(F_mid) * N + _cofactor(dF) * N / 12
         return -self._value * ufl.inner(area, ufl.TestFunction(self.V)) * _ds(self.surface)
 
 
-class Supports:
-    """Dirichlet conditions of a displacement, fixed or moving.
-
-    Collective, as its methods.
-
-    Args:
-        V: Space of the displacement.
-        bcs: The conditions.
-
-    Attributes:
-        fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
-
-    Raises:
-        TypeError: Something in the list is no condition.
-        ValueError: A condition belongs to another space.
-    """
-
-    def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
-        """Find the dofs and those with several conditions."""
-        self._bcs = instances(fem.DirichletBC, bcs)
-        for i, bc in enumerate(self._bcs):
-            if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
-                raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
-        self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
-        self._comm: MPI.Comm = V.mesh.comm
-        dofs = np.concatenate(
-            [np.empty(0, dtype=np.int32), *(bc.dof_indices()[0] for bc in self._bcs)]
-        )
-        # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
-        owned = dofs[dofs < 3 * V.dofmap.index_map.size_local]
-        self.fixed, count = np.unique(owned, return_counts=True)
-        self._shared = self._comm.allreduce(bool((count > 1).any()), op=MPI.LOR)
-
-    def check(self) -> None:
-        """Raise unless the present values are finite and do not conflict.
-
-        Raises:
-            ValueError: A value is not finite, or two conditions give a
-                dof different values.
-        """
-        if not self._bcs:
-            return
-        self._u.x.array[:] = np.nan
-        values = [self._u.x.array.copy() for _ in self._bcs] if self._shared else []
-        for bc, value in zip(self._bcs, values, strict=False):
-            bc.set(value)
-        text = ""
-        for i, value in enumerate(values):
-            for j, other in enumerate(values[:i]):
-                a, b = other[self.fixed], value[self.fixed]
-                wrong = np.abs(a - b) > 1e-12 * np.maximum(np.abs(a), np.abs(b))
-                if wrong.any() and not text:
-                    k = int(np.argmax(wrong))
-                    dof = self.fixed[k]
-                    text = (
-                        f"expected one displacement per dof, given {a[k]:g} m by bcs[{j}] and "
-                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % 3]} near "
-                        f"{np.round(self._X[dof // 3], 6)}"
-                    )
-        given = self.applied(self._u.x.array)[self.fixed]
-        if len(bad := given[~np.isfinite(given)]):
-            text = f"expected finite displacements in bcs, given {bad[0]}"
-        text = max(self._comm.allgather(text))
-        if text:
-            raise ValueError(text)
-
-    def applied(self, values: Floats) -> Floats:
-        """Displacements of the local nodes, given where they are given.
-
-        Args:
-            values: Any displacements, owned then ghost, shape ``(3 l,)``
-                [m].
-
-        Returns:
-            A copy with the values of the conditions.
-        """
-        self._u.x.array[:] = values
-        for bc in self._bcs:
-            bc.set(self._u.x.array)
-        if self._bcs:
-            # The user may have located owned dofs only.
-            self._u.x.scatter_forward()
-        copy: Floats = self._u.x.array.copy()
-        return copy
-
-
 def _ds(surface: Surface) -> ufl.Measure:
     """Measure of a surface; exact for a constant pressure on it."""
-    return ufl.Measure(
-        "ds",
-        domain=surface.V.mesh,
-        subdomain_data=surface._facets,
-        subdomain_id=int(surface._tag),
-        metadata={"quadrature_degree": Element.of(surface.V).mass_degree},
-    )
+    return surface.measure(Element.of(surface.V).mass_degree)
 
 
 def _cofactor(A: Any) -> Any:

@@ -6,15 +6,11 @@ within a step has gone through the surface.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["lost_nodes"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 # Of the size of a segment. Depth from which a pressing node does not just
 # slide off the rim; way in which the path of a node is looked at.

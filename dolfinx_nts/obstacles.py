@@ -3,7 +3,8 @@ r"""Rigid obstacles: analytical surfaces that bodies cannot enter.
 An obstacle stands in the place of a surface's segments, has no unknowns and
 never moves. Gap and normal are those of the exact surface; the contact force
 of the energy-momentum scheme is a discrete gradient,
-:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
+:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles
+of facets are in `rigid_surface`.
 """
 
 from abc import ABC, abstractmethod
@@ -13,11 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.surfaces import Surface
-
-__all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere", "RigidSurface"]
+__all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -82,7 +79,15 @@ class _Exact(Obstacle):
 
     @abstractmethod
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap [m] and outward unit normal of points, (m,) and (m, 3)."""
+        """Gap and normal of points. Local.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+
+        Returns:
+            Gap [m], shape ``(m,)``, > 0 open, and unit normal out of the
+            obstacle, shape ``(m, 3)``.
+        """
 
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -125,7 +130,7 @@ class RigidPlane(_Exact):
         self._normal = _direction("normal", normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal."""
+        """Gap and normal of points, see `_Exact.distance`."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -148,7 +153,7 @@ class _Round(_Exact):
         return r, np.linalg.norm(r, axis=1)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal."""
+        """Gap and normal of points, see `_Exact.distance`."""
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal
@@ -205,139 +210,6 @@ class RigidCylinder(_Round):
         """Check the numbers."""
         a = _direction("axis", axis)
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
-
-
-class RigidSurface(Obstacle):
-    """Facets that do not move.
-
-    Args:
-        points: Vertices, shape ``(n, 3)`` [m], the same on all ranks.
-        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of
-            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1),
-            (1,1).
-        outside: A point to which all facets turn their outer side; for
-            a closed or strongly curved surface, one point per facet,
-            shape ``(s, 3)`` [m].
-
-    Raises:
-        ValueError: Shapes or indices do not fit, or a facet turns its
-            edge to ``outside``.
-    """
-
-    def __init__(self, points: Any, facets: Any, outside: Any) -> None:
-        """Orient the facets."""
-        points, facets = np.asarray(points, dtype=np.float64), np.asarray(facets)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
-        if facets.ndim != 2 or facets.shape[1] not in (3, 4):
-            raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
-        if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
-            raise ValueError(f"expected facets of vertices below {len(points)}")
-        self._x = np.ascontiguousarray(points[facets])
-        centre = self._x.mean(axis=1)
-        edges = self._x[:, 1:3] - self._x[:, :1]
-        side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
-        if np.any(side == 0):
-            raise ValueError("expected facets that turn a side to outside, given edges")
-        self._orientation = np.sign(side)
-        self.key = np.arange(len(facets), dtype=np.int64)
-
-    def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
-        pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
-        return pairs, self._orientation[segment]
-
-    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Contact of nodes: the rows of the node in those of the pair."""
-        pair_n, orientation = self._pairs(x_n, segment)
-        pair, _ = self._pairs(x, segment)
-        kernel = getattr(_kernels, f"contact_{scheme}")
-        gap_n, gap, force, gradient, tangent, turn, status = kernel(pair_n, pair, orientation)
-        return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
-
-    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Slip of nodes: the rows of the node in those of the pair."""
-        pair_n, orientation = self._pairs(x_n, segment)
-        pair, _ = self._pairs(x, segment)
-        value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
-        node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
-        return value, *node, frame_n, frame, orientation
-
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
-        """Facet of each node or -1, and gap, see `Obstacle.find`."""
-        found, _, gap, _ = _kernels.pair_nodes(
-            x, current, reach, self._x, self._orientation, self.key
-        )
-        return found, gap
-
-
-class ObstacleNeighbourhood:
-    """An obstacle with the interface of `search.Neighbourhood`.
-
-    Args:
-        obstacle: The obstacle.
-        nodes: Surface whose nodes meet it.
-    """
-
-    def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
-        """Keep both."""
-        self.obstacle = obstacle
-        self.index_map = nodes.V.dofmap.index_map
-        self.num_local = int(self.index_map.size_local)
-        self.key = obstacle.key
-        self.size = np.full(len(self.key), nodes.size)
-
-    def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
-        """Itself: there is nothing to search."""
-        return self, False
-
-    @property
-    def neighbourhood(self) -> "ObstacleNeighbourhood":
-        """Itself."""
-        return self
-
-    def exchange(self, archive: Archive, name: str) -> None:
-        """Nothing: an obstacle has no state."""
-
-    def find(self, key: GlobalInts) -> Ints:
-        """Facet of each key, -1 where there is none."""
-        return key.astype(np.int32)
-
-    def with_room(self, owned: Floats) -> Floats:
-        """The owned values."""
-        return owned
-
-    def with_ghosts(self, owned: Floats) -> Floats:
-        """The owned values."""
-        return owned
-
-    def to_owners(self, values: Floats) -> Floats:
-        """The values, as no other rank has any for owned nodes."""
-        return values
-
-    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
-        """Nodes of pairs, shape ``(m, 1)``."""
-        return nodes[:, None].astype(np.int32)
-
-    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
-        """Facet of each node or -1, and gap, NaN without."""
-        found, gap = self.obstacle.find(x[nodes], current, reach)
-        return found, np.where(found >= 0, gap, np.nan)
-
-    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gap of nodes to given facets, shape ``(m,)`` [m]."""
-        return self.contact("static", x, x, nodes, segment)[1]
-
-    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gradient of the gap of nodes, shape ``(m, 3)``."""
-        return self.contact("static", x, x, nodes, segment)[3]
-
-    def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
-        """Contact of nodes, see `Obstacle.contact`."""
-        return self.obstacle.contact(scheme, x_n[nodes], x[nodes], segment)
-
-    def slip(self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
-        """Slip of nodes, see `Obstacle.slip`."""
-        return self.obstacle.slip(x_n[nodes], x[nodes], segment)
 
 
 def _vector(name: str, value: Sequence[float]) -> Floats:

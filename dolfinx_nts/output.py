@@ -18,7 +18,7 @@ import numpy as np
 from dolfinx_nts import checkpoint
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.compat import vtx_writer
-from dolfinx_nts.contact import ContactWork
+from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.diagnostics import Balance, Diagnostics
 from dolfinx_nts.interrupts import Interrupts
 from dolfinx_nts.newton import ConvergenceError

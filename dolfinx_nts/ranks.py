@@ -25,6 +25,12 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
     Args:
         comm: Communicator.
         action: Called on rank 0.
+
+    Returns:
+        What it returned.
+
+    Raises:
+        Exception: What it raised, as `failures.portable` sends it.
     """
     result: T | None = None
     error: Exception | None = None
@@ -66,6 +72,9 @@ def scattered(comm: MPI.Comm, ids: GlobalInts, all_ids: GlobalInts, values: Arra
         ids: Numbers that this rank wants, shape ``(n,)``.
         all_ids: Sorted numbers of the rows, on rank 0, shape ``(m,)``.
         values: The rows, on rank 0, shape ``(m, ...)``.
+
+    Returns:
+        Rows of this rank, shape ``(n, ...)``.
 
     Raises:
         ValueError: A number is not there.

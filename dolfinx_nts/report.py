@@ -1,8 +1,8 @@
-"""Report of an accepted step, and how nodes are named."""
+"""Report of an accepted step."""
 
 from dataclasses import dataclass
 
-from dolfinx_nts.contact import ContactWork
+from dolfinx_nts.contact_history import ContactWork
 
 __all__ = ["StepReport"]
 
@@ -26,7 +26,7 @@ class StepReport:
         num_segments: Segments in reach of nodes, on all ranks; without any
             nothing was projected.
         num_resting: Bodies that the step left out, being at rest.
-        contact_work: Work of contact, by cause.
+        contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].

@@ -89,6 +89,23 @@ class Neighbourhood:
         )
         return found[0], found[2]
 
+    def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
+        """Nodes in the box around all segments. Local.
+
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            nodes: Nodes to choose from, shape ``(n,)``.
+            reach: By how much the box is wider than the segments [m].
+
+        Returns:
+            Positions in ``nodes``.
+        """
+        vertices = x[self.segments]
+        lower = vertices.min(axis=(0, 1), initial=np.inf) - reach
+        upper = vertices.max(axis=(0, 1), initial=-np.inf) + reach
+        inside = np.all((x[nodes] >= lower) & (x[nodes] <= upper), axis=1)
+        return np.flatnonzero(inside).astype(np.int32)
+
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
         return _kernels.project(x[self.dofs(nodes, segment)], self.orientation[segment])[1]

@@ -5,7 +5,7 @@ that every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -14,15 +14,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.archive import Archive
-from dolfinx_nts.contact import ContactHistory, ContactPair, ContactWork
-from dolfinx_nts.contact_rows import Slip
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
-from dolfinx_nts.obstacles import ObstacleNeighbourhood
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.slip import Slip
+from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["ContactSprings", "SpringState"]
+__all__ = ["ContactSprings"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -30,53 +32,6 @@ Ints = npt.NDArray[np.int32]
 # A node up to this part of a segment deep belongs to the segment; nodes are
 # looked at while they are within reach or may get there soon.
 _REACH, _MARGIN = 0.5, 0.25
-
-
-@dataclass(frozen=True)
-class SpringState:
-    """Forces of the springs of a pair at one state.
-
-    Attributes:
-        neighbourhood: Owned nodes and ghosts of the forces.
-        node: Position in the surface's nodes, shape ``(m,)``.
-        dofs: Nodes of the pairs in the neighbourhood, ``(m, 1+k)``.
-        force: On these nodes, shape ``(m, 1+k, 3)`` [N].
-        history: Contact at this state.
-        num_active: Nodes in contact on all ranks.
-    """
-
-    neighbourhood: Neighbourhood | ObstacleNeighbourhood
-    node: Ints
-    dofs: Ints
-    force: Floats
-    history: ContactHistory
-    num_active: int
-
-    def add_to(self, total: Floats) -> None:
-        """Add the forces to those of the owned nodes. Collective.
-
-        Args:
-            total: Shape ``(n, 3)`` [N].
-        """
-        if self.num_active:
-            forces = np.zeros((self.neighbourhood.num_local, 3))
-            np.add.at(forces, self.dofs.ravel(), self.force.reshape(-1, 3))
-            total += self.neighbourhood.to_owners(forces)
-
-    def work(self, du: Floats) -> Floats:
-        """Work of the forces, by contact node. Collective.
-
-        Args:
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
-
-        Returns:
-            Work at each node of the surface, shape ``(n,)`` [J].
-        """
-        work = np.zeros(len(self.history.key))
-        if self.num_active:
-            dx = self.neighbourhood.with_ghosts(du)[self.dofs]
-            work[self.node] = np.einsum("maj,maj->m", self.force, dx)
-        return work
 
 
 class ContactSprings:
@@ -265,15 +220,8 @@ class ContactSprings:
         here: Neighbourhood | ObstacleNeighbourhood
         here, _ = pair.search.update(x, reach)
         self._neighbourhood, self._travelled = here, 0.0
-        if isinstance(here, ObstacleNeighbourhood):
-            self._candidates = np.arange(len(pair.nodes.nodes), dtype=np.int32)
-        else:
-            vertices = here.with_ghosts(x[: here.index_map.size_local])[here.segments]
-            lower = vertices.min(axis=(0, 1), initial=np.inf) - reach
-            upper = vertices.max(axis=(0, 1), initial=-np.inf) + reach
-            x_nodes = x[pair.nodes.nodes]
-            near = np.all((x_nodes >= lower) & (x_nodes <= upper), axis=1)
-            self._candidates = np.flatnonzero(near).astype(np.int32)
+        x = here.with_ghosts(x[: here.index_map.size_local])
+        self._candidates = here.near(x, pair.nodes.nodes, reach)
         self._idle = not self._comm.allreduce(len(self._candidates))
 
     def _nothing(self) -> SpringState:

@@ -50,10 +50,15 @@ class StepControl:
         self.smallest, self.gap_tol = smallest, gap_tol
 
     def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
-        """Length [s] of a step that may be as long as dt, and its end [s].
+        """Length [s] of the next step, and its end [s]. Local.
 
         The last two steps before a given time are of equal length, so that
         none is much shorter than the others.
+
+        Args:
+            t: Time at its start [s].
+            dt: Length that it may have [s].
+            until: Time at the end of the run [s].
         """
         next_time = bisect.bisect_right(self.times, t + _SLIVER * dt)
         target = min([until, *self.times[next_time : next_time + 1]])

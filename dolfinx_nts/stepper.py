@@ -21,18 +21,18 @@ from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.controlled import run_controlled
 from dolfinx_nts.failures import agreed, end_together
-from dolfinx_nts.loads import Load, Supports
+from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.step_control import StepControl, StepLength
+from dolfinx_nts.supports import Supports
 from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]
 
 Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -112,7 +112,14 @@ class Stepper(ABC):
 
     @abstractmethod
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """First Piola-Kirchhoff stress of a step from F_n to F, UFL (3, 3)."""
+        """First Piola-Kirchhoff stress of a step [Pa], UFL (3, 3). Local.
+
+        Args:
+            material: The material.
+            parameters: Its numbers, as constants.
+            F_n: Deformation gradient at the start of the step, UFL (3, 3).
+            F: The same at its end.
+        """
 
     @abstractmethod
     def nodal_momentum(self) -> Floats:
@@ -191,7 +198,11 @@ class Stepper(ABC):
             body: One of the bodies.
             value: Three numbers [m]; or a function of the reference
                 positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function.
+                a Function of the bodies' space.
+
+        Raises:
+            ValueError: The body is of another stepper, the Function of
+                another space, or the value has the wrong shape.
         """
         self._set(self.u, body, value)
 
@@ -202,7 +213,11 @@ class Stepper(ABC):
             body: One of the bodies.
             value: Three numbers [m/s]; or a function of the reference
                 positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function.
+                a Function of the bodies' space.
+
+        Raises:
+            ValueError: The body is of another stepper, the Function of
+                another space, or the value has the wrong shape.
         """
         self._set(self.v, body, value)
 

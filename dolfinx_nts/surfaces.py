@@ -40,7 +40,14 @@ _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 def check_space(V: fem.FunctionSpace) -> None:
-    """Raise ValueError unless V is one this package works in."""
+    """Raise unless V is a space that this package works in. Local.
+
+    Args:
+        V: Space of the displacement.
+
+    Raises:
+        ValueError: Mesh or element is another.
+    """
     mesh = V.mesh
     cell = mesh.topology.cell_name()
     element = V.ufl_element()
@@ -69,6 +76,13 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
     """Raise on all ranks unless ``tags`` has entities of value ``tag``.
 
     Collective.
+
+    Args:
+        V: Space of the displacement.
+        tags: Tags of the mesh.
+        tag: Value that is looked for.
+        dim: Dimension that the tags should have.
+        name: What the message calls the tags.
 
     Raises:
         TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
@@ -221,15 +235,29 @@ class Surface:
         """Numbers of the nodes, see `numbering`, shape ``(n,)``."""
         return input_ids(self.V)[self.nodes]
 
+    def measure(self, degree: int | None = None) -> ufl.Measure:
+        """Measure of integrals over the reference surface. Local.
+
+        Args:
+            degree: Degree that its rule integrates exactly; None: that of
+                the integrand.
+        """
+        return ufl.Measure(
+            "ds",
+            domain=self.V.mesh,
+            subdomain_data=self._facets,
+            subdomain_id=int(self._tag),
+            metadata={} if degree is None else {"quadrature_degree": degree},
+        )
+
     @cached_property
     def area(self) -> Floats:
         """Tributary reference area of each node, shape ``(n,)`` [m^2].
 
         Collective at the first use.
         """
-        ds = ufl.Measure("ds", domain=self.V.mesh, subdomain_data=self._facets)
         eta = ufl.TestFunction(self.V)
-        vector = fem.assemble_vector(fem.form(eta[0] * ds(int(self._tag))))
+        vector = fem.assemble_vector(fem.form(eta[0] * self.measure()))
         vector.scatter_reverse(la.InsertMode.add)
         area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
         return area

@@ -18,6 +18,11 @@ SIZE = (1.0, 0.8, 0.6)
 VOLUME, RHO = float(np.prod(SIZE)), 10.0
 RUBBER = nts.SaintVenantKirchhoff(1.0e3, 0.3, RHO)
 
+# Displacements and energies of order one, after Newton's tolerance.
+SOLVED = 1e-9
+# Energy that no cause accounts for, relative: sums of some thousand terms.
+CLOSED = 1e4 * np.finfo(float).eps
+
 
 class Box:
     """A box of n x n x n cells with a corner at the origin.

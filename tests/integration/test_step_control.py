@@ -9,7 +9,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import contact_step, implicit, linear, newton, progress
-from dolfinx_nts.contact import ContactHistory
+from dolfinx_nts.contact_history import ContactHistory
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
 

@@ -6,12 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from boxed import RHO, VOLUME, Box, Ledger, swirl
-
-EPS = np.finfo(float).eps
-SOLVED = 1e-9
-# Energy that no cause accounts for, relative: sums of some thousand terms.
-CLOSED = 1e4 * EPS
+from boxed import CLOSED, RHO, SOLVED, VOLUME, Box, Ledger, swirl
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])

@@ -10,13 +10,10 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from boxed import RHO, VOLUME, Box, Ledger, swirl
+from boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
 from dolfinx_nts import explicit
 
-EPS = np.finfo(float).eps
 CONSERVED = 1e-12
-# Energy that no cause accounts for, relative: sums of some thousand terms.
-CLOSED = 1e4 * EPS
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 FRICTION = pytest.mark.parametrize("friction", [None, nts.Coulomb(0.4)], ids=["smooth", "rough"])

@@ -6,13 +6,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from boxed import RHO, SIZE, VOLUME, Box, Ledger, swirl
-
-EPS = np.finfo(float).eps
-# Displacements and energies of order one, after Newton's tolerance.
-SOLVED = 1e-9
-# Energy that no cause accounts for, relative: sums of some thousand terms.
-CLOSED = 1e4 * EPS
+from boxed import CLOSED, RHO, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])

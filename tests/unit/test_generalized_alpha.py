@@ -8,11 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from boxed import Box, Ledger, swirl
-
-EPS = np.finfo(float).eps
-SOLVED = 1e-9
-CLOSED = 1e4 * EPS
+from boxed import CLOSED, SOLVED, Box, Ledger, swirl
 
 contacts = pytest.mark.parametrize(
     "enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()], ids=["multiplier", "penalty"]

@@ -5,7 +5,6 @@ import pytest
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels
 from reference.bulk import taylor_order
 
 ROUNDING = 1e3 * np.finfo(float).eps
@@ -105,35 +104,6 @@ def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
         np.testing.assert_allclose(cross, normal, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("k", [3, 4])
-@schemes
-def test_rigid_facets_are_segments_that_do_not_move(k, scheme, rng):
-    corners = np.array([[0.0, 0, 0], [1, 0, 0.1], [0, 1, 0], [1, 1, 0.2]])[:k]
-    surface = nts.RigidSurface(corners, [range(k)], [0.3, 0.3, 5.0])
-    x_n = rng.uniform(0.1, 0.4, (9, 3))
-    x = x_n + 0.1 * rng.normal(size=x_n.shape)
-    values = surface.contact(scheme, x_n, x, np.zeros(9, dtype=np.int32))
-    pairs = [np.concatenate([y[:, None], np.tile(corners, (9, 1, 1))], axis=1) for y in (x_n, x)]
-    whole = getattr(_kernels, f"contact_{scheme}")(*pairs, np.ones(9))
-    for part, full in zip(values, whole, strict=True):
-        np.testing.assert_array_equal(part, full[tuple(slice(n) for n in part.shape)])
-    if scheme == "conserving":
-        work = np.einsum("mi,mi->m", values[2], x - x_n)
-        np.testing.assert_allclose(work, values[1] - values[0], atol=ROUNDING)
-
-
-def test_facets_turn_to_the_outside_whatever_their_sense(rng):
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    for facet in ([0, 1, 2], [0, 2, 1]):
-        for side in (1.0, -1.0):
-            surface = nts.RigidSurface(points, [facet], [0, 0, side])
-            x = np.array([[0.2, 0.2, 0.1]])
-            facet_found, gap = surface.find(x, np.array([-1], dtype=np.int32), np.inf)
-            gradient = surface.contact("static", x, x, facet_found)[3]
-            np.testing.assert_allclose(gradient[0], [0, 0, side])
-            np.testing.assert_allclose(gap[0], 0.1 * side)
-
-
 def on_obstacle(scene, obstacle, friction=None):
     """Replace the pairs of a scene by one with an obstacle."""
     nodes = scene.stepper.pairs[0].nodes
@@ -173,9 +143,3 @@ def test_numbers_that_make_no_obstacle_are_refused():
         nts.RigidPlane((0, 0, 0), (0, 0, 0))
     with pytest.raises(ValueError, match="direction for axis"):
         nts.RigidCylinder((0, 0, 0), (0, 0, 0), 1)
-    with pytest.raises(ValueError, match=r"shape \(s, 3\) or \(s, 4\)"):
-        nts.RigidSurface([[0, 0, 0]], [[0, 0]], (0, 0, 1))
-    with pytest.raises(ValueError, match="vertices below 1"):
-        nts.RigidSurface([[0, 0, 0]], [[0, 1, 2]], (0, 0, 1))
-    with pytest.raises(ValueError, match="given edges"):
-        nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (5, 5, 0))

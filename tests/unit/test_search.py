@@ -37,6 +37,24 @@ def sampled_distance(x_nodes, segments):
     return np.linalg.norm(x_nodes[:, None, None] - points, axis=-1).min(axis=2)
 
 
+def test_nodes_near_the_segments_are_those_in_the_widened_box(comm):
+    scene = scenes.blocks(comm)
+    search, pair = search_of(scene)
+    x = scene.stepper.x
+    here, _ = search.update(x, 0.1)
+    x, nodes = here.with_ghosts(x[: here.index_map.size_local]), pair.nodes.nodes
+    for reach in (0.0, 0.05, 0.2):
+        vertices = x[here.segments].reshape(-1, 3)
+        near = [
+            n
+            for n, at in enumerate(x[nodes])
+            if len(vertices)
+            and np.all(at >= vertices.min(axis=0) - reach)
+            and np.all(at <= vertices.max(axis=0) + reach)
+        ]
+        np.testing.assert_array_equal(here.near(x, nodes, reach), near)
+
+
 @cells_
 @pytest.mark.parametrize("reach", [0.05, 0.1, 0.4, np.inf], ids=str)
 def test_neighbourhood_contains_every_segment_within_reach(comm, cell, reach):

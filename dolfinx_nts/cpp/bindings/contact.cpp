@@ -3,18 +3,31 @@
 
 #include <nanobind/stl/tuple.h>
 
+#include <array>
+
 namespace nts::bindings
 {
 namespace
 {
+/// @brief Number of pairs and of vertices of a segment, after a check that the
+/// shapes agree.
+std::array<std::size_t, 2> pairs_and_vertices(const Doubles& x_pair_n,
+                                              const Doubles& x_pair,
+                                              const Doubles& orientation)
+{
+  const std::size_t k = segment_vertices("x_pair", x_pair);
+  const std::size_t m = x_pair.shape(0);
+  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
+  check("orientation", orientation, {m});
+  return {m, k};
+}
+
 template <Scheme scheme>
 auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                    const Doubles& orientation)
 {
-  const std::size_t k = segment_vertices("x_pair", x_pair);
-  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
-  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
-  check("orientation", orientation, {m});
+  const auto [m, k] = pairs_and_vertices(x_pair_n, x_pair, orientation);
+  const std::size_t n = 3 * (1 + k);
   auto gap_n = create<double>({m});
   auto gap = create<double>({m});
   auto force = create<double>({m, n});
@@ -38,10 +51,8 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
 auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                 const Doubles& orientation)
 {
-  const std::size_t k = segment_vertices("x_pair", x_pair);
-  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
-  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
-  check("orientation", orientation, {m});
+  const auto [m, k] = pairs_and_vertices(x_pair_n, x_pair, orientation);
+  const std::size_t n = 3 * (1 + k);
   auto value = create<double>({m, 2});
   auto force = create<double>({m, 2, n});
   auto gradient = create<double>({m, 2, n});
@@ -63,10 +74,8 @@ auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
 auto convective_slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                            const Doubles& orientation)
 {
-  const std::size_t k = segment_vertices("x_pair", x_pair);
-  const std::size_t m = x_pair.shape(0), n = 3 * (1 + k);
-  check("x_pair_n", x_pair_n, {m, 1 + k, 3});
-  check("orientation", orientation, {m});
+  const auto [m, k] = pairs_and_vertices(x_pair_n, x_pair, orientation);
+  const std::size_t n = 3 * (1 + k);
   auto value = create<double>({m, 2});
   auto force = create<double>({m, 2, n});
   auto gradient = create<double>({m, 2, n});

@@ -32,6 +32,17 @@ Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
   return m;
 }
 
+/// @brief What every scheme tells of both ends: gaps, gradient, turn.
+template <class S>
+void set_ends(const Projection<S>& p_n, const Projection<S>& p,
+              Contact<S>& contact) noexcept
+{
+  contact.gap_n = p_n.gap;
+  contact.gap = p.gap;
+  contact.turn = dot(p_n.normal, p.normal);
+  contact.gradient = gap_gradient(p);
+}
+
 /// @brief Midpoint rule: force grad g(q_m), q_m = (q_n + q_{n+1})/2, tangent
 /// half the Hessian there; eqs. (47)-(52).
 template <class S>
@@ -46,11 +57,8 @@ void contact_midpoint(const Pair<S>& pair_n, const Pair<S>& pair,
       = p_n.converged && p.converged && p_m.converged && sensitivity(p_m, s);
   if (!contact.valid)
     return;
-  contact.gap_n = p_n.gap;
-  contact.gap = p.gap;
-  contact.turn = dot(p_n.normal, p.normal);
+  set_ends(p_n, p, contact);
   contact.force = gap_gradient(p_m);
-  contact.gradient = gap_gradient(p);
   contact.tangent = gap_hessian<S>(s);
   for (PairVector<S>& row : contact.tangent)
     for (double& entry : row)
@@ -68,10 +76,8 @@ void contact_static(const Pair<S>& pair_n, const Pair<S>& pair,
   contact.valid = p_n.converged && p.converged && sensitivity(p, s);
   if (!contact.valid)
     return;
-  contact.gap_n = p_n.gap;
-  contact.gap = p.gap;
-  contact.turn = dot(p_n.normal, p.normal);
-  contact.force = contact.gradient = gap_gradient(p);
+  set_ends(p_n, p, contact);
+  contact.force = contact.gradient;
   contact.tangent = gap_hessian<S>(s);
 }
 
@@ -172,10 +178,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
   contact.valid = p_n.converged && p.converged && sensitivity(p, s);
   if (!contact.valid)
     return;
-  contact.gap_n = p_n.gap;
-  contact.gap = p.gap;
-  contact.turn = dot(p_n.normal, p.normal);
-  contact.gradient = gap_gradient(p);
+  set_ends(p_n, p, contact);
 
   const Augmented<S> z_n = augment(pair_n, p_n.normal, p_n.xi, p_n.gap);
   const Augmented<S> z = augment(pair, p.normal, p.xi, p.gap);

@@ -42,15 +42,6 @@ PairVector<S> gather(std::span<const double> x,
   return values;
 }
 
-template <std::size_t N>
-double inner(const double* a, const double* b) noexcept
-{
-  double sum = 0;
-  for (std::size_t i = 0; i < N; ++i)
-    sum += a[i] * b[i];
-  return sum;
-}
-
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Active pairs.
 /// @param[in] values Wanted G^T x, (m, 3), or empty for none.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -47,6 +48,16 @@ constexpr Vec3 cross(const Vec3& a, const Vec3& b) noexcept
 {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
           a[0] * b[1] - a[1] * b[0]};
+}
+
+/// @brief Inner product of N consecutive numbers.
+template <std::size_t N>
+double inner(const double* a, const double* b) noexcept
+{
+  double sum = 0;
+  for (std::size_t i = 0; i < N; ++i)
+    sum += a[i] * b[i];
+  return sum;
 }
 
 inline double norm(const Vec3& a) noexcept { return std::sqrt(dot(a, a)); }

@@ -1,0 +1,162 @@
+"""Materials by name: strain energies psi(C) with their usual numbers.
+
+Pure UFL. Numbers are moduli of small strains; what follows from the
+energy, and damping, is that of `materials.Hyperelastic`.
+"""
+
+from typing import Any
+
+import ufl
+
+from dolfinx_nts.arguments import positive, real
+from dolfinx_nts.materials import Hyperelastic
+
+__all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
+
+
+class SaintVenantKirchhoff(Hyperelastic):
+    r"""St. Venant-Kirchhoff material, S = lambda tr(E) 1 + 2 mu E.
+
+    Args:
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio [-].
+        rho: Reference density [kg/m^3].
+        **options: See `Hyperelastic`.
+
+    Raises:
+        ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in
+            (-1, 0.5).
+    """
+
+    def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
+        """Check the numbers and convert them to Lame's."""
+        super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
+
+    def stress(self, C: Any, **parameters: Any) -> Any:
+        """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
+        E_GL = (C - ufl.Identity(3)) / 2
+        lmbda, mu = parameters["lmbda"], parameters["mu"]
+        return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
+
+    def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
+        """Stress at the mean of both tensors: exact, as psi is quadratic in C.
+
+        See `Hyperelastic.conserving_stress`.
+        """
+        return self.stress((C_n + C) / 2, **parameters)
+
+
+class NeoHookean(Hyperelastic):
+    r"""Compressible neo-Hookean material.
+
+    :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2`
+    with :math:`U = \ln J` (``"log"``) or :math:`U = J - 1`
+    (``"quadratic"``).
+
+    Args:
+        E: Young's modulus of small strains [Pa].
+        nu: Poisson's ratio of small strains [-].
+        rho: Reference density [kg/m^3].
+        volumetric: ``"log"`` or ``"quadratic"``.
+        **options: See `Hyperelastic`.
+
+    Raises:
+        ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
+            (-1, 0.5), or ``volumetric`` is unknown.
+    """
+
+    def __init__(
+        self, E: float, nu: float, rho: float, volumetric: str = "log", **options: Any
+    ) -> None:
+        """Check the numbers and convert them to Lame's."""
+        energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
+        if volumetric not in energies:
+            raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
+        super().__init__(energies[volumetric], rho=rho, **(_lame(E, nu) | options))
+
+
+class MooneyRivlin(Hyperelastic):
+    r"""Mooney-Rivlin material of the isochoric invariants.
+
+    :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\,
+    (J - 1)^2`; the shear modulus of small strains is 2 (c10 + c01).
+
+    Args:
+        c10: Coefficient of the first invariant [Pa].
+        c01: Coefficient of the second invariant [Pa].
+        kappa: Bulk modulus [Pa].
+        rho: Reference density [kg/m^3].
+        **options: See `Hyperelastic`.
+
+    Raises:
+        ValueError: ``c10 + c01``, ``kappa`` or ``rho`` is not positive.
+    """
+
+    def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
+        """Check the moduli of small strains."""
+        positive("c10 + c01", c10 + c01)
+        positive("kappa", kappa)
+        super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
+
+
+class Yeoh(Hyperelastic):
+    r"""Yeoh material of the first isochoric invariant.
+
+    :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\,
+    (J - 1)^2`; the shear modulus of small strains is 2 c10.
+
+    Args:
+        c10: Linear coefficient [Pa].
+        c20: Quadratic coefficient [Pa].
+        c30: Cubic coefficient [Pa].
+        kappa: Bulk modulus [Pa].
+        rho: Reference density [kg/m^3].
+        **options: See `Hyperelastic`.
+
+    Raises:
+        ValueError: ``c10``, ``kappa`` or ``rho`` is not positive.
+    """
+
+    def __init__(
+        self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any
+    ) -> None:
+        """Check the moduli of small strains."""
+        positive("c10", c10)
+        positive("kappa", kappa)
+        super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
+
+
+def _lame(E: float, nu: float) -> dict[str, float]:
+    """Lame's numbers [Pa] of Young's modulus and Poisson's ratio."""
+    positive("Young's modulus E", E)
+    if not -1 < real("nu", nu) < 0.5:
+        raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
+    return {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
+
+
+def _saint_venant_kirchhoff(C: Any, lmbda: Any, mu: Any) -> Any:
+    E_GL = (C - ufl.Identity(3)) / 2
+    return lmbda / 2 * ufl.tr(E_GL) ** 2 + mu * ufl.inner(E_GL, E_GL)
+
+
+def _neo_hookean_log(C: Any, lmbda: Any, mu: Any) -> Any:
+    ln_J = ufl.ln(ufl.det(C)) / 2
+    return mu / 2 * (ufl.tr(C) - 3) - mu * ln_J + lmbda / 2 * ln_J**2
+
+
+def _neo_hookean_quadratic(C: Any, lmbda: Any, mu: Any) -> Any:
+    J2 = ufl.det(C)
+    return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + lmbda / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def _mooney_rivlin(C: Any, c10: Any, c01: Any, kappa: Any) -> Any:
+    J2, tr = ufl.det(C), ufl.tr(C)
+    I1 = J2 ** (-1 / 3) * tr
+    I2 = J2 ** (-2 / 3) * (tr**2 - ufl.tr(C * C)) / 2
+    return c10 * (I1 - 3) + c01 * (I2 - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def _yeoh(C: Any, c10: Any, c20: Any, c30: Any, kappa: Any) -> Any:
+    J2 = ufl.det(C)
+    x = J2 ** (-1 / 3) * ufl.tr(C) - 3
+    return c10 * x + c20 * x**2 + c30 * x**3 + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2

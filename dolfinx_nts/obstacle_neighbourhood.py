@@ -1,0 +1,101 @@
+"""Nodes that meet an obstacle, in the place of a search for segments.
+
+What a contact pair asks of a neighbourhood, answered by an `Obstacle`.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.archive import Archive
+from dolfinx_nts.obstacles import Contact, Obstacle
+from dolfinx_nts.surfaces import Surface
+
+__all__ = ["ObstacleNeighbourhood"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
+
+
+class ObstacleNeighbourhood:
+    """An obstacle as `search.Neighbourhood` and `search.Search` in one. Local.
+
+    Segments are the obstacle's facets; pairs consist of the node alone, so
+    that d = 3 and no rank needs anything of another.
+
+    Args:
+        obstacle: The obstacle.
+        nodes: Surface whose nodes meet it.
+
+    Attributes:
+        obstacle: The obstacle.
+        index_map: That of the nodes' space.
+        num_local: Owned nodes.
+        key: Number of each facet, shape ``(f,)``.
+        size: Longest facet of the nodes' surface, shape ``(f,)`` [m].
+    """
+
+    def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
+        """Keep both."""
+        self.obstacle = obstacle
+        self.index_map = nodes.V.dofmap.index_map
+        self.num_local = int(self.index_map.size_local)
+        self.key = obstacle.key
+        self.size = np.full(len(self.key), nodes.size)
+
+    def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
+        """Itself: there is nothing to search."""
+        return self, False
+
+    @property
+    def neighbourhood(self) -> "ObstacleNeighbourhood":
+        """Itself."""
+        return self
+
+    def exchange(self, archive: Archive, name: str) -> None:
+        """Nothing: an obstacle has no state."""
+
+    def find(self, key: GlobalInts) -> Ints:
+        """Facet of each key, -1 where there is none."""
+        return key.astype(np.int32)
+
+    def with_room(self, owned: Floats) -> Floats:
+        """The owned values."""
+        return owned
+
+    def with_ghosts(self, owned: Floats) -> Floats:
+        """The owned values."""
+        return owned
+
+    def to_owners(self, values: Floats) -> Floats:
+        """The values, as no other rank has any for owned nodes."""
+        return values
+
+    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
+        """Nodes of pairs, shape ``(m, 1)``."""
+        return nodes[:, None].astype(np.int32)
+
+    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet of each node or -1, and gap [m], NaN without; shape ``(n,)``."""
+        found, gap = self.obstacle.find(x[nodes], current, reach)
+        return found, np.where(found >= 0, gap, np.nan)
+
+    def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
+        """All nodes: an obstacle may be anywhere. Positions in ``nodes``."""
+        return np.arange(len(nodes), dtype=np.int32)
+
+    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gap of nodes to given facets, shape ``(m,)`` [m]."""
+        return self.contact("static", x, x, nodes, segment)[1]
+
+    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
+        """Gradient of the gap of nodes, shape ``(m, 3)``."""
+        return self.contact("static", x, x, nodes, segment)[3]
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+        """Contact of nodes, see `Obstacle.contact`."""
+        return self.obstacle.contact(scheme, x_n[nodes], x[nodes], segment)
+
+    def slip(self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+        """Slip of nodes, see `Obstacle.slip`."""
+        return self.obstacle.slip(x_n[nodes], x[nodes], segment)

@@ -1,0 +1,77 @@
+"""Rigid obstacle of facets: segments that never move, by the contact kernels."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.obstacles import Contact, Obstacle
+
+__all__ = ["RigidSurface"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+
+
+class RigidSurface(Obstacle):
+    """Facets that do not move.
+
+    Args:
+        points: Vertices, shape ``(n, 3)`` [m], the same on all ranks.
+        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of
+            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1),
+            (1,1).
+        outside: A point to which all facets turn their outer side; for
+            a closed or strongly curved surface, one point per facet,
+            shape ``(s, 3)`` [m].
+
+    Raises:
+        ValueError: Shapes or indices do not fit, or a facet turns its
+            edge to ``outside``.
+    """
+
+    def __init__(self, points: Any, facets: Any, outside: Any) -> None:
+        """Orient the facets."""
+        points, facets = np.asarray(points, dtype=np.float64), np.asarray(facets)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
+        if facets.ndim != 2 or facets.shape[1] not in (3, 4):
+            raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
+        if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
+            raise ValueError(f"expected facets of vertices below {len(points)}")
+        self._x = np.ascontiguousarray(points[facets])
+        centre = self._x.mean(axis=1)
+        edges = self._x[:, 1:3] - self._x[:, :1]
+        side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
+        if np.any(side == 0):
+            raise ValueError("expected facets that turn a side to outside, given edges")
+        self._orientation = np.sign(side)
+        self.key = np.arange(len(facets), dtype=np.int64)
+
+    def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+        pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
+        return pairs, self._orientation[segment]
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Contact of nodes: the rows of the node, see `Obstacle.contact`."""
+        pair_n, orientation = self._pairs(x_n, segment)
+        pair, _ = self._pairs(x, segment)
+        kernel = getattr(_kernels, f"contact_{scheme}")
+        gap_n, gap, force, gradient, tangent, turn, status = kernel(pair_n, pair, orientation)
+        return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
+
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+        """Slip of nodes: the rows of the node, see `Obstacle.slip`."""
+        pair_n, orientation = self._pairs(x_n, segment)
+        pair, _ = self._pairs(x, segment)
+        value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
+        node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
+        return value, *node, frame_n, frame, orientation
+
+    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+        """Facet of each node or -1, and gap, see `Obstacle.find`."""
+        found, _, gap, _ = _kernels.pair_nodes(
+            x, current, reach, self._x, self._orientation, self.key
+        )
+        return found, gap

@@ -1,0 +1,102 @@
+"""Supports: Dirichlet conditions of a displacement, fixed or moving."""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_nts import compat
+from dolfinx_nts.arguments import instances
+
+__all__ = ["Supports"]
+
+Floats = npt.NDArray[np.float64]
+
+
+class Supports:
+    """Dirichlet conditions of a displacement, fixed or moving.
+
+    Collective, as its methods.
+
+    Args:
+        V: Space of the displacement.
+        bcs: The conditions.
+
+    Attributes:
+        fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
+
+    Raises:
+        TypeError: Something in the list is no condition.
+        ValueError: A condition belongs to another space.
+    """
+
+    def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
+        """Find the dofs and those with several conditions."""
+        self._bcs = instances(fem.DirichletBC, bcs)
+        for i, bc in enumerate(self._bcs):
+            if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
+                raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
+        self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
+        self._comm: MPI.Comm = V.mesh.comm
+        dofs = np.concatenate(
+            [np.empty(0, dtype=np.int32), *(bc.dof_indices()[0] for bc in self._bcs)]
+        )
+        # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
+        owned = dofs[dofs < 3 * V.dofmap.index_map.size_local]
+        self.fixed, count = np.unique(owned, return_counts=True)
+        self._shared = self._comm.allreduce(bool((count > 1).any()), op=MPI.LOR)
+
+    def check(self) -> None:
+        """Raise unless the present values are finite and do not conflict.
+
+        Raises:
+            ValueError: A value is not finite, or two conditions give a
+                dof different values.
+        """
+        if not self._bcs:
+            return
+        self._u.x.array[:] = np.nan
+        values = [self._u.x.array.copy() for _ in self._bcs] if self._shared else []
+        for bc, value in zip(self._bcs, values, strict=False):
+            bc.set(value)
+        text = ""
+        for i, value in enumerate(values):
+            for j, other in enumerate(values[:i]):
+                a, b = other[self.fixed], value[self.fixed]
+                wrong = np.abs(a - b) > 1e-12 * np.maximum(np.abs(a), np.abs(b))
+                if wrong.any() and not text:
+                    k = int(np.argmax(wrong))
+                    dof = self.fixed[k]
+                    text = (
+                        f"expected one displacement per dof, given {a[k]:g} m by bcs[{j}] and "
+                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % 3]} near "
+                        f"{np.round(self._X[dof // 3], 6)}"
+                    )
+        given = self.applied(self._u.x.array)[self.fixed]
+        if len(bad := given[~np.isfinite(given)]):
+            text = f"expected finite displacements in bcs, given {bad[0]}"
+        text = max(self._comm.allgather(text))
+        if text:
+            raise ValueError(text)
+
+    def applied(self, values: Floats) -> Floats:
+        """Displacements of the local nodes, given where they are given.
+
+        Args:
+            values: Any displacements, owned then ghost, shape ``(3 l,)``
+                [m].
+
+        Returns:
+            A copy with the values of the conditions.
+        """
+        self._u.x.array[:] = values
+        for bc in self._bcs:
+            bc.set(self._u.x.array)
+        if self._bcs:
+            # The user may have located owned dofs only.
+            self._u.x.scatter_forward()
+        copy: Floats = self._u.x.array.copy()
+        return copy

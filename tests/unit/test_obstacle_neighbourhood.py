@@ -1,0 +1,48 @@
+"""Nodes that meet an obstacle: the answers of a neighbourhood without other ranks."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+import scenes
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+
+OBSTACLES = {
+    "sphere": nts.RigidSphere((0.5, 0.5, -1.0), 1.1),
+    "facets": nts.RigidSurface(
+        [[-9, -9, 0], [9, -9, 0], [-9, 9, 0], [9, 9, 0]], [[0, 1, 2], [3, 2, 1]], (0, 0, 9)
+    ),
+}
+obstacles = pytest.mark.parametrize("name", OBSTACLES)
+
+
+@pytest.fixture
+def nodes(comm):
+    """Surface that meets the obstacles."""
+    return scenes.blocks(comm).stepper.pairs[0].nodes
+
+
+@obstacles
+def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+    facet, gap = here.pair(x, nodes.nodes, none, 0.5)
+    found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.5)
+    np.testing.assert_array_equal(facet, found)
+    np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
+    met = np.flatnonzero(found >= 0)
+    np.testing.assert_array_equal(here.find(here.key[found[met]]), found[met])
+    np.testing.assert_allclose(here.gap(x, nodes.nodes[met], found[met]), exact[met], atol=1e-14)
+    assert here.gap_gradient(x, nodes.nodes[met], found[met]).shape == (len(met), 3)
+    np.testing.assert_array_equal(here.dofs(nodes.nodes[met], found[met])[:, 0], nodes.nodes[met])
+
+
+@obstacles
+def test_every_node_is_near_and_nothing_is_sent(name, nodes):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    assert here.update(x, 0.1) == (here, False)
+    np.testing.assert_array_equal(here.near(x, nodes.nodes, 0.1), np.arange(len(nodes.nodes)))
+    for values in (here.with_room(x), here.with_ghosts(x), here.to_owners(x)):
+        assert values is x
