@@ -25,6 +25,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.ranks import on_root
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.sunk import SunkVertices
 from dolfinx_nts.timing import Timings
 from dolfinx_nts.vtx import VtxFile
 from dolfinx_nts.xdmf import FieldFile
@@ -135,6 +136,7 @@ class Recorder:
         with self._timings.phase("output"):
             self._first = self._last = self.diagnostics.balance()
             self._step = self._saved = self._stepper.step
+            self._sunk = SunkVertices(self._stepper)
             self._count = self._newton = self._most = 0  # steps, iterations, most in a step
             self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
             self._contact = ContactWork()
@@ -213,6 +215,7 @@ class Recorder:
             due = self._count % self._every == 0
             if due if self._times is None else step.t in self._times:
                 self._fields.write()
+                self._sunk.look()
             if self._checkpoint_every is not None:
                 signum = self._interrupts.received()
                 if signum or self._count % self._checkpoint_every == 0:
@@ -266,6 +269,9 @@ class Recorder:
             size = np.linalg.norm(getattr(first, name))
             drift = f"largest change {self._drift[name]:.1e} {unit}"
             lines += [f"{name.replace('_', ' ')}: {size:.6g} {unit}, {drift}"]
+        for i, depth in self._sunk.deepest.items():
+            if depth > 0:
+                lines += [f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"]
         times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
         return "\n".join([*lines, f"wall time: {self._time:.1f} s ({times})"])
 

@@ -49,7 +49,7 @@ LAYERS = [
     {"stepper"},
     {"implicit", "explicit"},
     {"integrators", "generalized_alpha"},
-    {"diagnostics", "diagrams", "drawing", "fields", "fingerprint", "movie"},
+    {"diagnostics", "diagrams", "drawing", "fields", "fingerprint", "movie", "sunk"},
     {"checkpoint", "plotting", "vtx", "xdmf"},
     {"output"},
     {"__init__"},
