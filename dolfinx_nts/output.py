@@ -1,6 +1,5 @@
 """Recorder: fields for ParaView and a table of the balances of a run."""
 
-import csv
 import logging
 import os
 import time
@@ -9,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import fields as fields_of
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, TextIO
+from typing import Literal
 
 from mpi4py import MPI
 
@@ -26,6 +25,7 @@ from dolfinx_nts.ranks import on_root
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.sunk import SunkVertices
+from dolfinx_nts.table import Table
 from dolfinx_nts.timing import Timings
 from dolfinx_nts.vtx import VtxFile
 from dolfinx_nts.xdmf import FieldFile
@@ -120,7 +120,7 @@ class Recorder:
         self._checkpoint_every, self._resume = checkpoint_every, resume
         self._kind = fields
         self._fields: FieldFile | VtxFile | None = None
-        self._table: TextIO | None = None
+        self._table = Table(Path(f"{name}.csv"))
 
     def __enter__(self) -> "Recorder":
         """Open the files and write the present state, or resume.
@@ -141,15 +141,14 @@ class Recorder:
             self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
             self._contact = ContactWork()
             self._drift = dict.fromkeys(_CONSERVED, 0.0)
-            self._table_size = 0
+            self._table.size = 0
             resume = on_root(self._comm, lambda: self._resume and self._checkpoint.exists())
             if resume:
                 checkpoint.load(self._checkpoint, self._stepper, self)
                 self._saved = self._step
             on_root(self._comm, lambda: self._open_table(resume))
             with ExitStack() as files:
-                if self._table:
-                    files.enter_context(self._table)
+                files.callback(self._table.close)
                 self._fields = self._open_fields(resume)
                 files.callback(self._fields.abandon)
                 if not resume:
@@ -167,8 +166,9 @@ class Recorder:
             archive: Takes them or gives them.
         """
         self._step = archive.same("record/step", self._step)
-        for name in ("_count", "_newton", "_most", "_table_size"):
+        for name in ("_count", "_newton", "_most"):
             setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
+        self._table.size = archive.same("record/table_size", self._table.size)
         for name in ("_bulk", "_loads", "_supports", "_damping", "_solver"):
             setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
         for name in self._drift:
@@ -246,7 +246,7 @@ class Recorder:
         """Write a checkpoint, after all that it relies on."""
         assert self._fields is not None
         self._fields.flush()
-        on_root(self._comm, self._flush_table)
+        on_root(self._comm, self._table.sync)
         checkpoint.save(self._checkpoint, self._stepper, self)
         self._saved = self._step
 
@@ -304,21 +304,7 @@ class Recorder:
             "external_work": self._loads + self._supports,
             "friction_dissipation": -contact.friction,
         }
-        on_root(self._comm, lambda: self._add_row(row))
-
-    def _add_row(self, row: dict[str, float]) -> None:
-        assert self._table is not None
-        table = csv.writer(self._table)
-        if not self._count:
-            table.writerow(row)
-        table.writerow(row.values())
-        self._table.flush()
-
-    def _flush_table(self) -> None:
-        """Bring the table to the disk itself."""
-        assert self._table is not None
-        os.fsync(self._table.fileno())
-        self._table_size = os.fstat(self._table.fileno()).st_size
+        on_root(self._comm, lambda: self._table.write(row))
 
     def _open_fields(self, resume: bool) -> FieldFile | VtxFile:
         if self._kind == "vtx":
@@ -329,20 +315,10 @@ class Recorder:
         """Open the table, after a look whether all files can be written."""
         if not (folder := Path(self._name).parent).is_dir():
             raise FileNotFoundError(f"expected an existing folder, given {folder}")
-        path = Path(f"{self._name}.csv")
         suffixes = ("csv", "h5", "xdmf") if self._kind == "xdmf" else ("csv",)
         for other in (Path(f"{self._name}.{suffix}") for suffix in suffixes):
             if other.exists() and not (other.is_file() and os.access(other, os.W_OK)):
                 raise OSError(f"expected a file that can be replaced, given {other}")
         if not resume:
             self._checkpoint.unlink(missing_ok=True)
-            self._table = open(path, "w", newline="", encoding="utf-8")
-            return
-        size = path.stat().st_size if path.exists() else 0
-        if size < self._table_size:
-            raise ValueError(
-                f"expected a table {path} of {self._table_size} bytes or more, which it had at "
-                f"the checkpoint, given one of {size}"
-            )
-        os.truncate(path, self._table_size)
-        self._table = open(path, "a", newline="", encoding="utf-8")
+        self._table.open(resume)

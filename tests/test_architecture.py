@@ -26,6 +26,7 @@ LAYERS = [
         "progress",
         "slip",
         "step_control",
+        "table",
         "timing",
     },
     {"materials", "parts", "ranks", "supports"},

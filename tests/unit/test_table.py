@@ -1,0 +1,45 @@
+"""Table of a run: what is in the file, and where it goes on."""
+
+import pytest
+
+from dolfinx_nts.table import Table
+
+
+@pytest.fixture
+def path(tmp_path):
+    """File of this rank."""
+    return tmp_path / "run.csv"
+
+
+def test_names_come_first_and_each_row_is_on_disk_at_once(path):
+    table = Table(path)
+    table.open(resume=False)
+    for i in range(2):
+        table.write({"step": i, "time": 0.1 * i})
+        assert path.read_text().split() == ["step,time", "0,0.0", "1,0.1"][: i + 2]
+    table.close()
+
+
+def test_resumed_table_goes_on_after_the_last_sync(path):
+    table = Table(path)
+    table.open(resume=False)
+    table.write({"step": 0})
+    table.sync()
+    table.write({"step": 1})
+    table.close()
+    again = Table(path)
+    again.size = table.size
+    again.open(resume=True)
+    again.write({"step": 2})
+    again.close()
+    assert path.read_text().split() == ["step", "0", "2"]
+
+
+def test_table_that_is_too_short_is_refused_and_left_alone(path):
+    path.write_text("step\r\n")
+    table = Table(path)
+    table.size = 100
+    with pytest.raises(ValueError, match=r"of 100 bytes or more, .* given one of 6"):
+        table.open(resume=True)
+    table.close()
+    assert path.read_bytes() == b"step\r\n"
