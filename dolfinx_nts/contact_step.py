@@ -381,9 +381,11 @@ class ContactStep:
 
     def _balance(self, rows: Rows, R: Floats | None) -> None:
         """Multipliers that balance the residual at the nodes."""
-        if R is None:
-            return
         node, active, rest = rows.node, self.active[rows.node], R
+        if rest is None:
+            if self._tangential is not None:
+                self._tangential.follow(rows, self.lambda_N[node], active)
+            return
         column = rows.columns[:, 0, :3]
         if self._tangential is not None:
             rest, column = self._tangential.reduced(rows, R, active)

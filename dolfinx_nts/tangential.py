@@ -168,6 +168,21 @@ class Tangential:
         self.traction[rows.node] = np.where(active[:, None], traction, 0.0)
         return lambda_N
 
+    def follow(self, rows: Rows, lambda_N: Floats, active: Flags) -> None:
+        """Set the tractions of sliding nodes by their model. Local.
+
+        What `balance` does for them, where multipliers were solved for.
+
+        Args:
+            rows: The pairs.
+            lambda_N: Normal multipliers, shape ``(m,)`` [N].
+            active: Whether a pair transmits force.
+        """
+        node = rows.node
+        slides = active & ~self.sticks(node, active)
+        traction = self._known(rows, active) - lambda_N[:, None] * self._direction[node]
+        self.traction[node[slides]] = traction[slides]
+
     def _known(self, rows: Rows, active: Flags) -> Floats:
         """Tractions that do not scale with the pressing force, ``(m, 2)``."""
         node = rows.node

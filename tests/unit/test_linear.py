@@ -60,17 +60,19 @@ def test_three_bodies_and_two_pairs_are_solved_together(comm, monkeypatch):
     assert len(differences) > 3 and max(differences) < AGREEMENT
 
 
-def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch):
-    ends = []
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3), nts.Coulomb(0.6)])
+def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
+    ends, iterations = [], []
     for direct in (False, True):
-        scene = scenes.blocks(comm)
+        scene = scenes.blocks(comm, friction=friction, cell="tetrahedron")
         if direct:
             monkeypatch.setattr("dolfinx_nts.linear.coupled", lambda steps, states: True)
-        for _ in range(10):
-            scene.stepper.advance()
+        iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
         assert (scene.stepper._solver.num_direct > 0) == direct
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-10)
+    # Newton's method sees the same multipliers and tractions.
+    assert np.all(np.abs(np.subtract(*iterations)) <= 1)
 
 
 def test_one_preconditioner_lasts_for_many_steps(comm):

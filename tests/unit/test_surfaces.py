@@ -282,7 +282,7 @@ def test_curved_meshes_are_refused(comm, refused):
     ).points
     cells = np.arange(10, dtype=np.int64)[None] if comm.rank == 0 else np.empty((0, 10), np.int64)
     element = basix.ufl.element("Lagrange", "tetrahedron", 2, shape=(3,))
-    mesh = create_mesh(comm, cells, X if comm.rank == 0 else X[:0], element)
+    mesh = create_mesh(comm=comm, cells=cells, x=X if comm.rank == 0 else X[:0], e=element)
     none = np.empty(0, dtype=np.int32)
     with refused(ValueError, "mesh of degree 1 .*given degree 2 in 3; displacements on it may be"):
         nts.Surface(space(mesh, 2), meshtags(mesh, 2, none, none), 1)

@@ -318,7 +318,7 @@ def test_two_balls_at_published_data_differ_from_hertz_by_their_material(materia
 # parallel to the load. From six cells on the error is 2 to 3 %, which neither a
 # stiffer spring nor smaller steps nor more friction change.
 STICK_TOLERANCE = 0.03
-MOST_ITERATIONS = 12
+MOST_ITERATIONS = 9
 
 
 @dataclass(frozen=True)
