@@ -380,13 +380,13 @@ class ContactStep:
         return slope
 
     def _balance(self, rows: Rows, R: Floats | None) -> None:
-        """Multipliers that balance the residual at the nodes."""
-        node, active, rest = rows.node, self.active[rows.node], R
-        if rest is None:
+        """Multipliers that balance the residual at the nodes, if given; tractions with them."""
+        node, active = rows.node, self.active[rows.node]
+        if R is None:
             if self._tangential is not None:
                 self._tangential.follow(rows, self.lambda_N[node], active)
             return
-        column = rows.columns[:, 0, :3]
+        rest, column = R, rows.columns[:, 0, :3]
         if self._tangential is not None:
             rest, column = self._tangential.reduced(rows, R, active)
         response = np.einsum("mi,mi->m", rows.normal, column)
