@@ -55,7 +55,7 @@ def main() -> int:
     results = _ROOT / "results"
     results.mkdir(exist_ok=True)
     rows, wrong = [], 0
-    # Processes that are not forked: MPI must begin in each of them.
+    # Not forked: MPI must begin in each process.
     with (
         (results / "stress.csv").open("w", newline="", encoding="utf-8") as file,
         multiprocessing.get_context("spawn").Pool(options.jobs) as pool,
