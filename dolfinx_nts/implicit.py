@@ -274,7 +274,9 @@ class ImplicitStepper(Stepper):
         self._mean_velocity = (u - u_n) / dt
         self._update_velocity()
         inertia = self._mass * (self.v.x.array[:n] - v_n) / dt
-        self._internal_force = self._norm(solution.R_bulk - inertia)
+        # Without inertia it may be supports alone against which bodies press.
+        internal = solution.R_bulk if self._inertia else self._bulk.forces()
+        self._internal_force = self._norm(internal - inertia)
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,

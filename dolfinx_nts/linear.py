@@ -235,7 +235,8 @@ class LinearSolver:
         2 (c/dx)^2; half of K and 2 m/h^2 make the tangent of a step.
         """
         stiffness, inertia = self._bulk.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
-        ratio = stiffness / np.maximum(inertia, 1e-300)
+        # Without inertia any number of cells; nodes may have no stiffness either.
+        ratio = stiffness / np.maximum(inertia, np.maximum(1e-30 * stiffness, 1e-300))
         greatest = self._bulk.comm.allreduce(ratio.max(initial=0.0), op=MPI.MAX)
         return float(np.sqrt(2 * greatest))
 

@@ -84,16 +84,16 @@ def in_a_slot(comm: MPI.Comm, gap: float) -> Setup:
 
 def _on(scene: str, parameter: str, value: Any, lower: Part, **how: Any) -> Case:
     upper = how.pop("upper", cube(0.5, 2).at(0.03, 0.02, 0.04))
-    warns = how.pop("warns", "")
+    warns, depth = how.pop("warns", ""), how.pop("depth", 1.0)
     build = partial(falls, upper=upper, lower=lower, **how)
-    return Case(scene, parameter, value, build, warns=warns)
+    return Case(scene, parameter, value, build, warns=warns, depth=depth)
 
 
 CASES = [
     *(_on("needles", "aspect", a, needles(a)) for a in (40, 200, 1000)),
     *(
-        _on("slivers", "angle", a, slivers(a), until=0.4, warns=w)
-        for a, w in ((10, ""), (3, ""), (1, SHARP))
+        _on("slivers", "angle", a, slivers(a), until=0.4, warns=w, depth=depth)
+        for a, w, depth in ((10, "", 1.0), (3, "", 1.0), (1, SHARP, np.inf))
     ),
     *(
         _on("warped facets", "height", h, warped(h), upper=cube(0.5, 2).at(0.03, 0.02, 0.04 + h))
@@ -107,7 +107,11 @@ CASES = [
         _on("facets from inside", "cells", c, mirrored(), cell=c)
         for c in ("hexahedron", "tetrahedron")
     ),
-    *(Case("disconnected surface", "slot", g, partial(in_a_slot, gap=g)) for g in (0.0, 0.1, 0.5)),
+    # The gap jumps where a node goes from one half, at its edge, to the other.
+    *(
+        Case("disconnected surface", "slot", g, partial(in_a_slot, gap=g), depth=depth)
+        for g, depth in ((0.0, 2.0), (0.1, 1.0), (0.5, 1.0))
+    ),
     *(
         _on(
             "tetrahedra",

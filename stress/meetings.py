@@ -11,7 +11,7 @@ import numpy as np
 import dolfinx_nts as nts
 from stress.parts import Array, Part, ball, box, from_blocks, rotation
 from stress.rows import Case, Setup, above
-from stress.world import Touch, World
+from stress.world import Frame, Touch, World
 
 __all__ = ["CASES"]
 
@@ -51,13 +51,36 @@ def falls(
     until: float = 0.6,
     h: float = _H,
     cell: str = "hexahedron",
+    degree: int = 1,
     law: Any = None,
+    both: bool = False,
+    frame: Frame | None = None,
+    **how: Any,
 ) -> Setup:
-    """Let one part fly against another. Collective."""
-    world = World(comm, {"upper": upper.flying(*velocity), "lower": lower}, cell)
-    touch = Touch(f"upper.{side}", f"lower.{segments}", {"enforcement": law})
-    stepper = world.stepper([touch], h)
-    return Setup(stepper, until, above(stepper, *stepper.bodies), ledger=law is not None)
+    """Let one part fly against another. Collective.
+
+    Args:
+        comm: Communicator.
+        upper: What flies.
+        lower: What it strikes.
+        side: Side of the upper part that may touch,
+        segments: and that of the lower part.
+        velocity: Of the upper part [m/s].
+        until: Time at the end [s], before it is seen in the frame.
+        h: Step [s], as well.
+        cell: Type of the cells.
+        degree: Of the displacement.
+        law: Enforcement; None: multipliers with elastic impact.
+        both: Whether there are two half passes.
+        frame: How the scene is seen.
+        **how: For `World.stepper`: the scheme.
+    """
+    parts = {"upper": upper.flying(*velocity), "lower": lower}
+    world = World(comm, parts, cell, degree, frame)
+    touch = Touch(f"upper.{side}", f"lower.{segments}", {"enforcement": law}, both)
+    stepper = world.stepper([touch], h, **how)
+    check = above(stepper, *stepper.bodies, up=world.frame.turn[:, 2])
+    return Setup(stepper, world.frame.length * until, check, ledger=law is not None)
 
 
 def plate_with_hole(radius: float) -> Part:

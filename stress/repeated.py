@@ -31,10 +31,10 @@ class Impacts:
         """Start at zero."""
         self.stepper, self.least, self.count = stepper, least, 0
 
-    def run(self, until: float) -> Iterator[nts.StepReport]:
+    def run(self, until: float, control: nts.StepControl | None = None) -> Iterator[nts.StepReport]:
         """Run and count."""
         touching = [False] * len(self.stepper.pairs)
-        for report in nts.EnergyMomentum.run(self.stepper, until):
+        for report in nts.EnergyMomentum.run(self.stepper, until, control):
             before = touching
             comm = self.stepper.u.function_space.mesh.comm
             counts = np.array([pair.history.active.sum() for pair in self.stepper.pairs])

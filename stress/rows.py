@@ -30,8 +30,10 @@ __all__ = [
 
 # Relative to the largest energy (or work) and to the sum of the nodes' momenta.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
+# Of the size of a segment: a gap that is closed. Of a depth: round-off.
+_CLOSED, _ROUNDING = 1e-9, 1e-9
 # Message of a step in which elements are squashed.
-CRUSHED = r"inverted|no convergence|not project|not finite"
+CRUSHED = "is inverted"
 COLUMNS = (
     "scene",
     "parameter",
@@ -41,6 +43,7 @@ COLUMNS = (
     "momentum_error",
     "angular_momentum_error",
     "min_gap",
+    "least_allowed_gap",
     "steps",
     "rejected_steps",
     "message",
@@ -79,6 +82,10 @@ class Case:
         stops: Pattern of the error with which it has to stop; None if it
             has to finish.
         warns: Pattern of the warning that it has to log.
+        cuts: How often a step may be halved; None: steps are as they are,
+            as the row shows what is refused.
+        depth: How many times deeper than allowed nodes may be; infinite
+            where they are known to slip through.
     """
 
     scene: str
@@ -87,6 +94,8 @@ class Case:
     build: Callable[[MPI.Comm], Setup]
     stops: str | None = None
     warns: str = ""
+    cuts: int | None = 6
+    depth: float = 1.0
 
     @property
     def name(self) -> str:
@@ -131,14 +140,15 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
     folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
     table = folder / "run.csv"
     setup, error, warnings = None, "", _Warnings()
-    scales = [np.zeros(2)]
+    scales, approaches = [np.zeros(2)], [0.0]
     try:
         setup = case.build(comm)
         with nts.Recorder(folder / "run", setup.stepper, every=10**9) as record:
             scales.append(_momentum_scales(setup))
-            for step in setup.stepper.run(setup.until):
+            for step in setup.stepper.run(setup.until, control=_control(case, setup)):
                 record.write(step)
                 scales.append(_momentum_scales(setup))
+                approaches.append(_approach(setup.stepper))
     except (nts.ConvergenceError, ValueError) as failure:
         row["outcome"], error = "stopped", str(failure)
     warnings.close()
@@ -151,7 +161,12 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         values = comm.bcast(_read(table) if comm.rank == 0 else None)
         row |= _errors(values, setup, np.max(scales, axis=0))
         row["steps"] = len(values["step"]) - 1
+        row["rejected_steps"] = int(values["rejected"].sum())
         wrong = wrong or _too_large(row, values)
+        if setup.stepper.pairs:
+            deep = _depth(row, values, _allowed(setup, values, approaches), case.depth)
+            # What stops may have sunk too deep.
+            wrong = wrong or (deep if not case.stops else "")
     if setup is not None and not error and not wrong:
         wrong = setup.check()
     comm.barrier()
@@ -180,15 +195,68 @@ class _Warnings(logging.Handler):
         super().close()
 
 
-def above(stepper: Any, upper: nts.Body, lower: nts.Body) -> Callable[[], str]:
+def above(
+    stepper: Any, upper: nts.Body, lower: nts.Body, up: Any = (0.0, 0.0, 1.0)
+) -> Callable[[], str]:
     """Check that one body has not gone through the other. Collective."""
     diagnostics = nts.Diagnostics(stepper)
 
     def check() -> str:
-        heights = [diagnostics.centre_of_mass(body)[2] for body in (upper, lower)]
+        heights = [diagnostics.centre_of_mass(body) @ up for body in (upper, lower)]
         return "" if heights[0] > heights[1] else f"upper body at {heights[0]:.3g}, below the other"
 
     return check
+
+
+def _control(case: Case, setup: Setup) -> nts.StepControl | None:
+    if case.cuts is None:
+        return None
+    return nts.StepControl(smallest=0.99 * setup.stepper.dt / 2**case.cuts)
+
+
+def _approach(stepper: Any) -> float:
+    """How far a node and a segment came towards each other in the last step [m].
+
+    Or less: the sum of the longest ways on both sides. Collective.
+    """
+    way = np.linalg.norm((stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3), axis=1)
+    comm, longest = stepper.u.function_space.mesh.comm, 0.0
+    for pair in stepper.pairs:
+        if isinstance(pair.enforcement, nts.LagrangeMultiplier):
+            both = [s for s in (pair.nodes, pair.segments) if not isinstance(s, Obstacle)]
+            ways = [way[surface.nodes].max(initial=0.0) for surface in both]
+            longest = max(longest, sum(comm.allreduce(way, op=MPI.MAX) for way in ways))
+    return longest
+
+
+def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> Any:
+    """Least gap allowed in each row of the recorder [m]. Collective.
+
+    Nodes may be as deep as they were at the start, and deeper: with
+    multipliers by the longest approach in one step so far, as elastic
+    impact keeps the gap with which a node came (in equilibrium there is
+    none to keep, the gap is closed); with springs as deep as one that has
+    all the energy of contact.
+    """
+    start = min(0.0, np.nan_to_num(values["min_gap"][0]))
+    depth = np.maximum.accumulate(approaches)
+    if isinstance(setup.stepper, nts.QuasiStatic):
+        size = [pair.segment_size for pair in setup.stepper.pairs]
+        depth = np.full(len(depth), _CLOSED * max(size, default=0.0))
+    comm = setup.stepper.u.function_space.mesh.comm
+    springs = [pair.eps_N for pair in setup.stepper.pairs if pair.eps_N is not None]
+    weakest = min((eps_N.min(initial=np.inf) for eps_N in springs), default=np.inf)
+    weakest = comm.allreduce(weakest, op=MPI.MIN)
+    energy = np.maximum.accumulate(np.maximum(values["contact_energy"], 0.0))
+    return start - _ROUNDING * abs(start) - np.maximum(depth, np.sqrt(2 * energy / weakest))
+
+
+def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any, times: float) -> str:
+    """Say whether a gap is less than some times what it may be; complete the row."""
+    gap = np.nan_to_num(values["min_gap"], nan=np.inf)
+    row["least_allowed_gap"] = allowed[gap.argmin()]
+    deep = np.flatnonzero(gap < times * allowed) if np.isfinite(times) else []
+    return f"gap {gap[deep[0]]:.3g} < {allowed[deep[0]]:.3g} in row {deep[0]}" if len(deep) else ""
 
 
 def _not_announced(case: Case, error: str) -> str:

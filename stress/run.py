@@ -1,22 +1,25 @@
 """Run the stress suite and write its table.
 
-    python3 -m stress.run [PATTERN]
+    python3 -m stress.run [--jobs N] [PATTERN]
 
 Writes ``results/stress.csv`` and, where all is as it has to be in a whole
-run, the table in README.md. Fails otherwise. PATTERN selects rows by name.
+run, the table in README.md. Fails otherwise. PATTERN selects rows by name; N
+rows run at a time, each in a process of its own.
 """
 
 import argparse
 import csv
 import logging
+import multiprocessing
+import os
 import re
 import sys
 from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import degenerate, impact, meetings, repeated, resting
-from stress.rows import COLUMNS, Case, run
+from stress import degenerate, impact, meetings, repeated, resting, variants
+from stress.rows import COLUMNS, Case, Outcome, run
 from stress.table import replace_table
 
 __all__ = ["CASES"]
@@ -27,34 +30,48 @@ CASES: list[Case] = [
     *repeated.CASES,
     *resting.CASES,
     *degenerate.CASES,
+    *variants.CASES,
 ]
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")
 
 
+def _run(name: str) -> Outcome:
+    """Run the case of a name."""
+    logging.getLogger("dolfinx_nts").propagate = False
+    return run(next(case for case in CASES if case.name == name), MPI.COMM_SELF)
+
+
 def main() -> int:
     """Run what the command line asks for; returns the number of wrong rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("pattern", nargs="?", default="")
-    pattern = parser.parse_args().pattern
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    options = parser.parse_args()
+    pattern = options.pattern
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    logging.getLogger("dolfinx_nts").propagate = False
     cases = [case for case in CASES if re.search(pattern, case.name)]
     results = _ROOT / "results"
     results.mkdir(exist_ok=True)
     rows, wrong = [], 0
-    with (results / "stress.csv").open("w", newline="", encoding="utf-8") as file:
+    # Not forked: MPI must begin in each process.
+    with (
+        (results / "stress.csv").open("w", newline="", encoding="utf-8") as file,
+        multiprocessing.get_context("spawn").Pool(options.jobs) as pool,
+    ):
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
-        for case in cases:
-            outcome = run(case, MPI.COMM_WORLD)
+        outcomes = pool.imap(_run, [case.name for case in cases])
+        for case, outcome in zip(cases, outcomes, strict=True):
             state = outcome.wrong or outcome.row["outcome"]
             _logger.info("%6.1f s  %s: %s", outcome.seconds, case.name, state)
             table.writerow(outcome.row)
             file.flush()
             rows.append(outcome.row)
             wrong += bool(outcome.wrong)
+        pool.close()
+        pool.join()
     if not pattern and not wrong:
         replace_table(_ROOT / "README.md", rows)
     _logger.info("%d rows, %d not as they have to be", len(rows), wrong)

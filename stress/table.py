@@ -13,10 +13,11 @@ _REASONS = {
     "pass through": "nodes would pass through",
     "sank into": "a node sinks in",
     "no convergence": "no solution",
+    "largest stable": "longer than the stable step",
 }
 _HEADER = """\
-| scene | parameter | finished | stopped, state intact | energy | momenta |
-|---|---|---|---|---|---|"""
+| scene | parameter | finished | stopped, state intact | energy | momenta | gap | cut |
+|---|---|---|---|---|---|---|---|"""
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
@@ -31,6 +32,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         momenta = ("momentum_error", "angular_momentum_error")
         cells = [scene, parameter, ", ".join(finished), "; ".join(stopped)]
         cells += [_worst(cases, ["energy_error"]), _worst(cases, momenta)]
+        cells += [_depth(cases), str(sum(row["rejected_steps"] for row in cases))]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -53,3 +55,11 @@ def _reason(row: dict[str, Any]) -> str:
 def _worst(cases: Sequence[dict[str, Any]], columns: Sequence[str]) -> str:
     values = [row[column] for row in cases for column in columns if row[column] != ""]
     return f"{max(values):.0e}" if values else "-"
+
+
+def _depth(cases: Sequence[dict[str, Any]]) -> str:
+    """Deepest node, as a part of the depth that is allowed."""
+    pairs = [(row["min_gap"], row["least_allowed_gap"]) for row in cases]
+    pairs = [(gap, allowed) for gap, allowed in pairs if "" not in (gap, allowed)]
+    parts = [gap / allowed if allowed < 0 else 0.0 for gap, allowed in pairs]
+    return f"{max(0.0, *parts):.2f}" if parts else "-"

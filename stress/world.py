@@ -1,7 +1,7 @@
 """Parts become a mesh, bodies, contact pairs and a stepper."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -13,9 +13,9 @@ from dolfinx.mesh import create_mesh, meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat
-from stress.parts import Ints, Part
+from stress.parts import Array, Ints, Part
 
-__all__ = ["Touch", "World"]
+__all__ = ["Frame", "Touch", "World"]
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,38 @@ class Touch:
         nodes: Surface whose nodes may touch.
         segments: The other surface, or a rigid obstacle.
         how: Arguments of `ContactPair`: enforcement, friction.
+        both: Whether nodes of both sides touch, in two half passes.
     """
 
     nodes: str
     segments: Any
     how: Mapping[str, Any] = field(default_factory=dict)
+    both: bool = False
+
+
+@dataclass(frozen=True)
+class Frame:
+    """How a scene is seen: turned by a rotation matrix, all lengths times a number.
+
+    Velocities and materials stay, so that times grow with the lengths and
+    all is similar.
+    """
+
+    turn: Array = field(default_factory=lambda: np.eye(3))
+    length: float = 1.0
+
+    def of(self, part: Part) -> Part:
+        """Part as it is seen."""
+        velocity = part.velocity
+
+        def flying(x: Array) -> Any:
+            return self.turn @ velocity(self.turn.T @ x / self.length)
+
+        return replace(
+            part,
+            X=self.length * part.X @ self.turn.T,
+            velocity=flying if callable(velocity) else self.turn @ velocity,
+        )
 
 
 class World:
@@ -40,11 +67,22 @@ class World:
         comm: Communicator.
         parts: Parts by name.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for parts of one grid.
+        degree: Of the displacement.
+        frame: How the parts are seen.
     """
 
-    def __init__(self, comm: MPI.Comm, parts: Mapping[str, Part], cell: str = "hexahedron") -> None:
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        parts: Mapping[str, Part],
+        cell: str = "hexahedron",
+        degree: int = 1,
+        frame: Frame | None = None,
+    ) -> None:
         """Distribute the mesh and make the bodies."""
-        self.parts, self._sides = dict(parts), {}
+        self.frame = Frame() if frame is None else frame
+        parts = {name: self.frame.of(part) for name, part in parts.items()}
+        self.parts, self._sides = parts, {}
         X, cells, owner, first = [], [], [], 0
         for number, (name, part) in enumerate(parts.items()):
             own, sides = part.cells, part.sides
@@ -62,7 +100,7 @@ class World:
             mesh.topology.create_connectivity(*dims)
         tags = np.concatenate(owner)[mesh.topology.original_cell_index].astype(np.int32)
         cell_tags = meshtags(mesh, 3, np.arange(len(tags), dtype=np.int32), tags)
-        self.V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        self.V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         self._facet_ids = self._facets()
         self.bodies = {
             name: nts.Body(self.V, cell_tags, number, part.material)
@@ -105,20 +143,21 @@ class World:
         gravity: Any = None,
         **options: Any,
     ) -> Any:
-        """Stepper of all bodies, with the velocities of the parts."""
-        pairs = [
-            nts.ContactPair(
-                self.surface(t.nodes),
-                self.surface(t.segments) if isinstance(t.segments, str) else t.segments,
-                **t.how,
-            )
-            for t in touches
-        ]
+        """Stepper of all bodies, with the velocities of the parts; dt as it is seen."""
+        pairs = [pair for touch in touches for pair in self._pairs(touch)]
         bodies = list(self.bodies.values())
         loads = [] if gravity is None else [nts.Gravity(bodies, gravity)]
-        stepper = scheme(bodies, pairs, dt=dt, loads=loads, **options)
+        stepper = scheme(bodies, pairs, dt=self.frame.length * dt, loads=loads, **options)
         for name, body in self.bodies.items():
             velocity = self.parts[name].velocity
             if callable(velocity) or np.any(velocity):
                 stepper.set_velocity(body, velocity)
         return stepper
+
+    def _pairs(self, touch: Touch) -> list[nts.ContactPair]:
+        nodes, segments = self.surface(touch.nodes), touch.segments
+        if isinstance(segments, str):
+            segments = nodes if segments == touch.nodes else self.surface(segments)
+        if touch.both:
+            return nts.two_half_passes(nodes, segments, **touch.how)
+        return [nts.ContactPair(nodes, segments, **touch.how)]

@@ -17,7 +17,8 @@ from stress.world import Touch, World
 CHEAP = [
     "ball on plate: nu = 0.499",
     "ball on plate: wall = 0.025",
-    "stiff ball on plate, h = 0.1: speed = 20.0",
+    "stiff ball on plate, h = 0.1: speed = 50.0",
+    "stiff ball on plate, steps as they are, h = 0.1: speed = 50.0",
     "cube on a plate: cells of plate : of cube = 16:1",
     "cube in a plate: depth = 0.1",
     "cube in a plate, penalty: depth = 0.02",
@@ -25,6 +26,13 @@ CHEAP = [
     "slivers: angle = 1",
     "collapsed edge: rest = 0.0",
     "bar twisted: degrees = 720",
+    "ball on plate, turned: rotation = 1 rad about (1, 2, 3)",
+    "ball on plate: all lengths times = 1e-06",
+    "cube on plate, degree 2, tetrahedron: stands on = edge",
+    "cube on plate, two half passes: cells of plate : of cube = 16:1",
+    "hard punch on a soft block: depth = 0.5",
+    "neo-Hookean cube: height left = 0.1",
+    "ball on plate, central differences: h = 0.05",
 ]
 
 
@@ -59,12 +67,24 @@ def test_wrong_endings_are_found(comm):
     def fast(comm):
         return impact(comm, E=1e9, h=0.1, speed=20.0, num_steps=2)
 
-    assert "pass through" in run(Case("", "", "", fast), comm).wrong
-    assert "expected 'inverted'" in run(Case("", "", "", fast, stops="inverted"), comm).wrong
+    refused = Case("", "", "", fast, cuts=None)
+    assert "pass through" in run(refused, comm).wrong
+    assert "expected 'inverted'" in run(replace(refused, stops="inverted"), comm).wrong
     slow = Case("", "", "", lambda comm: impact(comm, num_steps=2), stops="inverted")
     assert "finished, expected to stop" in run(slow, comm).wrong
     quiet = replace(slow, stops=None, warns="sharp")
     assert "expected the warning 'sharp'" in run(quiet, comm).wrong
+
+
+def test_step_that_is_cut_is_counted(comm):
+    case = Case("", "", "", lambda comm: impact(comm, E=1e9, h=0.1, speed=5.0, num_steps=1))
+    outcome = run(case, comm)
+    assert outcome.wrong == "" and outcome.row["rejected_steps"] == 1
+
+
+def test_node_that_is_too_deep_is_found(comm):
+    case = next(case for case in CASES if case.name == "slivers: angle = 1")
+    assert "gap -0" in run(replace(case, depth=1.0), comm).wrong
 
 
 def test_number_that_is_none_is_found(comm, monkeypatch):
@@ -77,6 +97,7 @@ def test_table_has_a_line_for_each_sweep():
     rows = [
         {"scene": "s", "parameter": "p", "value": value, "outcome": outcome, "message": message}
         | {"energy_error": 1e-14 * value, "momentum_error": "", "angular_momentum_error": ""}
+        | {"rejected_steps": value, "min_gap": -0.01 * value, "least_allowed_gap": -0.1}
         for value, outcome, message in (
             (1, "finished", ""),
             (2, "finished", ""),
@@ -84,7 +105,7 @@ def test_table_has_a_line_for_each_sweep():
         )
     ]
     assert summary(rows).splitlines()[2:] == [
-        "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - |"
+        "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - | 0.30 | 6 |"
     ]
 
 

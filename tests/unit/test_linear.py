@@ -149,3 +149,12 @@ def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
     assert patch.num_builds == count > 0
     patch.update(elimination, scene.stepper._bulk.num_tangents + 1)
     assert patch.num_builds == count + 1
+
+
+def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):
+    solver = scenes.blocks(comm, nts.QuasiStatic).stepper._solver
+    stiffness = np.full_like(solver._bulk.nodal_stiffness(), 1e9)
+    stiffness[:1] = 0.0
+    monkeypatch.setattr(solver._bulk, "nodal_stiffness", lambda: stiffness)
+    with np.errstate(all="raise"):
+        assert solver._wave_crossings() > 1e9
