@@ -72,7 +72,7 @@ def _errors(path: Path, errors: Rows) -> None:
         ("ball", "v_z, fine mesh", None, "ball, E = 1e5 Pa, against the limit of meshes"),
         ("bar", "rebound", None, "bar on wall, against wave theory"),
     )
-    figure, grid = plt.subplots(2, 2, figsize=(10, 7.5))
+    figure, grid = plt.subplots(2, 2, figsize=(10, 10))
     for axes, (scene, quantity, n, title) in zip(grid.flat, panels, strict=True):
         rows = [
             row
@@ -86,7 +86,7 @@ def _errors(path: Path, errors: Rows) -> None:
         axes.set(title=title, xlabel="CPU time [s]")
         axes.set_ylabel("error of v / v0 [-]" if scene == "bar" else "error of v_z [m/s]")
         if rows:
-            axes.legend(fontsize=7)
+            axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     _save(figure, path)
 
 
