@@ -170,14 +170,16 @@ class ContactStep:
             changed = int(np.count_nonzero(active))
         return self._state(rows, slope, changed)
 
-    def close_gaps(self, x: Floats) -> None:
+    def close_gaps(self, x: Floats, u: Floats) -> None:
         """Move nodes held by a normal multiplier alone to where it wants them.
 
         Along the normals of the last evaluation. Otherwise the linear system
         has to do so, which takes an action of the tangent. Collective.
 
         Args:
-            x: Positions of the owned nodes, shape ``(n, 3)`` [m], changed.
+            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
+            u: Their displacements, shape ``(n, 3)`` [m], changed. They are
+                known to more digits than positions.
         """
         if not (self.num_active and isinstance(self.pair.enforcement, LagrangeMultiplier)):
             return
@@ -190,7 +192,7 @@ class ContactStep:
         if self._holds:
             excess -= rows.gap_n[held]
         slope = np.einsum("mi,mi->m", normal, rows.gradients[held, 0, :3])
-        x[nodes] -= np.nan_to_num(excess / slope)[:, None] * normal
+        u[nodes] -= np.nan_to_num(excess / slope)[:, None] * normal
 
     def _rub(self, rows: Rows, iteration: int) -> int:
         """Decide on stick and slip; returns how many nodes do not fit."""

@@ -171,8 +171,7 @@ def solve(
             x = X + u.reshape(-1, 3)
             with timings.phase("contact"):
                 for step in steps:
-                    step.close_gaps(x)
-            u[:] = (x - X).ravel()
+                    step.close_gaps(x, u.reshape(-1, 3))
         bulk.u.x.scatter_forward()
         iteration += 1
 
