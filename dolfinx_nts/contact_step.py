@@ -26,6 +26,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+_CLOSE = 0.01  # of a segment: gaps that are closed between Newton iterations
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 _RESTLESS = 4  # changes of state after which a node is named if the step fails
 # Force of an active node, and gap times stiffness, that are none: of k h, as in
@@ -191,8 +192,10 @@ class ContactStep:
         excess = here.gap(here.with_ghosts(x), nodes, rows.segment[held])
         if self._holds:
             excess -= rows.gap_n[held]
-        slope = np.einsum("mi,mi->m", normal, rows.gradients[held, 0, :3])
-        u[nodes] -= np.nan_to_num(excess / slope)[:, None] * normal
+        way = excess / np.einsum("mi,mi->m", normal, rows.gradients[held, 0, :3])
+        # Nodes far from where the normals hold are left to the linear system.
+        near = np.abs(way) <= _CLOSE * self.pair.segment_size
+        u[nodes[near]] -= way[near, None] * normal[near]
 
     def _rub(self, rows: Rows, iteration: int) -> int:
         """Decide on stick and slip; returns how many nodes do not fit."""
