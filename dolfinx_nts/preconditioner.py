@@ -84,6 +84,7 @@ class Preconditioner:
         self._matrix: Any = None
         self._scalar: Any = None
         self._patch: Patch | None = None
+        self._kind = ""
         self._set: list[str] = []  # options that the user left open
         self.is_strong = False
         self.point: Sequence[npt.NDArray[Any]] | None = None
@@ -164,6 +165,9 @@ class Preconditioner:
 
     def _use(self, kind: str, defaults: Mapping[str, Any]) -> None:
         """Set type and options, but for what the user has set."""
+        if kind == self._kind:
+            return
+        self._kind = kind
         options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
         for key in self._set:
             # Of another kind of factors, which may not know them.
