@@ -5,6 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 import scenes
+from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -158,3 +159,19 @@ def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, m
     monkeypatch.setattr(solver._bulk, "nodal_stiffness", lambda: stiffness)
     with np.errstate(all="raise"):
         assert solver._wave_crossings() > 1e9
+
+
+def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agree):
+    # PETSc keeps options by name: those of MUMPS do not fit an incomplete factorisation.
+    stepper = scenes.blocks(comm).stepper
+    stepper.advance()
+    before = Snapshot()
+    stepper.exchange(before)
+    factors = stepper._solver._preconditioner
+    kind = str(factors)
+    factors.strengthen()
+    factors.build()
+    assert agree(factors.is_strong and str(factors) != kind)
+    stepper.exchange(before.rewind())
+    assert agree(not factors.is_strong and str(factors) == kind)
+    stepper.advance()
