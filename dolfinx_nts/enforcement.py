@@ -20,6 +20,9 @@ Flags = npt.NDArray[np.bool_]
 # An active node stays eligible while its gap is below this part of the
 # segment's size.
 _NEAR = 1e-2
+# A gap below this part of the segment's size is none: round-off of positions
+# must not decide whether a node that lies on a segment may be held.
+_TOUCHES = 1e-9
 
 
 class LagrangeMultiplier:
@@ -63,7 +66,7 @@ class LagrangeMultiplier:
         """
         # Nearer to the surface before than after the step: stop before.
         passes = (gap_n > 0) & (gap_trial < -gap_n)
-        flags: Flags = (gap_n <= 0) | passes | (active & (gap_n < _NEAR * size))
+        flags: Flags = (gap_n <= _TOUCHES * size) | passes | (active & (gap_n < _NEAR * size))
         return flags
 
     def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:

@@ -15,6 +15,8 @@ CASES = {
     "open and passes less deep than it was open": (0.1, -0.05, False, False),
     "open and passes deeper than it was open": (0.05, -0.1, False, True),
     "touches": (0.0, 0.1, False, True),
+    "touches up to round-off": (1e-16, 1e-16, False, True),
+    "nearly touches": (1e-8, 1e-8, False, False),
     "penetrates and leaves": (-0.01, 0.2, False, True),
     "penetrates": (-0.01, -0.02, False, True),
     "was active and is near": (0.004, 0.01, True, True),

@@ -1,0 +1,36 @@
+"""Bodies that touch at the start: round-off of positions decides nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import dolfinx_nts as nts
+from stress.parts import box
+from stress.world import Touch, World
+
+STONE = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3)
+FLOOR = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+HOW = {"friction": nts.Coulomb(0.5)}
+# Round-off of positions [m]; no way at all, where a free body falls 4e-5 m in a step.
+ROUNDING, NONE = 1e-14, 1e-9
+
+
+def test_blocks_laid_upon_each_other_stay_upright_from_the_first_step(comm, rng):
+    parts = {}
+    for name, width, height in (("lower", 0.4, 0.0), ("upper", 0.37, 0.2)):
+        block = box((width, width, 0.2), (2, 2, 1)).at(-width / 2, -width / 2, height)
+        # Gaps of either sign, as positions computed elsewhere have.
+        X = block.X + rng.uniform(-ROUNDING, ROUNDING, block.X.shape)
+        parts[name] = replace(block.made(STONE), X=X)
+    touches = [Touch("lower.bottom", FLOOR, HOW), Touch("upper.bottom", "lower.top", HOW)]
+    stepper = World(comm, parts).stepper(touches, 0.02, gravity=(0, 0, -9.81))
+    diagnostics = nts.Diagnostics(stepper)
+
+    def centres():
+        return np.array([diagnostics.centre_of_mass(body) for body in stepper.bodies])
+
+    start = centres()
+    for _ in range(3):
+        stepper.advance()
+        assert diagnostics.min_gap() > -NONE
+        assert np.abs((centres() - start)[:, :2]).max() < NONE
