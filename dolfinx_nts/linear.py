@@ -122,7 +122,8 @@ class LinearSolver:
         self._ksp = PETSc.KSP().create(bulk.comm)
         self._ksp.setOptionsPrefix(prefix)
         self._ksp.setOperators(self._matrix)
-        self._ksp.setType("gmres")
+        # Flexible: what the preconditioner gave is kept, not made once more.
+        self._ksp.setType("fgmres")
         self._ksp.setGMRESRestart(_MAX_ITERATIONS)
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)

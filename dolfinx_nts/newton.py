@@ -191,11 +191,12 @@ def _round_off(bulk: Bulk) -> float:
 def _forcing(norms: Sequence[float], target: float) -> float:
     """Reduction asked of the linear solver: no more than Newton can use.
 
-    Quadratic convergence bounds it; where that leads close to the target,
-    the target is aimed at, which saves the next iteration.
+    Quadratic convergence bounds it, and at first the active set, which lets
+    residuals fall by no more than a tenth; where that leads close to the
+    target, the target is aimed at, which saves the next iteration.
     """
     if norms[-1] <= 0.3 * target:
         return 0.3
     rate = norms[-1] / norms[-2] if len(norms) > 1 and norms[-2] > 0 else 1.0
-    quadratic, last = min(3e-3, 0.9 * rate**1.6), 0.1 * target / norms[-1]
+    quadratic, last = min(0.03, 0.9 * rate**1.6), 0.3 * target / norms[-1]
     return min(0.3, last if quadratic < 1e3 * last else quadratic)
