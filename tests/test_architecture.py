@@ -28,7 +28,7 @@ LAYERS = [
         "step_control",
         "timing",
     },
-    {"materials", "parts", "ranks", "supports", "table"},
+    {"materials", "parts", "ranks", "spaces", "supports", "table"},
     {"energies", "meshing"},
     {"numbering"},
     {"surfaces"},
