@@ -20,6 +20,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.elements import Element
+from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.spaces import check_space, check_tag
 
@@ -195,9 +196,7 @@ class Surface:
         Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        vector = fem.assemble_vector(fem.form(eta[0] * self.measure()))
-        vector.scatter_reverse(la.InsertMode.add)
-        area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
+        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, 3)[self.nodes, 0]
         return area
 
     def per_area(self, force: Floats) -> Floats:

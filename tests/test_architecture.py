@@ -34,7 +34,7 @@ LAYERS = [
     {"surfaces"},
     {"bodies"},
     {"loads", "lumping"},
-    {"form_load", "stable_step"},
+    {"form_load", "stable_step", "step_forms"},
     {"search", "enforcement", "friction", "obstacles"},
     {"obstacle_neighbourhood", "own_surface", "rigid_surface"},
     {"contact", "contact_rows", "spring_state"},
