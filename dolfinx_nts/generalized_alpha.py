@@ -170,7 +170,7 @@ class GeneralizedAlpha(ImplicitStepper):
             if norm <= 1e-15 * start:
                 break
             product = free * self._momentum_of(p)
-            step = norm**2 / float(self._bulk.comm.allreduce(p @ product))
+            step = norm**2 / float(self._comm.allreduce(p @ product))
             a += step * p
             r -= step * product
             before, norm = norm, self._norm(r)
@@ -179,7 +179,7 @@ class GeneralizedAlpha(ImplicitStepper):
 
     def _update_velocity(self) -> None:
         """Newmark's formulas; the energy that they do not account for."""
-        n, dt, comm = 3 * self._num_owned, self.dt, self._bulk.comm
+        n, dt, comm = 3 * self._num_owned, self.dt, self._comm
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()
         a = self._newmark(u, u_n, v, a_n, dt)

@@ -194,7 +194,7 @@ class ImplicitStepper(Stepper):
                 f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
             )
         restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
-        nodes = np.unique(np.concatenate(self._bulk.comm.allgather(restless)))
+        nodes = np.unique(np.concatenate(self._comm.allgather(restless)))
         if len(nodes):
             reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
         return newton.ConvergenceError(
@@ -210,7 +210,7 @@ class ImplicitStepper(Stepper):
         attempts: Collection[newton.NewtonReport],
     ) -> StepReport:
         """Set velocity and history by the solution; the works of the step."""
-        dt, n, comm = self.dt, 3 * self._num_owned, self._bulk.comm
+        dt, n = self.dt, 3 * self._num_owned
         work = ContactWork()
         for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
             history = step.accepted(state)
@@ -222,7 +222,7 @@ class ImplicitStepper(Stepper):
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         in_reach = sum(len(step.neighbourhood.size) for step in steps)
-        sums = comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
+        sums = self._comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
         load_work, damping_work, solver_work = (float(value) for value in sums[:3])
         v_n = self.v.x.array[:n].copy()
         self._mean_velocity = moved / dt
@@ -288,7 +288,7 @@ class ImplicitStepper(Stepper):
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""
-        return float(np.sqrt(self.u.function_space.mesh.comm.allreduce(values @ values)))
+        return float(np.sqrt(self._comm.allreduce(values @ values)))
 
     def _starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried, in turn."""
@@ -311,13 +311,13 @@ class ImplicitStepper(Stepper):
         self, steps: Sequence[ContactStep], states: Sequence[ContactState], du: Floats
     ) -> float:
         """Work of the reactions in a step with increment du [J]. Collective."""
-        comm, fixed = self.u.function_space.mesh.comm, self._bulk.fixed
-        if not comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
+        fixed = self._bulk.fixed
+        if not self._comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
             return 0.0
         # States keep the forces on given displacements apart.
         everywhere = [replace(state, residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
-        return float(comm.allreduce(reaction[fixed] @ du[fixed]))
+        return float(self._comm.allreduce(reaction[fixed] @ du[fixed]))
 
     def _state_was_set(self) -> None:
         self._mean_velocity = self.v.x.array.copy()
