@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
+from dolfinx_nts.arguments import as_call
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids
@@ -129,6 +130,11 @@ class Surface:
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
         self.size = float(mesh.comm.allreduce(edges.max(initial=0.0), op=MPI.MAX))
+
+    def __repr__(self) -> str:
+        """Tag, and sizes on this rank. Local."""
+        sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
+        return as_call(self, tag=int(self._tag), **sizes)
 
     @classmethod
     def where(cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> "Surface":
