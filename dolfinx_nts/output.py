@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Literal
 
 from mpi4py import MPI
@@ -176,12 +175,7 @@ class Recorder:
                 if signum:
                     self._interrupts.take_effect(signum)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Write the last fields, unless ranks may be apart, and close."""
         with self._timings.phase("output"):
             with self._files:
