@@ -1,11 +1,31 @@
-"""Checks of arguments that several classes share."""
+"""Arguments: checks that several classes share, and the text of a call with them."""
 
 import math
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
-__all__ = ["finite", "instances", "nonnegative", "positive", "real"]
+import numpy as np
+
+__all__ = ["as_call", "finite", "instances", "nonnegative", "positive", "real"]
+
+
+def as_call(item: object, **values: Any) -> str:
+    """One line with the class of an object and values by name, for its ``repr``.
+
+    Numbers have up to 12 digits; of a function there is its name.
+    """
+    return f"{type(item).__name__}({', '.join(f'{k}={_text(v)}' for k, v in values.items())})"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Real) and not isinstance(value, bool | int):
+        return f"{float(value) + 0.0:.12g}"  # not -0
+    if isinstance(value, np.ndarray):
+        return f"({', '.join(map(_text, value))})"
+    if callable(value):
+        return getattr(value, "__name__", type(value).__name__)
+    return repr(value)
 
 
 def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.archive import Archive
+from dolfinx_nts.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
@@ -178,6 +179,16 @@ class ContactPair:
         comm = self.nodes.V.mesh.comm
         least = comm.allreduce(float(stiffness.min(initial=np.inf)), op=MPI.MIN)
         return least, comm.allreduce(float(stiffness.max(initial=0.0)), op=MPI.MAX)
+
+    def __repr__(self) -> str:
+        """Arguments, one line. Local."""
+        return as_call(
+            self,
+            nodes=self.nodes,
+            segments=self.segments,
+            enforcement=self.enforcement,
+            friction=self.friction,
+        )
 
     def __str__(self) -> str:
         """Laws and the stiffness of springs, as used from the first step on. Local."""

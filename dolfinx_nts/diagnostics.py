@@ -23,10 +23,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import assembled, compile_form
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.surfaces import Surface
 
@@ -271,18 +271,11 @@ class Diagnostics:
         if body not in self._nodal_mass:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            self._nodal_mass[body] = self._nodal(compile_form(form))[:, 0]
+            self._nodal_mass[body] = assembled(compile_form(form)).reshape(-1, 3)[:, 0]
         mass = self._nodal_mass[body]
         sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
         mean: Floats = sums[:3] / sums[3]
         return mean
-
-    def _nodal(self, form: fem.Form) -> Floats:
-        """Assembled linear form on the owned nodes, shape ``(n, 3)``."""
-        vector = fem.assemble_vector(form)
-        vector.scatter_reverse(la.InsertMode.add)
-        values: Floats = vector.array.reshape(-1, 3)[: self._num_owned]
-        return values
 
     def _sum(self, values: Any) -> Any:
         return self._comm.allreduce(values)

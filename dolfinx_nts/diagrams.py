@@ -3,9 +3,10 @@
 Matplotlib is imported when it is needed. Local: only rank 0 draws.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 from mpi4py import MPI
 
@@ -15,7 +16,21 @@ __all__ = ["energies", "energy_error", "forces", "momenta"]
 
 _EPSILON = float(np.finfo(np.float64).eps)
 
+P = ParamSpec("P")
 
+
+def _on_first_rank(draw: Callable[P, None]) -> Callable[P, None]:
+    """Let the other ranks do nothing."""
+
+    @wraps(draw)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
+        if MPI.COMM_WORLD.rank == 0:
+            draw(*args, **kwargs)
+
+    return wrapper
+
+
+@_on_first_rank
 def energies(table: str | Path, filename: str | Path) -> None:
     """Draw the energies that are not zero. Local: only rank 0 draws.
 
@@ -23,8 +38,6 @@ def energies(table: str | Path, filename: str | Path) -> None:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
     """
-    if MPI.COMM_WORLD.rank != 0:
-        return
     rows = _read(table)
     figure, axes = _figure(1, 1)
     for name in ("total", "kinetic", "strain", "contact"):
@@ -35,6 +48,7 @@ def energies(table: str | Path, filename: str | Path) -> None:
     figure.savefig(filename)
 
 
+@_on_first_rank
 def momenta(table: str | Path, filename: str | Path) -> None:
     """Draw linear and angular momentum. Local: only rank 0 draws.
 
@@ -44,8 +58,6 @@ def momenta(table: str | Path, filename: str | Path) -> None:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
     """
-    if MPI.COMM_WORLD.rank != 0:
-        return
     rows = _read(table)
     figure, axes = _figure(2, 2)
     kinds = (("linear", "p", "kg m/s"), ("angular", "L", "kg m²/s"))
@@ -62,6 +74,7 @@ def momenta(table: str | Path, filename: str | Path) -> None:
     figure.savefig(filename)
 
 
+@_on_first_rank
 def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None:
     """Compare energy errors of several runs. Local: only rank 0 draws.
 
@@ -71,8 +84,6 @@ def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None
         tables: CSV file of a `Recorder` by label of its curve.
         filename: Picture to write.
     """
-    if MPI.COMM_WORLD.rank != 0:
-        return
     figure, axes = _figure(1, 1)
     for label, table in tables.items():
         rows = _read(table)
@@ -83,15 +94,16 @@ def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None
     figure.savefig(filename)
 
 
+@_on_first_rank
 def forces(table: str | Path, filename: str | Path) -> None:
-    """Draw the contact force of each pair, and how many nodes touch.
+    """Draw contact forces, and how many nodes touch. Local: only rank 0 draws.
+
+    The force of each pair is the size of the resultant on its nodes.
 
     Args:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
     """
-    if MPI.COMM_WORLD.rank != 0:
-        return
     rows = _read(table)
     figure, axes = _figure(2, 1)
     above, below = axes[:, 0]

@@ -32,6 +32,9 @@ class SaintVenantKirchhoff(Hyperelastic):
         """Check the numbers and convert them to Lame's."""
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
 
+    def _described(self) -> dict[str, Any]:
+        return _young(**self.parameters)
+
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
         E_GL = (C - ufl.Identity(3)) / 2
@@ -60,6 +63,9 @@ class NeoHookean(Hyperelastic):
         volumetric: ``"log"`` or ``"quadratic"``.
         **options: See `Hyperelastic`.
 
+    Attributes:
+        volumetric: As given.
+
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
             (-1, 0.5), or ``volumetric`` is unknown.
@@ -73,6 +79,10 @@ class NeoHookean(Hyperelastic):
         if volumetric not in energies:
             raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
         super().__init__(energies[volumetric], rho=rho, **(_lame(E, nu) | options))
+        self.volumetric = volumetric
+
+    def _described(self) -> dict[str, Any]:
+        return {**_young(**self.parameters), "volumetric": self.volumetric}
 
 
 class MooneyRivlin(Hyperelastic):
@@ -97,6 +107,9 @@ class MooneyRivlin(Hyperelastic):
         positive("c10 + c01", c10 + c01)
         positive("kappa", kappa)
         super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
+
+    def _described(self) -> dict[str, Any]:
+        return self.parameters
 
 
 class Yeoh(Hyperelastic):
@@ -125,6 +138,9 @@ class Yeoh(Hyperelastic):
         positive("kappa", kappa)
         super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
 
+    def _described(self) -> dict[str, Any]:
+        return self.parameters
+
 
 def _lame(E: float, nu: float) -> dict[str, float]:
     """Lame's numbers [Pa] of Young's modulus and Poisson's ratio."""
@@ -132,6 +148,11 @@ def _lame(E: float, nu: float) -> dict[str, float]:
     if not -1 < real("nu", nu) < 0.5:
         raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
     return {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
+
+
+def _young(lmbda: float, mu: float) -> dict[str, float]:
+    """Young's modulus [Pa] and Poisson's ratio of Lame's numbers."""
+    return {"E": mu * (3 * lmbda + 2 * mu) / (lmbda + mu), "nu": lmbda / (2 * (lmbda + mu))}
 
 
 def _saint_venant_kirchhoff(C: Any, lmbda: Any, mu: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.arguments import positive
+from dolfinx_nts.arguments import as_call, positive
 
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
@@ -51,6 +51,10 @@ class LagrangeMultiplier:
         if impact not in ("elastic", "plastic"):
             raise ValueError(f"expected impact 'elastic' or 'plastic', given {impact!r}")
         self.impact = impact
+
+    def __repr__(self) -> str:
+        """Kind of impact. Local."""
+        return as_call(self, impact=self.impact)
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
         """Nodes that elastic impact may hold; decided once per step.
@@ -109,6 +113,11 @@ class Penalty:
             positive("a penalty eps_N", eps_N)
         self.eps_N = eps_N
         self.share = 1.0
+
+    def __repr__(self) -> str:
+        """Stiffness as given [N/m] and, unless it is 1, the share. Local."""
+        share = {} if self.share == 1 else {"share": self.share}
+        return as_call(self, eps_N=self.eps_N, **share)
 
     def halved(self) -> "Penalty":
         """The same law with springs of half the stiffness."""

@@ -1,4 +1,4 @@
-"""Forms: how FFCx compiles them, and forms on a part of their cells."""
+"""Forms: how FFCx compiles them, their values, and forms on a part of the cells."""
 
 from functools import partial
 from typing import Any
@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
-__all__ = ["CellForm", "compile_form"]
+__all__ = ["CellForm", "assembled", "compile_form"]
+
+Floats = npt.NDArray[np.float64]
 
 # As fast as -ffast-math but for the assumption that there are no NaNs.
 _OPTIONS = {
@@ -26,6 +28,18 @@ _OPTIONS = {
 }
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
+
+
+def assembled(form: fem.Form) -> Floats:
+    """A linear form on the owned dofs, summed over the ranks. Collective.
+
+    Args:
+        form: The form, compiled.
+    """
+    vector = fem.assemble_vector(form)
+    vector.scatter_reverse(la.InsertMode.add)
+    values: Floats = vector.array[: vector.block_size * vector.index_map.size_local]
+    return values
 
 
 class CellForm:

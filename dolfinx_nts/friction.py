@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.arguments import nonnegative, positive
+from dolfinx_nts.arguments import as_call, nonnegative, positive
 
 __all__ = ["Coulomb", "Traction", "transport"]
 
@@ -76,6 +76,10 @@ class Coulomb:
         if law not in ("objective", "convective"):
             raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
         self.mu, self.eps_T, self.law = float(mu), eps_T, law
+
+    def __repr__(self) -> str:
+        """Numbers as given, eps_T in N/m. Local."""
+        return as_call(self, mu=self.mu, eps_T=self.eps_T, law=self.law)
 
     def slides(
         self, trial: Floats, way: Floats, p: Floats, heading: Floats, sliding: Flags

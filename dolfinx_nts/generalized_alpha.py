@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import finite, instances
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
@@ -62,7 +62,6 @@ class GeneralizedAlpha(ImplicitStepper):
     """
 
     a: fem.Function
-    _eta: Any
     _contact = "static"
 
     def __init__(
@@ -101,9 +100,8 @@ class GeneralizedAlpha(ImplicitStepper):
             update=update,
             petsc_options=petsc_options,
         )
-        momentum = bulk_form(
-            bodies, lambda material, parameters, rho: rho * ufl.inner(self.a, self._eta)
-        )
+        eta = ufl.TestFunction(self.u.function_space)
+        momentum = bulk_form(bodies, lambda material, parameters, rho: rho * ufl.inner(self.a, eta))
         self._mass_form = compile_form(momentum)
         self._known = False  # whether the acceleration belongs to the present state
 
@@ -118,13 +116,9 @@ class GeneralizedAlpha(ImplicitStepper):
         F_m = (1 - self._alpha_f) * F + self._alpha_f * F_n
         return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
-    def _residual(self) -> ufl.Form:
-        self.a = fem.Function(self.u.function_space, name="acceleration")
-        self._eta = ufl.TestFunction(self.u.function_space)
-        return super()._residual()
-
     def _acceleration(self) -> Any:
-        """Weighted acceleration of a step, UFL (3,)."""
+        """Weighted acceleration of a step, UFL (3,), with the one at its start."""
+        self.a = fem.Function(self.u.function_space, name="acceleration")
         a = self._newmark(self.u, self.u_n, self.v, self.a, self._dt)
         return (1 - self._alpha_m) * a + self._alpha_m * self.a
 
@@ -159,10 +153,7 @@ class GeneralizedAlpha(ImplicitStepper):
         """Consistent mass times owned values, both ``(3 n,)``. Collective."""
         self.a.x.array[: len(a)] = a
         self.a.x.scatter_forward()
-        vector = fem.assemble_vector(self._mass_form)
-        vector.scatter_reverse(la.InsertMode.add)
-        product: Floats = vector.array[: len(a)]
-        return product
+        return assembled(self._mass_form)
 
     def _solve_mass(self, force: Floats) -> None:
         """Set the acceleration by conjugate gradients. Collective.
@@ -179,7 +170,7 @@ class GeneralizedAlpha(ImplicitStepper):
             if norm <= 1e-15 * start:
                 break
             product = free * self._momentum_of(p)
-            step = norm**2 / float(self._bulk.comm.allreduce(p @ product))
+            step = norm**2 / float(self._comm.allreduce(p @ product))
             a += step * p
             r -= step * product
             before, norm = norm, self._norm(r)
@@ -188,7 +179,7 @@ class GeneralizedAlpha(ImplicitStepper):
 
     def _update_velocity(self) -> None:
         """Newmark's formulas; the energy that they do not account for."""
-        n, dt, comm = 3 * self._num_owned, self.dt, self._bulk.comm
+        n, dt, comm = 3 * self._num_owned, self.dt, self._comm
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()
         a = self._newmark(u, u_n, v, a_n, dt)

@@ -11,9 +11,8 @@ The schemes differ in the stress of f_int and in the kernel of the contact
 force F; the generalised-alpha method also in its acceleration.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, ClassVar
 
 from mpi4py import MPI
@@ -21,7 +20,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_nts import newton
 from dolfinx_nts.archive import Archive
@@ -31,15 +30,15 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import assembled, compile_form
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.lumping import lumped_mass
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.numbering import listed
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
+from dolfinx_nts.step_forms import StepForms
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["ImplicitStepper"]
@@ -101,7 +100,18 @@ class ImplicitStepper(Stepper):
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
-        self._bulk = Bulk(self._residual(), self.u, bcs, self._load_forms(), self._nearby_form())
+        self._forms = StepForms(
+            bodies,
+            self.u_n,
+            self.u,
+            self._dt,
+            stress=self.first_piola,
+            stress_share=self._stress_share,
+            acceleration=self._acceleration() if self._inertia else None,
+        )
+        self._bulk = Bulk(
+            self._forms.residual(), self.u, bcs, self._load_forms(), self._forms.nearby_tangent()
+        )
         self._supports = self._bulk.supports
         self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
         self._rest = Rest(self._bulk, self.bodies, self.pairs, self.loads)
@@ -109,7 +119,8 @@ class ImplicitStepper(Stepper):
         if bcs:
             self._free = np.ones((self._num_owned, 3))
             self._free.ravel()[self._bulk.fixed] = 0
-        self._dissipation = self._dissipation_form()
+        damping = self._forms.dissipation()
+        self._dissipation = None if damping is None else compile_form(damping)
         self._internal_force = 0.0
         eta = ufl.TestFunction(self.u.function_space)
         momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
@@ -130,81 +141,12 @@ class ImplicitStepper(Stepper):
 
         That of the consistent mass. Collective.
         """
-        return self._nodal_values(self._momentum_form).reshape(-1, 3)
-
-    def _nodal_values(self, form: fem.Form) -> Floats:
-        """Linear form on the owned dofs. Collective."""
-        vector = fem.assemble_vector(form)
-        vector.scatter_reverse(la.InsertMode.add)
-        values: Floats = vector.array[: 3 * self._num_owned]
-        return values
-
-    def _residual(self) -> ufl.Form:
-        u, u_n = self.u, self.u_n
-        eta = ufl.TestFunction(u.function_space)
-        F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
-
-        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
-            P = self.first_piola(material, parameters, F_n, F)
-            work = ufl.inner(P, ufl.grad(eta))
-            if self._inertia:
-                work += rho * ufl.inner(self._acceleration(), eta)
-                work += self._damping(material, parameters, rho, eta)
-            return work
-
-        return bulk_form(self.bodies, integrand)
-
-    def _nearby_form(self) -> ufl.Form:
-        """Tangent at u_n without initial stress, with the moduli at C = 1.
-
-        Definite, where cells far from balance, or pressed, make the
-        tangent indefinite, which spoils incomplete factorisations.
-        """
-        V, dt = self.u.function_space, self._dt
-        eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)
-        F_n, G = ufl.Identity(3) + ufl.grad(self.u_n), ufl.grad(du)
-
-        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
-            share = self._stress_share
-            if self._inertia:
-                share += material.stiffness_damping / dt
-            P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)
-            work = ufl.inner(P, ufl.grad(eta))
-            if self._inertia:
-                rate = ufl.derivative(self._acceleration(), self.u, du)
-                rate += material.mass_damping / dt * du
-                work += rho * ufl.inner(rate, eta)
-            return work
-
-        return bulk_form(self.bodies, integrand)
+        return assembled(self._momentum_form).reshape(-1, 3)
 
     def _acceleration(self) -> Any:
-        """Mean acceleration of a step, UFL (3,)."""
+        """Mean acceleration of a step, UFL (3,); asked for once."""
         dt = self._dt
         return 2 / dt * ((self.u - self.u_n) / dt - self.v)
-
-    def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
-        """Virtual work of damping per reference volume, >= 0 for u - u_n."""
-        u, u_n, dt = self.u, self.u_n, self._dt
-        mesh, work = u.function_space.mesh, 0
-        if material.mass_damping > 0:
-            alpha = fem.Constant(mesh, material.mass_damping)
-            work += alpha * rho / dt * ufl.inner(u - u_n, eta)
-        if material.stiffness_damping > 0:
-            beta = fem.Constant(mesh, material.stiffness_damping)
-            F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
-            strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
-            P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
-            work += beta / dt * ufl.inner(P, ufl.grad(eta))
-        return work
-
-    def _dissipation_form(self) -> fem.Form | None:
-        """Energy that damping takes in a step; None without damping."""
-        damped = [body for body in self.bodies if body.material.is_damped]
-        if not (damped and self._inertia):
-            return None
-        form = bulk_form(damped, partial(self._damping, eta=self.u - self.u_n))
-        return compile_form(form)
 
     def _load_forms(self) -> list[ufl.Form]:
         """Virtual work of each load in a step."""
@@ -212,66 +154,78 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several states."""
-        dt, x_n = self.dt, self.x
-        u, u_n = self.u.x.array, self.u_n.x.array
+        x_n = self.x
         starts = {name: self._supports.applied(start) for name, start in self._starts().items()}
         x_trial = self._X + starts[self._trial].reshape(-1, 3)
-        v_n = self.v.x.array[: 3 * self._num_owned].copy()
-        # What the residual is compared with: forces that can be at work.
-        force_scale = self._internal_force + 1e-3 * self._norm(self._mass * v_n) / dt
-        if self.loads:
-            force_scale += self._norm(self._bulk.load())
-
-        attempts: list[newton.NewtonReport] = []
-        for start in starts.values():
+        force_scale = self._force_scale()
+        attempts: dict[str, newton.NewtonReport] = {}
+        for name, start in starts.items():
             steps, solution = self._solve(start, x_n, x_trial, force_scale)
             if self._rest.disturbed(steps):
                 steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
-            attempts.append(solution.report)
+            attempts[name] = solution.report
             if solution.report.converged:
                 reason = self._volume_ratio.inverted() or next(
                     filter(None, map(lost_nodes, steps)), ""
                 )
                 if not reason:
-                    break
-                attempts[-1] = replace(solution.report, reason=reason)
-        else:
-            u[:] = u_n
-            reasons = "; ".join(
-                f"from the {start} state: {attempt}"
-                for start, attempt in zip(starts, attempts, strict=True)
-            )
-            materials = {body.material for body in self.bodies}
-            weak = {type(m).__name__ for m in materials if not m.resists_collapse}
-            if "is inverted" in reasons and weak:
-                reasons += (
-                    f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
-                )
-            restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
-            nodes = np.unique(np.concatenate(self._bulk.comm.allgather(restless)))
-            if len(nodes):
-                reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
-            raise newton.ConvergenceError(
-                f"step {self.step + 1} from t = {self.t:g} to {self.t + dt:g} failed {reasons}; "
-                "the state is that of the last accepted step: a smaller dt may help",
-                attempts,
-            )
+                    return self._accepted(steps, solution, attempts.values())
+                attempts[name] = replace(solution.report, reason=reason)
+        self.u.x.array[:] = self.u_n.x.array
+        raise self._failure(attempts, steps)
 
-        comm = self.u.function_space.mesh.comm
-        n = 3 * self._num_owned
+    def _force_scale(self) -> float:
+        """Forces that can be at work, with which the residual is compared [N]."""
+        momentum = self._mass * self.v.x.array[: 3 * self._num_owned]
+        scale = self._internal_force + 1e-3 * self._norm(momentum) / self.dt
+        if self.loads:
+            scale += self._norm(self._bulk.load())
+        return scale
+
+    def _failure(
+        self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
+    ) -> newton.ConvergenceError:
+        """What all attempts have failed for; ``steps`` of the last. Collective."""
+        reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
+        materials = {body.material for body in self.bodies}
+        weak = {type(m).__name__ for m in materials if not m.resists_collapse}
+        if "is inverted" in reasons and weak:
+            reasons += (
+                f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
+            )
+        restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
+        nodes = np.unique(np.concatenate(self._comm.allgather(restless)))
+        if len(nodes):
+            reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
+        return newton.ConvergenceError(
+            f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g} failed {reasons}; "
+            "the state is that of the last accepted step: a smaller dt may help",
+            list(attempts.values()),
+        )
+
+    def _accepted(
+        self,
+        steps: Sequence[ContactStep],
+        solution: newton.Solution,
+        attempts: Collection[newton.NewtonReport],
+    ) -> StepReport:
+        """Set velocity and history by the solution; the works of the step."""
+        dt, n = self.dt, 3 * self._num_owned
         work = ContactWork()
         for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
             history = step.accepted(state)
             work = work + step.work(state, history)
             pair.history = history
-        du = (u - u_n)[:n]
+        moved = self.u.x.array - self.u_n.x.array
+        du = moved[:n]
         support_work = self._support_work(steps, solution.states, du)
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         in_reach = sum(len(step.neighbourhood.size) for step in steps)
-        sums = comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
+        sums = self._comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
         load_work, damping_work, solver_work = (float(value) for value in sums[:3])
-        self._mean_velocity = (u - u_n) / dt
+        v_n = self.v.x.array[:n].copy()
+        self._mean_velocity = moved / dt
         self._update_velocity()
         inertia = self._mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia it may be supports alone against which bodies press.
@@ -334,7 +288,7 @@ class ImplicitStepper(Stepper):
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""
-        return float(np.sqrt(self.u.function_space.mesh.comm.allreduce(values @ values)))
+        return float(np.sqrt(self._comm.allreduce(values @ values)))
 
     def _starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried, in turn."""
@@ -357,13 +311,13 @@ class ImplicitStepper(Stepper):
         self, steps: Sequence[ContactStep], states: Sequence[ContactState], du: Floats
     ) -> float:
         """Work of the reactions in a step with increment du [J]. Collective."""
-        comm, fixed = self.u.function_space.mesh.comm, self._bulk.fixed
-        if not comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
+        fixed = self._bulk.fixed
+        if not self._comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
             return 0.0
         # States keep the forces on given displacements apart.
         everywhere = [replace(state, residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
-        return float(comm.allreduce(reaction[fixed] @ du[fixed]))
+        return float(self._comm.allreduce(reaction[fixed] @ du[fixed]))
 
     def _state_was_set(self) -> None:
         self._mean_velocity = self.v.x.array.copy()

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from mpi4py import MPI
@@ -34,12 +34,7 @@ class Interrupts:
             self._former = {signum: signal.signal(signum, self._note) for signum in _SIGNALS}
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Give them back."""
         for signum, handler in self._former.items():
             signal.signal(signum, signal.SIG_DFL if handler is None else handler)
@@ -51,7 +46,7 @@ class Interrupts:
 
     def take_effect(self, signum: int) -> None:
         """Do what the signal would have done: raise, or end the process."""
-        self.__exit__(None, None, None)
+        self.__exit__()
         signal.raise_signal(signum)
 
     def _note(self, signum: int, frame: FrameType | None) -> None:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_domains
 
-from dolfinx_nts.arguments import finite, positive
+from dolfinx_nts.arguments import as_call, finite, positive
 
 __all__ = ["Dust", "Hyperelastic", "right_cauchy_green"]
 
@@ -98,6 +98,20 @@ class Hyperelastic:
             )
         self._psi = psi
         self._check_energy()
+
+    def __repr__(self) -> str:
+        """Numbers in SI units, and what is set of damping and integration. Local."""
+        options = {
+            "mass_damping": self.mass_damping,
+            "stiffness_damping": self.stiffness_damping,
+            "one_point": tuple(sorted(self.one_point)),
+        }
+        options = {name: value for name, value in options.items() if value}
+        return as_call(self, **self._described(), rho=self.rho, **options)
+
+    def _described(self) -> dict[str, Any]:
+        """What tells the energy: numbers and names."""
+        return {"psi": self._psi, **self.parameters}
 
     @property
     def is_damped(self) -> bool:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.arguments import as_call
+
 __all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
 Floats = npt.NDArray[np.float64]
@@ -32,6 +34,10 @@ class Obstacle(ABC):
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
+
+    def __repr__(self) -> str:
+        """Size, or what defines the surface [m]. Local."""
+        return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
@@ -129,6 +135,10 @@ class RigidPlane(_Exact):
         self._point = _vector("point", point)
         self._normal = _direction("normal", normal)
 
+    def __repr__(self) -> str:
+        """Point [m] and unit normal. Local."""
+        return as_call(self, point=self._point, normal=self._normal)
+
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Gap and normal of points, see `_Exact.distance`."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
@@ -188,6 +198,10 @@ class RigidSphere(_Round):
         """Check the numbers."""
         super().__init__(centre, radius, np.eye(3), hollow)
 
+    def __repr__(self) -> str:
+        """Centre and radius [m]. Local."""
+        return as_call(self, centre=self._centre, radius=self._radius, hollow=self._sign < 0)
+
 
 class RigidCylinder(_Round):
     """Cylinder of infinite length, or the inside of a tube.
@@ -208,8 +222,18 @@ class RigidCylinder(_Round):
         hollow: bool = False,
     ) -> None:
         """Check the numbers."""
-        a = _direction("axis", axis)
+        self._axis = a = _direction("axis", axis)
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
+
+    def __repr__(self) -> str:
+        """Point and radius [m], unit vector of the axis. Local."""
+        return as_call(
+            self,
+            point=self._centre,
+            axis=self._axis,
+            radius=self._radius,
+            hollow=self._sign < 0,
+        )
 
 
 def _vector(name: str, value: Sequence[float]) -> Floats:

@@ -5,21 +5,16 @@ import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import fields as fields_of
 from pathlib import Path
-from types import TracebackType
 from typing import Literal
 
 from mpi4py import MPI
 
-import numpy as np
-
 from dolfinx_nts import checkpoint
-from dolfinx_nts.archive import Archive
 from dolfinx_nts.compat import vtx_writer
-from dolfinx_nts.contact_history import ContactWork
-from dolfinx_nts.diagnostics import Balance, Diagnostics
+from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.interrupts import Interrupts
+from dolfinx_nts.ledger import EnergyLedger
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.ranks import on_root
 from dolfinx_nts.report import StepReport
@@ -33,12 +28,6 @@ from dolfinx_nts.xdmf import FieldFile
 __all__ = ["Recorder"]
 
 _logger = logging.getLogger("dolfinx_nts")
-
-_CONSERVED = {
-    "total_energy": "J",
-    "linear_momentum": "kg m/s",
-    "angular_momentum": "kg m^2/s",
-}
 
 
 class Recorder:
@@ -134,18 +123,13 @@ class Recorder:
         """
         self._time, self._seconds = time.perf_counter(), dict(self._timings.seconds)
         with self._timings.phase("output"):
-            self._first = self._last = self.diagnostics.balance()
-            self._step = self._saved = self._stepper.step
+            self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
             self._sunk = SunkVertices(self._stepper)
-            self._count = self._newton = self._most = 0  # steps, iterations, most in a step
-            self._bulk = self._loads = self._supports = self._damping = self._solver = 0.0
-            self._contact = ContactWork()
-            self._drift = dict.fromkeys(_CONSERVED, 0.0)
             self._table.size = 0
             resume = on_root(self._comm, lambda: self._resume and self._checkpoint.exists())
             if resume:
-                checkpoint.load(self._checkpoint, self._stepper, self)
-                self._saved = self._step
+                checkpoint.load(self._checkpoint, self._stepper, self._ledger, self._table)
+            self._saved = self._ledger.step
             on_root(self._comm, lambda: self._open_table(resume))
             with ExitStack() as files:
                 files.callback(self._table.close)
@@ -159,31 +143,6 @@ class Recorder:
                 self._files = files.pop_all()
         return self
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the sums of the table. Collective.
-
-        Args:
-            archive: Takes them or gives them.
-        """
-        self._step = archive.same("record/step", self._step)
-        for name in ("_count", "_newton", "_most"):
-            setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
-        self._table.size = archive.same("record/table_size", self._table.size)
-        for name in ("_bulk", "_loads", "_supports", "_damping", "_solver"):
-            setattr(self, name, archive.same(f"record/{name[1:]}", getattr(self, name)))
-        for name in self._drift:
-            self._drift[name] = archive.same(f"record/drift/{name}", self._drift[name])
-        for name, kind, value in (
-            ("contact", ContactWork, self._contact),
-            ("first", Balance, self._first),
-            ("last", Balance, self._last),
-        ):
-            kept = {
-                f.name: archive.same(f"record/{name}/{f.name}", getattr(value, f.name))
-                for f in fields_of(kind)
-            }
-            setattr(self, f"_{name}", kind(**kept))
-
     def write(self, step: StepReport) -> None:
         """Add the row of a step and, when it is their turn, the fields.
 
@@ -195,46 +154,34 @@ class Recorder:
         """
         if self._fields is None:
             raise ValueError("expected an open recorder, given one outside its with block")
-        if not step.step == self._stepper.step == self._step + 1:
+        due = self._ledger.step + 1
+        if not step.step == self._stepper.step == due:
             raise ValueError(
-                f"expected every step right after it was done, now step {self._step + 1}, "
+                f"expected every step right after it was done, now step {due}, "
                 f"given step {step.step} when {self._stepper.step} are done"
             )
         with self._timings.phase("output"):
-            self._bulk += self.diagnostics.bulk_defect()
-            self._contact += step.contact_work
-            self._loads += step.load_work
-            self._supports += step.support_work
-            self._damping += step.damping_work
-            self._solver += step.solver_work
-            self._step, self._last = step.step, self.diagnostics.balance()
-            self._count += 1
-            self._newton += step.newton_iterations
-            self._most = max(self._most, step.newton_iterations)
+            self._ledger.add(step, self.diagnostics.bulk_defect(), self.diagnostics.balance())
             self._write_row(step.dt, step.newton_iterations, step.rejected)
-            due = self._count % self._every == 0
-            if due if self._times is None else step.t in self._times:
+            count = self._ledger.num_steps
+            is_turn = count % self._every == 0 if self._times is None else step.t in self._times
+            if is_turn:
                 self._fields.write()
                 self._sunk.look()
             if self._checkpoint_every is not None:
                 signum = self._interrupts.received()
-                if signum or self._count % self._checkpoint_every == 0:
+                if signum or count % self._checkpoint_every == 0:
                     self._save()
                 if signum:
                     self._interrupts.take_effect(signum)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Write the last fields, unless ranks may be apart, and close."""
         with self._timings.phase("output"):
             with self._files:
                 if self._fields and (error is None or isinstance(error, ConvergenceError)):
                     self._fields.write()
-                    if self._checkpoint_every is not None and self._saved != self._step:
+                    if self._checkpoint_every is not None and self._saved != self._ledger.step:
                         self._save()
                     self._fields.close()
             self._fields = None
@@ -247,28 +194,23 @@ class Recorder:
         assert self._fields is not None
         self._fields.flush()
         on_root(self._comm, self._table.sync)
-        checkpoint.save(self._checkpoint, self._stepper, self)
-        self._saved = self._step
+        checkpoint.save(self._checkpoint, self._stepper, self._ledger, self._table)
+        self._saved = self._ledger.step
 
     def summary(self) -> str:
         """Steps, iterations, drifts and wall time, after the ``with`` block.
 
         Local; the times are those of this rank.
         """
-        count, first = self._count, self._first
+        ledger = self._ledger
         phases = {
             name: seconds - self._seconds.get(name, 0.0)
             for name, seconds in self._timings.seconds.items()
         }
         phases["other"] = self._time - sum(phases.values())
-        mean = self._newton / max(count, 1)
-        lines = [f"{self._name}: {count} steps from t = {first.time:g} to {self._last.time:g} s"]
-        lines += [f"Newton iterations: {self._newton}, mean {mean:.2f}, max {self._most}"]
-        lines += self._stepper.describe()
-        for name, unit in _CONSERVED.items():
-            size = np.linalg.norm(getattr(first, name))
-            drift = f"largest change {self._drift[name]:.1e} {unit}"
-            lines += [f"{name.replace('_', ' ')}: {size:.6g} {unit}, {drift}"]
+        time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
+        lines = [f"{self._name}: {ledger.num_steps} steps {time_span}", ledger.iterations()]
+        lines += [*self._stepper.describe(), *ledger.drifts()]
         for i, depth in self._sunk.deepest.items():
             if depth > 0:
                 lines += [f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"]
@@ -276,33 +218,14 @@ class Recorder:
         return "\n".join([*lines, f"wall time: {self._time:.1f} s ({times})"])
 
     def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
-        first, last, contact = self._first, self._last, self._contact
-        for name in _CONSERVED:
-            change = float(np.linalg.norm(getattr(last, name) - getattr(first, name)))
-            self._drift[name] = max(self._drift[name], change)
-        causes = {
-            "energy_bulk": self._bulk,
-            "energy_loads": self._loads,
-            "energy_supports": self._supports,
-            "energy_damping": self._damping,
-            "energy_persistent_contact": contact.persistent,
-            "energy_activation": contact.activation,
-            "energy_facet_change": contact.facet_change,
-            "energy_friction": contact.friction,
-            "energy_solver": self._solver,
-        }
-        rest = last.total_energy - first.total_energy - sum(causes.values())
         row = {
-            "step": self._step,
-            "time": last.time,
+            "step": self._ledger.step,
+            "time": self._ledger.last.time,
             "dt": dt,
-            **last.columns(),
+            **self._ledger.last.columns(),
             "newton_iterations": newton_iterations,
             "rejected": rejected,
-            **causes,
-            "energy_unaccounted": rest,
-            "external_work": self._loads + self._supports,
-            "friction_dissipation": -contact.friction,
+            **self._ledger.columns(),
         }
         on_root(self._comm, lambda: self._table.write(row))
 

@@ -1,12 +1,13 @@
-"""Control of the step size: which steps are cut, and how long the next is."""
+"""Lengths of steps: equal ones, and ones that are cut where they fail."""
 
 import bisect
 import math
 from collections.abc import Sequence
 
+from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import positive
 
-__all__ = ["StepControl", "StepLength"]
+__all__ = ["EvenSteps", "StepControl", "StepLength"]
 
 _SLIVER = 1e-6  # of a step: less is round-off
 _PATIENCE = 3  # steps of one size until a longer one is tried
@@ -69,6 +70,46 @@ class StepControl:
         return dt, t + dt
 
 
+class EvenSteps:
+    """Times at the ends of equal steps, counted from the start of a run. Local.
+
+    So that they do not gather round-off.
+    """
+
+    def __init__(self) -> None:
+        """Count from the time 0."""
+        self._t, self._step = 0.0, 0
+
+    def end(self, step: int, dt: float) -> float:
+        """Time at the end of a step [s].
+
+        Args:
+            step: Number of the step.
+            dt: Length of all steps [s].
+        """
+        return self._t + (step - self._step) * dt
+
+    def go_on(self, t: float, step: int, dt: float) -> None:
+        """Count on, with the same round-off, or from here if this is a new run.
+
+        Args:
+            t: Time now [s].
+            step: Number of the last step.
+            dt: Length of all steps [s].
+        """
+        if t != self.end(step, dt):
+            self._t, self._step = t, step
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange where steps are counted from. Collective.
+
+        Args:
+            archive: Takes it or gives it.
+        """
+        self._t = archive.same("start_time", self._t)
+        self._step = archive.same("start_step", self._step)
+
+
 class StepLength:
     """Length of the steps, as a part of the usual one: 1, 1/2, 1/4, ...
 
@@ -90,3 +131,12 @@ class StepLength:
         self.accepted += 1
         if self.accepted >= _PATIENCE and self.cuts:
             self.cuts, self.accepted = self.cuts - 1, 0
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange both numbers. Collective.
+
+        Args:
+            archive: Takes them or gives them.
+        """
+        self.cuts = archive.same("cuts", self.cuts)
+        self.accepted = archive.same("accepted", self.accepted)

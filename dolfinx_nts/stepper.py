@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
@@ -19,14 +21,13 @@ from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import finite, instances, positive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.controlled import run_controlled
 from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.numbering import input_ids
-from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.step_control import StepControl, StepLength
+from dolfinx_nts.runs import run_controlled, run_evenly
+from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 from dolfinx_nts.supports import Supports
 from dolfinx_nts.timing import Timings
 
@@ -61,6 +62,7 @@ class Stepper(ABC):
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
         node_ids: Numbers of the owned nodes, see `numbering`, ``(n,)``.
+        even: Times at the ends of equal steps.
         length: Length of a step as a part of the usual one, in controlled
             runs.
         inertia_defect: Kinetic energy gained in the last step less the
@@ -103,11 +105,11 @@ class Stepper(ABC):
         self.dt = dt
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
+        self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
         self.node_ids = input_ids(V)[: self._num_owned]
-        self._origin = (0.0, 0)  # time and number of the step from which steps are counted
-        self.length = StepLength()
+        self.even, self.length = EvenSteps(), StepLength()
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -171,10 +173,8 @@ class Stepper(ABC):
         self.t = archive.same("t", self.t)
         self.step = archive.same("step", self.step)
         self._dt.value = archive.same("dt", self.dt)
-        t, step = self._origin
-        self._origin = archive.same("start_time", t), archive.same("start_step", step)
-        self.length.cuts = archive.same("cuts", self.length.cuts)
-        self.length.accepted = archive.same("accepted", self.length.accepted)
+        self.even.exchange(archive)
+        self.length.exchange(archive)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             self._exchange_nodal(archive, name, function.x.array)
@@ -225,7 +225,7 @@ class Stepper(ABC):
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
         X = self._X[body.nodes].T
-        with agreed(self.u.function_space.mesh.comm):
+        with agreed(self._comm):
             if isinstance(value, fem.Function):
                 if value.function_space != self.u.function_space:
                     raise ValueError(
@@ -260,13 +260,13 @@ class Stepper(ABC):
             for pair in self.pairs:
                 pair.check_start(self.x)
         if self._update is not None or self.loads:
-            with agreed(self.u.function_space.mesh.comm):
+            with agreed(self._comm):
                 self._call_back()
         self._supports.check()
         self.u_n.x.array[:] = self.u.x.array
         report = self._step()
         self.t, self.step = report.t, report.step
-        if self.u.function_space.mesh.comm.rank == 0:
+        if self._comm.rank == 0:
             _logger.info(
                 "step %d, t = %g: %d iterations, %d active",
                 report.step,
@@ -299,31 +299,14 @@ class Stepper(ABC):
                 length. The state is that of the last accepted step.
         """
         finite("until", until)
-        if control is not None:
+        if control is None:
+            yield from run_evenly(self, until)
+        else:
             yield from run_controlled(self, until, control)
-            return
-        dt = self.dt
-        # A run that is resumed counts on, with the same round-off.
-        if self.t != self._time_of(self.step, dt):
-            self._origin = (self.t, self.step)
-        num_steps = math.ceil((until - self.t) / dt - 1e-6)
-        with progress(self.u.function_space.mesh.comm, num_steps, unit="step") as bar:
-            for i in range(num_steps):
-                end = self._time_of(self.step + 1, dt)
-                if i == num_steps - 1 and end != until:
-                    yield self.advance_to(until, until - self.t)
-                else:
-                    yield self.advance_to(end, dt)
-                bar.update()
 
     def longest_step(self) -> float:
         """Length that a step must not exceed [s]. Collective."""
         return math.inf
-
-    def _time_of(self, step: int, dt: float) -> float:
-        """Time at the end of a step of the present run [s]."""
-        t, first = self._origin
-        return t + (step - first) * dt
 
     def advance_to(self, end: float, dt: float) -> StepReport:
         """Advance by one step that ends exactly at a time; keeps `dt`.
@@ -352,7 +335,7 @@ class Stepper(ABC):
             np.count_nonzero(~np.isfinite(function.x.array[: 3 * self._num_owned]))
             for function in (self.u, self.v)
         ]
-        bad = self.u.function_space.mesh.comm.allreduce(np.array(bad))
+        bad = self._comm.allreduce(np.array(bad))
         for name, count in zip(("displacement", "velocity"), bad, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")

@@ -19,9 +19,11 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
-from dolfinx_nts import compat
+from dolfinx_nts.arguments import as_call
 from dolfinx_nts.elements import Element
+from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids
+from dolfinx_nts.spaces import check_space, check_tag
 
 __all__ = ["Surface", "area_vectors", "check_space", "check_tag"]
 
@@ -29,7 +31,6 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
 
-_SEGMENT_VERTICES = {"tetrahedron": 3, "hexahedron": 4}
 # Edges shorter than this, relative to the largest segment, are points.
 _POINT = 1e-12
 # Part of the force of a node in the middle that counts to each of its ends: at
@@ -37,67 +38,6 @@ _POINT = 1e-12
 _TO_END = 1 / 8
 # Ends of the edges at each corner, in Basix order.
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
-
-
-def check_space(V: fem.FunctionSpace) -> None:
-    """Raise unless V is a space that this package works in. Local.
-
-    Args:
-        V: Space of the displacement.
-
-    Raises:
-        ValueError: Mesh or element is another.
-    """
-    mesh = V.mesh
-    cell = mesh.topology.cell_name()
-    element = V.ufl_element()
-    if cell not in _SEGMENT_VERTICES:
-        raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
-    degree = compat.geometry_degree(mesh)
-    if mesh.geometry.dim != 3 or degree != 1:
-        raise ValueError(
-            "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{degree} in {mesh.geometry.dim}; displacements on it may be of "
-            "degree 2"
-        )
-    if (
-        element.family_name not in ("P", "Q")
-        or element.degree not in (1, 2)
-        or V.dofmap.index_map_bs != 3
-        or element.discontinuous
-    ):
-        raise ValueError(
-            "expected the space functionspace(mesh, ('Lagrange', 1, (3,))), or of degree 2, given "
-            f"{element} with block size {V.dofmap.index_map_bs}"
-        )
-
-
-def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: str) -> None:
-    """Raise on all ranks unless ``tags`` has entities of value ``tag``.
-
-    Collective.
-
-    Args:
-        V: Space of the displacement.
-        tags: Tags of the mesh.
-        tag: Value that is looked for.
-        dim: Dimension that the tags should have.
-        name: What the message calls the tags.
-
-    Raises:
-        TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The dimension is wrong, or no rank has the tag.
-    """
-    if not isinstance(tags, MeshTags):
-        raise TypeError(f"expected MeshTags as {name}, given {type(tags).__name__}")
-    if isinstance(tag, bool) or not isinstance(tag, int | np.integer):
-        raise TypeError(f"expected an integer tag, given {tag!r}")
-    if tags.dim != dim:
-        raise ValueError(f"expected {name} of dimension {dim}, given dimension {tags.dim}")
-    comm = V.mesh.comm
-    values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
-    if tag not in values:
-        raise ValueError(f"expected a tag out of {values} in {name}, given {tag}")
 
 
 class Surface:
@@ -156,8 +96,8 @@ class Surface:
             )
 
         # All local facets mark nodes, only owned ones are segments.
-        k = _SEGMENT_VERTICES[mesh.topology.cell_name()]
         sides = Element.of(V).sides
+        k = sides[0][0].shape[1]
         X = V.tabulate_dof_coordinates()
         parts: list[Ints] = [np.empty((0, k), dtype=np.int32)]
         outward: list[Floats] = [np.empty((0, 3))]
@@ -190,6 +130,11 @@ class Surface:
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
         self.size = float(mesh.comm.allreduce(edges.max(initial=0.0), op=MPI.MAX))
+
+    def __repr__(self) -> str:
+        """Tag, and sizes on this rank. Local."""
+        sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
+        return as_call(self, tag=int(self._tag), **sizes)
 
     @classmethod
     def where(cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> "Surface":
@@ -257,9 +202,7 @@ class Surface:
         Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        vector = fem.assemble_vector(fem.form(eta[0] * self.measure()))
-        vector.scatter_reverse(la.InsertMode.add)
-        area: Floats = vector.array.reshape(-1, 3)[self.nodes, 0]
+        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, 3)[self.nodes, 0]
         return area
 
     def per_area(self, force: Floats) -> Floats:

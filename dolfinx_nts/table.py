@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
+from dolfinx_nts.archive import Archive
+
 __all__ = ["Table"]
 
 
@@ -24,6 +26,14 @@ class Table:
         self._path, self.size = path, 0
         self._file: TextIO | None = None
         self._has_head = False
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange `size`. Collective.
+
+        Args:
+            archive: Takes the size of rank 0 or gives it to all.
+        """
+        self.size = archive.same("table_size", self.size)
 
     def open(self, resume: bool) -> None:
         """Replace the file, or cut it back to `size` and go on.

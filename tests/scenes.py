@@ -27,7 +27,7 @@ from dolfinx.mesh import (
 )
 
 import dolfinx_nts as nts
-from dolfinx_nts import compat
+from dolfinx_nts import compat, parts
 from reference.bulk import box, rotation
 
 BALL_PLATE = Path(__file__).parents[1] / "meshes" / "ball_plate.msh"
@@ -527,3 +527,15 @@ def in_numbers(data: Array, numbers: Ints) -> Array:
     result = np.empty_like(data)
     result[numbers] = data
     return result
+
+
+def part(
+    comm: MPI.Comm, kind: str, cell: str = "hexahedron", **shape: Any
+) -> tuple[fem.FunctionSpace, MeshTags, MeshTags, dict[str, int]]:
+    """Space, cells, facets and tags of one body of `parts`, named by its kind. Collective."""
+
+    def build(model: Any) -> None:
+        getattr(parts, f"add_{kind}")(model, kind, cell=cell, **shape)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    return fem.functionspace(mesh, ("Lagrange", 1, (3,))), cells, facets, tag

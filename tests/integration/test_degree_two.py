@@ -137,7 +137,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
     scene.run(3)
     s = scene.stepper
     s.u_n.x.array[:] = s.u.x.array
-    bulk = Bulk(s._residual(), s.u, [])
+    bulk = Bulk(s._forms.residual(), s.u, [])
     V, n = s.u.function_space, bulk.num_owned
     X = V.tabulate_dof_coordinates()[: n // 3]
     d = np.sin(3 * X[:, [1, 2, 0]] + np.arange(3))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from readers import read_grids
 from scenes import BLOCK_STEP, blocks, gathered, input_ids
 
 STEPS = 6
@@ -34,15 +35,10 @@ class File:
 
 def read_vtk(path):
     """Read with VTK's XDMF reader."""
-    pyvista = pytest.importorskip("pyvista")
-    reader = pyvista.get_reader(path)
-    grids = []
-    for t in reader.time_values:
-        reader.set_active_time_value(t)
-        grids.append(reader.read().copy())
+    times, grids = read_grids(path)
     (cells,) = grids[0].cells_dict.values()
     return File(
-        np.array(reader.time_values),
+        times,
         grids[0].points,
         cells,
         [dict(grid.point_data) for grid in grids],

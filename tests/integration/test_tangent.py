@@ -41,7 +41,7 @@ class System:
         s = self.stepper = scene.stepper
         self.comm = comm
         s.u_n.x.array[:] = s.u.x.array
-        self.bulk = Bulk(s._residual(), s.u, [])
+        self.bulk = Bulk(s._forms.residual(), s.u, [])
         V = s.u.function_space
         self.owned = V.dofmap.index_map.size_local
         self.X = V.tabulate_dof_coordinates()[: self.owned]

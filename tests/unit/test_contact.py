@@ -1,5 +1,6 @@
 """Contact of a pair: evaluation, active set, history, gap and pressure."""
 
+import re
 from dataclasses import fields
 
 from mpi4py import MPI
@@ -291,6 +292,27 @@ def test_pair_tells_the_springs_that_it_uses(comm, caplog):
     )
     np.testing.assert_array_equal(pair.eps_N, 10 * stiffness)
     assert caplog.messages == ([str(pair)] if comm.rank == 0 else [])
+
+
+def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
+    (old,) = scenes.blocks(comm).stepper.pairs
+    printed = []
+    for surface in (old.nodes, old.segments):
+        nodes, segments = len(surface.nodes), len(surface.segments)
+        tail = f", owned_nodes={nodes}, owned_segments={segments})"
+        assert agree(re.fullmatch(rf"Surface\(tag=\d+{re.escape(tail)}", repr(surface)))
+        printed.append(repr(surface))
+    pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3))
+    assert agree(
+        repr(pair) == f"ContactPair(nodes={printed[0]}, segments={printed[1]}, "
+        "enforcement=Penalty(eps_N=50), friction=Coulomb(mu=0.3, eps_T=None, law='objective'))"
+    )
+    pair = nts.ContactPair(old.nodes, nts.RigidSphere((0, 0, 9), 1))
+    assert agree(
+        repr(pair) == f"ContactPair(nodes={printed[0]}, "
+        "segments=RigidSphere(centre=(0, 0, 9), radius=1, hollow=False), "
+        "enforcement=LagrangeMultiplier(impact='elastic'), friction=None)"
+    )
 
 
 def test_first_step_settles_the_springs_by_the_stiffness_of_the_nodes(comm):

@@ -2,23 +2,17 @@
 
 import numpy as np
 import pytest
-from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
 from dolfinx_nts.independent import independent
 from dolfinx_nts.own_surface import OwnSearch
+from scenes import part
 
 
 def flattened(comm, cell):
     """A ring's inner surface and its neighbourhood once it is pressed flat."""
-
-    def build(model):
-        shape = {"inner_radius": 0.9, "outer_radius": 1.0, "width": 0.3, "cells": (24, 1, 2)}
-        parts.add_ring(model, "ring", centre=(0, 0, 0), cell=cell, **shape)
-
-    mesh, _, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    shape = {"inner_radius": 0.9, "outer_radius": 1.0, "width": 0.3, "cells": (24, 1, 2)}
+    V, _, facets, tag = part(comm, "ring", cell, centre=(0, 0, 0), **shape)
     surface = nts.Surface(V, facets, tag["ring_inner"])
     x = V.tabulate_dof_coordinates() * [1, 0.02, 1]
     here, _ = OwnSearch(surface, surface).update(x, 0.2)

@@ -11,6 +11,7 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts import newton
 from dolfinx_nts.output import Recorder
+from readers import read_grids
 from reference.bulk import Bulk
 from scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
 
@@ -51,24 +52,13 @@ def read_table(path):
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
-def read_fields(path):
-    """Read times and grids with VTK's reader, which ParaView has too."""
-    pyvista = pytest.importorskip("pyvista")
-    reader = pyvista.get_reader(path)
-    grids = []
-    for t in reader.time_values:
-        reader.set_active_time_value(t)
-        grids.append(reader.read())
-    return np.array(reader.time_values), grids
-
-
 @pytest.mark.parametrize("scheme", [nts.Midpoint, nts.EnergyMomentum])
 @pytest.mark.parametrize("impact", ["elastic", "plastic"])
 def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, impact):
     scene = blocks(comm, scheme, nts.LagrangeMultiplier(impact))
     record(scene.stepper, folder / "run", 6)
     table = read_table(folder / "run.csv")
-    times, grids = read_fields(folder / "run.xdmf")
+    times, grids = read_grids(folder / "run.xdmf")
 
     cells = grids[0].cells_dict[12][:, [0, 1, 3, 2, 4, 5, 7, 6]]
     E, nu, rho = BLOCK_RUBBER
@@ -142,7 +132,7 @@ def test_columns_are_named_in_words(comm, folder):
 
 def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
     record(blocks(comm, num_bodies=3).stepper, folder / "run", 5, every=3)
-    times, _ = read_fields(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.xdmf")
     assert agree(np.allclose(times, BLOCK_STEP * np.array([0, 3, 5])))
     assert agree(len(read_table(folder / "run.csv")["time"]) == 6)
 
@@ -151,7 +141,7 @@ def test_files_without_pairs_have_no_contact_fields(comm, folder, agree):
     scene = blocks(comm)
     stepper = nts.Midpoint(scene.stepper.bodies, dt=BLOCK_STEP)
     record(stepper, folder / "run", 2)
-    _, grids = read_fields(folder / "run.xdmf")
+    _, grids = read_grids(folder / "run.xdmf")
     assert agree(set(grids[0].array_names) == {"displacement", "velocity", "body"})
     assert agree(np.isnan(read_table(folder / "run.csv")["min_gap"]).all())
 
@@ -165,7 +155,7 @@ def test_files_are_valid_after_an_exception_in_the_loop(comm, folder, agree):
                 raise ZeroDivisionError
     # After an error the first rank closes the files alone.
     comm.barrier()
-    times, _ = read_fields(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.xdmf")
     assert agree(len(times) == 3)
     assert agree(len(read_table(folder / "run.csv")["time"]) == 3)
 
@@ -177,7 +167,7 @@ def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, m
             r.write(step)
             if step.step == 3:
                 monkeypatch.setattr(newton, "_MAX_ITERATIONS", 0)
-    times, grids = read_fields(folder / "run.xdmf")
+    times, grids = read_grids(folder / "run.xdmf")
     largest = comm.allreduce(np.abs(stepper.u.x.array).max(), op=MPI.MAX)
     assert agree(np.allclose(times, [0, 3 * BLOCK_STEP]))
     assert agree(np.abs(grids[-1]["displacement"]).max() == largest)
@@ -199,7 +189,7 @@ def test_files_of_the_same_name_are_replaced(comm, folder, agree):
     stepper = blocks(comm).stepper
     record(stepper, folder / "run", 3)
     record(stepper, folder / "run", 1)
-    times, _ = read_fields(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.xdmf")
     table = read_table(folder / "run.csv")
     assert agree(np.allclose(times, BLOCK_STEP * np.array([3, 4])))
     assert agree(np.array_equal(table["step"], [3, 4]) and table["energy_solver"][0] == 0)

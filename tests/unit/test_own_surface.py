@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
 from dolfinx_nts.own_surface import OwnSearch
 from reference.bulk import rotation
+from scenes import part
 
 REACH = 0.25
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -15,16 +14,10 @@ cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 
 def strip(comm, cell, thickness, cells=(24, 1, 2)):
     """Boundary of a straight strip of length 2 along x."""
-
-    def build(model):
-        size = (2.0, 0.2, thickness)
-        shape = {"corner": (0, 0, 0), "size": size, "cells": (cells[0], cells[2], cells[1])}
-        parts.add_box(model, "strip", cell=cell, **shape)
-
-    mesh, tags, _, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    size, number = (2.0, 0.2, thickness), (cells[0], cells[2], cells[1])
+    V, tags, _, tag = part(comm, "box", cell, corner=(0, 0, 0), size=size, cells=number)
     rubber = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
-    return nts.boundary_of(nts.Body(V, tags, tag["strip"], rubber))
+    return nts.boundary_of(nts.Body(V, tags, tag["box"], rubber))
 
 
 def folded(X, distance):
@@ -93,13 +86,9 @@ def test_legs_of_a_folded_strip_touch_with_the_sides_that_face_each_other(
 @cells_
 @pytest.mark.parametrize("radius", [0.9, 0.06])
 def test_nodes_of_a_cavity_face_the_other_side_of_it(comm, cell, radius):
-    def build(model):
-        shape = {"inner_radius": 0.9, "outer_radius": 1.0, "cells_per_edge": 4, "layers": 1}
-        parts.add_hollow_ball(model, "ball", centre=(0, 0, 0), cell=cell, **shape)
-
-    mesh, _, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    surface = nts.Surface(V, facets, tag["ball_inner"])
+    shape = {"inner_radius": 0.9, "outer_radius": 1.0, "cells_per_edge": 4, "layers": 1}
+    V, _, facets, tag = part(comm, "hollow_ball", cell, centre=(0, 0, 0), **shape)
+    surface = nts.Surface(V, facets, tag["hollow_ball_inner"])
     X = V.tabulate_dof_coordinates()
     x = X * [1, 1, radius / 0.9]
     *_, gap = pairing(surface, x, 2.0)

@@ -4,10 +4,10 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import checkpoint, parts
+from dolfinx_nts import checkpoint
+from scenes import part
 
 CONSERVED = 1e-11
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
@@ -22,26 +22,17 @@ LAWS = {
 
 def ring(comm, cell="hexahedron"):
     """A soft ring, its inner surface."""
-
-    def build(model):
-        shape = {"inner_radius": 0.94, "outer_radius": 1.0, "width": 0.2, "cells": (48, 2, 1)}
-        parts.add_ring(model, "ring", centre=(0, 0, 0), cell=cell, **shape)
-
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    shape = {"inner_radius": 0.94, "outer_radius": 1.0, "width": 0.2, "cells": (48, 2, 1)}
+    V, cells, facets, tag = part(comm, "ring", cell, centre=(0, 0, 0), **shape)
     return nts.Body(V, cells, tag["ring"], RUBBER), nts.Surface(V, facets, tag["ring_inner"])
 
 
 def ball(comm):
     """A hollow ball, its inner surface."""
-
-    def build(model):
-        shape = {"inner_radius": 0.95, "outer_radius": 1.0, "cells_per_edge": 6, "layers": 1}
-        parts.add_hollow_ball(model, "ball", centre=(0, 0, 0), **shape)
-
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    return nts.Body(V, cells, tag["ball"], RUBBER), nts.Surface(V, facets, tag["ball_inner"])
+    shape = {"inner_radius": 0.95, "outer_radius": 1.0, "cells_per_edge": 6, "layers": 1}
+    V, cells, facets, tag = part(comm, "hollow_ball", centre=(0, 0, 0), **shape)
+    inner = nts.Surface(V, facets, tag["hollow_ball_inner"])
+    return nts.Body(V, cells, tag["hollow_ball"], RUBBER), inner
 
 
 def squeezed(body, pair, speed, dt, scheme=nts.EnergyMomentum):

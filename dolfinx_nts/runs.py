@@ -1,6 +1,7 @@
-"""Run whose steps are cut where they fail, and grow again."""
+"""Runs: step by step to a time, in equal steps or in steps that are cut and grow."""
 
 import logging
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -17,9 +18,9 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.numbering import listed
 from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.step_control import StepControl, StepLength
+from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 
-__all__ = ["Steps", "run_controlled"]
+__all__ = ["Steps", "run_controlled", "run_evenly"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -36,6 +37,7 @@ class Steps(Protocol):
     t: float
     step: int
     u: fem.Function
+    even: EvenSteps
     length: StepLength
 
     @property
@@ -58,6 +60,33 @@ class Steps(Protocol):
 
     def exchange(self, archive: Archive) -> None:
         """Exchange the accepted state."""
+
+
+def run_evenly(stepper: Steps, until: float) -> Iterator[StepReport]:
+    """Advance in equal steps; the last ends at a given time. Collective.
+
+    Args:
+        stepper: What is run.
+        until: Time at the end [s].
+
+    Yields:
+        The report of each step, after it has been accepted.
+
+    Raises:
+        ConvergenceError: A step failed. The state is that of the last
+            accepted step.
+    """
+    dt, even = stepper.dt, stepper.even
+    even.go_on(stepper.t, stepper.step, dt)
+    num_steps = math.ceil((until - stepper.t) / dt - 1e-6)
+    with progress(stepper.u.function_space.mesh.comm, num_steps, unit="step") as bar:
+        for i in range(num_steps):
+            end = even.end(stepper.step + 1, dt)
+            if i == num_steps - 1 and end != until:
+                yield stepper.advance_to(until, until - stepper.t)
+            else:
+                yield stepper.advance_to(end, dt)
+            bar.update()
 
 
 def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterator[StepReport]:

@@ -1,0 +1,126 @@
+"""Ledger of a run: its steps, and the change of its energy by cause."""
+
+from dataclasses import fields
+from operator import attrgetter
+
+import numpy as np
+
+from dolfinx_nts.archive import Archive
+from dolfinx_nts.diagnostics import Balance
+from dolfinx_nts.report import StepReport
+
+__all__ = ["EnergyLedger"]
+
+_CONSERVED = {
+    "total_energy": "J",
+    "linear_momentum": "kg m/s",
+    "angular_momentum": "kg m^2/s",
+}
+# Why the total energy changes, besides the bulk: where a report has it.
+_WORKS = {
+    "loads": attrgetter("load_work"),
+    "supports": attrgetter("support_work"),
+    "damping": attrgetter("damping_work"),
+    "persistent_contact": attrgetter("contact_work.persistent"),
+    "activation": attrgetter("contact_work.activation"),
+    "facet_change": attrgetter("contact_work.facet_change"),
+    "friction": attrgetter("contact_work.friction"),
+    "solver": attrgetter("solver_work"),
+}
+
+
+class EnergyLedger:
+    """Sums over the steps since a first state; each cause on its own.
+
+    Local, but for `exchange`; the same on all ranks.
+
+    Args:
+        step: Number of the steps that were done before.
+        balance: Numbers of the first state.
+
+    Attributes:
+        step: Number of the last step.
+        first: Numbers of the first state.
+        last: Numbers of the last state.
+        num_steps: Steps since the first state.
+        num_iterations: Newton iterations in them.
+        most_iterations: The most in one of them.
+        energy: Change of the total energy since the first state by cause,
+            as far as it is accounted for [J].
+        drift: Largest change of what may be conserved, by its name.
+    """
+
+    def __init__(self, step: int, balance: Balance) -> None:
+        """Start with no step."""
+        self.step = step
+        self.first = self.last = balance
+        self.num_steps = self.num_iterations = self.most_iterations = 0
+        self.energy = dict.fromkeys(("bulk", *_WORKS), 0.0)
+        self.drift = dict.fromkeys(_CONSERVED, 0.0)
+
+    def add(self, step: StepReport, bulk_defect: float, balance: Balance) -> None:
+        """Add a step.
+
+        Args:
+            step: Report of the step.
+            bulk_defect: `Diagnostics.bulk_defect` after it [J].
+            balance: Numbers of the state after it.
+        """
+        self.energy["bulk"] += bulk_defect
+        for cause, work in _WORKS.items():
+            self.energy[cause] += work(step)
+        self.step, self.last = step.step, balance
+        self.num_steps += 1
+        self.num_iterations += step.newton_iterations
+        self.most_iterations = max(self.most_iterations, step.newton_iterations)
+        for name in self.drift:
+            change = float(np.linalg.norm(getattr(balance, name) - getattr(self.first, name)))
+            self.drift[name] = max(self.drift[name], change)
+
+    def exchange(self, archive: Archive) -> None:
+        """Exchange all sums. Collective.
+
+        Args:
+            archive: Takes them or gives them.
+        """
+        for name in ("step", "num_steps", "num_iterations", "most_iterations"):
+            setattr(self, name, archive.same(f"ledger/{name}", getattr(self, name)))
+        for group in ("energy", "drift"):
+            sums = getattr(self, group)
+            for name in sums:
+                sums[name] = archive.same(f"ledger/{group}/{name}", sums[name])
+        for name in ("first", "last"):
+            balance = getattr(self, name)
+            kept = {
+                field.name: archive.same(
+                    f"ledger/{name}/{field.name}", getattr(balance, field.name)
+                )
+                for field in fields(Balance)
+            }
+            setattr(self, name, Balance(**kept))
+
+    def columns(self) -> dict[str, float]:
+        """Sums by name [J]: causes, the rest, and what loads and friction did."""
+        energy = self.energy
+        change = self.last.total_energy - self.first.total_energy
+        return {
+            **{f"energy_{cause}": work for cause, work in energy.items()},
+            "energy_unaccounted": change - sum(energy.values()),
+            "external_work": energy["loads"] + energy["supports"],
+            "friction_dissipation": -energy["friction"],
+        }
+
+    def iterations(self) -> str:
+        """Line on the iterations of Newton's method."""
+        mean = self.num_iterations / max(self.num_steps, 1)
+        return (
+            f"Newton iterations: {self.num_iterations}, mean {mean:.2f}, max {self.most_iterations}"
+        )
+
+    def drifts(self) -> list[str]:
+        """A line on each quantity that may be conserved."""
+        return [
+            f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} {unit}, "
+            f"largest change {self.drift[name]:.1e} {unit}"
+            for name, unit in _CONSERVED.items()
+        ]

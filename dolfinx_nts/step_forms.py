@@ -1,0 +1,104 @@
+"""Forms of an implicit step: balance of momentum, its tangent, damping."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+
+__all__ = ["StepForms"]
+
+
+class StepForms:
+    """Forms of a step from u_n to u; virtual works in it. Local.
+
+    Args:
+        bodies: Bodies of one space.
+        u_n: Displacement at the start of the step.
+        u: Displacement at its end, the unknown.
+        dt: Length of the step, a constant [s].
+        stress: First Piola-Kirchhoff stress, as `Stepper.first_piola`.
+        stress_share: Part of it that belongs to the end of the step.
+        acceleration: Acceleration in the step, UFL (3,), a function of
+            ``u``; None: neither inertia nor damping.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        u_n: fem.Function,
+        u: fem.Function,
+        dt: fem.Constant,
+        *,
+        stress: Callable[[Hyperelastic, Any, Any, Any], Any],
+        stress_share: float,
+        acceleration: Any | None,
+    ) -> None:
+        """Keep what the forms are made of."""
+        self._bodies, self._u_n, self._u, self._dt = bodies, u_n, u, dt
+        self._stress, self._stress_share, self._acceleration = stress, stress_share, acceleration
+        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(state) for state in (u_n, u))
+
+    def residual(self) -> ufl.Form:
+        """Balance of momentum without loads and contact, linear in a test function."""
+        eta = ufl.TestFunction(self._u.function_space)
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            P = self._stress(material, parameters, self._F_n, self._F)
+            work = ufl.inner(P, ufl.grad(eta))
+            if self._acceleration is not None:
+                work += rho * ufl.inner(self._acceleration, eta)
+                work += self._damping(material, parameters, rho, eta)
+            return work
+
+        return bulk_form(self._bodies, integrand)
+
+    def nearby_tangent(self) -> ufl.Form:
+        """Tangent at u_n without initial stress, with the moduli at C = 1.
+
+        Definite, where cells far from balance, or pressed, make the
+        tangent indefinite, which spoils incomplete factorisations.
+        """
+        V, dt = self._u.function_space, self._dt
+        eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)
+        F_n, G = self._F_n, ufl.grad(du)
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            share = self._stress_share
+            if self._acceleration is not None:
+                share += material.stiffness_damping / dt
+            P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)
+            work = ufl.inner(P, ufl.grad(eta))
+            if self._acceleration is not None:
+                rate = ufl.derivative(self._acceleration, self._u, du)
+                rate += material.mass_damping / dt * du
+                work += rho * ufl.inner(rate, eta)
+            return work
+
+        return bulk_form(self._bodies, integrand)
+
+    def dissipation(self) -> ufl.Form | None:
+        """Energy that damping takes in the step [J]; None without damping."""
+        damped = [body for body in self._bodies if body.material.is_damped]
+        if not damped or self._acceleration is None:
+            return None
+        return bulk_form(damped, partial(self._damping, eta=self._u - self._u_n))
+
+    def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
+        """Virtual work of damping per reference volume, >= 0 for u - u_n."""
+        u, u_n, dt = self._u, self._u_n, self._dt
+        mesh, work = u.function_space.mesh, 0
+        if material.mass_damping > 0:
+            alpha = fem.Constant(mesh, material.mass_damping)
+            work += alpha * rho / dt * ufl.inner(u - u_n, eta)
+        if material.stiffness_damping > 0:
+            beta = fem.Constant(mesh, material.stiffness_damping)
+            F_n, F = self._F_n, self._F
+            strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
+            P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
+            work += beta / dt * ufl.inner(P, ufl.grad(eta))
+        return work

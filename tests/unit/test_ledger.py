@@ -1,0 +1,109 @@
+"""Ledger of a run: sums of made-up steps, counted by hand."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.archive import Snapshot
+from dolfinx_nts.contact_history import ContactWork
+from dolfinx_nts.diagnostics import Balance
+from dolfinx_nts.ledger import EnergyLedger
+from dolfinx_nts.report import StepReport
+
+CONTACT = ContactWork(
+    persistent=1.0, activation=-2.0, facet_change=4.0, springs=512.0, friction=-8.0
+)
+
+
+def balance(t, energy, momentum=(0.0, 0.0, 0.0)):
+    """State with some kinetic energy and linear momentum."""
+    return Balance(
+        time=t,
+        kinetic_energy=energy,
+        strain_energy=0.0,
+        contact_energy=0.0,
+        linear_momentum=np.array(momentum),
+        angular_momentum=np.zeros(3),
+        contact_force=np.zeros(3),
+        pairs=np.zeros((0, 2, 3)),
+        active_nodes=0,
+        min_gap=np.nan,
+    )
+
+
+def report(step, iterations):
+    """Report with a power of two as the work of each cause."""
+    return StepReport(
+        step=step,
+        t=0.1 * step,
+        dt=0.1,
+        newton_iterations=iterations,
+        active_set_changes=0,
+        residual_norms=(1.0,),
+        num_active=0,
+        num_segments=0,
+        num_resting=0,
+        contact_work=CONTACT,
+        load_work=16.0,
+        support_work=32.0,
+        damping_work=-64.0,
+        solver_work=128.0,
+    )
+
+
+@pytest.fixture
+def ledger():
+    """Steps 8 and 9 of a run, after which the energy is 300 J larger."""
+    ledger = EnergyLedger(7, balance(0.7, 1000.0, (3.0, 4.0, 0.0)))
+    ledger.add(report(8, 5), 256.0, balance(0.8, 400.0, (3.0, 4.0, -2.0)))
+    ledger.add(report(9, 2), 256.0, balance(0.9, 1300.0, (3.0, 5.0, 0.0)))
+    return ledger
+
+
+def test_every_cause_is_summed_on_its_own_and_the_rest_is_unaccounted(ledger):
+    causes = {
+        "energy_bulk": 512.0,
+        "energy_loads": 32.0,
+        "energy_supports": 64.0,
+        "energy_damping": -128.0,
+        "energy_persistent_contact": 2.0,
+        "energy_activation": -4.0,
+        "energy_facet_change": 8.0,
+        "energy_friction": -16.0,
+        "energy_solver": 256.0,
+    }
+    assert ledger.columns() == {
+        **causes,
+        "energy_unaccounted": 300.0 - 726.0,
+        "external_work": 96.0,
+        "friction_dissipation": 16.0,
+    }
+    assert list(ledger.columns())[: len(causes)] == list(causes)
+
+
+def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
+    assert (ledger.step, ledger.num_steps) == (9, 2)
+    assert ledger.iterations() == "Newton iterations: 7, mean 3.50, max 5"
+    assert ledger.drifts() == [
+        "total energy: 1000 J, largest change 6.0e+02 J",
+        "linear momentum: 5 kg m/s, largest change 2.0e+00 kg m/s",
+        "angular momentum: 0 kg m^2/s, largest change 0.0e+00 kg m^2/s",
+    ]
+
+
+def test_ledger_without_steps_has_a_mean_of_zero():
+    assert EnergyLedger(0, balance(0.0, 1.0)).iterations() == (
+        "Newton iterations: 0, mean 0.00, max 0"
+    )
+
+
+def test_ledger_that_is_given_back_goes_on_alike(ledger):
+    archive = Snapshot()
+    ledger.exchange(archive)
+    other = EnergyLedger(0, balance(0.0, 0.0))
+    other.exchange(archive.rewind())
+    for each in (ledger, other):
+        each.add(report(10, 1), 0.1, balance(1.0, 2.0, (1.0, 1.0, 1.0)))
+    assert other.columns() == ledger.columns()
+    assert other.drifts() == ledger.drifts()
+    assert other.iterations() == ledger.iterations()
+    assert (other.step, other.first.time, other.last.time) == (10, 0.7, 1.0)
