@@ -168,10 +168,11 @@ def solve(
             u += 0.5 * size / du_norm * du
         else:
             u += du
-            x = X + u.reshape(-1, 3)
-            with timings.phase("contact"):
-                for step in steps:
-                    step.close_gaps(x, u.reshape(-1, 3))
+            if not changed:
+                x = X + u.reshape(-1, 3)
+                with timings.phase("contact"):
+                    for step in steps:
+                        step.close_gaps(x, u.reshape(-1, 3))
         bulk.u.x.scatter_forward()
         iteration += 1
 

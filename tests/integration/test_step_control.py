@@ -122,18 +122,17 @@ def fast(comm, law, factor):
     return stepper
 
 
-@pytest.mark.parametrize("factor", [15, 16])
-def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree, refused, factor):
+def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree, refused):
     # Twice the speed of the waves; what fails first depends on round-off. (At four
     # times, a node can be driven through in any step, which is refused.)
-    reasons = "inverted|turned by more than 90 degrees|pass through a surface"
+    reasons = "inverted|turned by more than 90 degrees"
     with refused(nts.ConvergenceError, reasons):
-        list(fast(comm, nts.NeoHookean, factor).run(2 / factor))
-    stepper = fast(comm, nts.NeoHookean, factor)
-    reports = list(stepper.run(2 / factor, nts.StepControl()))
-    assert agree(stepper.t == 2 / factor)
+        list(fast(comm, nts.NeoHookean, 14).run(2 / 14))
+    stepper = fast(comm, nts.NeoHookean, 14)
+    reports = list(stepper.run(2 / 14, nts.StepControl()))
+    assert agree(stepper.t == 2 / 14)
     assert agree(sum(report.rejected for report in reports) > 0)
-    assert agree(abs(sum(report.dt for report in reports) - 2 / factor) < 1e-15)
+    assert agree(abs(sum(report.dt for report in reports) - 2 / 14) < 1e-15)
 
 
 def test_a_material_that_collapses_is_followed_until_it_does(comm, agree, refused):
