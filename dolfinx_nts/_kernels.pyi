@@ -66,6 +66,7 @@ def act(
 
 class Patch:
     def __init__(self, start: _Keys, column: _Ints, value: _Floats) -> None: ...
+    def clear(self) -> None: ...
     def add(
         self,
         dofs: _Ints,

@@ -37,11 +37,10 @@ class Patch:
 
     def __init__(self, rows: BlockRows) -> None:
         """Wait for pairs."""
-        self._rows = rows
         self._comm: MPI.Comm = rows.index_map.comm
         self._pairing = b""
         self._version = -1
-        self._domain: _Whole | _Overlapping
+        self._domain = _Whole(rows) if self._comm.size == 1 else _Overlapping(rows)
         self._exists = False
         self._pairs: list[_GlobalPairs] = []
         self.num_builds = 0
@@ -80,10 +79,7 @@ class Patch:
             self._build()
 
     def _build(self) -> None:
-        if self._comm.size == 1:
-            self._domain = _Whole(self._rows, self._pairs)
-        else:
-            self._domain = _Overlapping(self._rows, self._pairs)
+        self._domain.choose(self._pairs)
         self._exists = self._domain.factors.build()
         self.num_builds += 1
 
@@ -116,8 +112,11 @@ class _GlobalPairs:
 class _Whole:
     """The nodes of the only rank."""
 
-    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
+    def __init__(self, rows: BlockRows) -> None:
         self.factors = _kernels.Patch(rows.start, rows.column, rows.value)
+
+    def choose(self, pairs: list[_GlobalPairs]) -> None:
+        self.factors.clear()
         for p in pairs:
             self.factors.add(
                 p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
@@ -131,8 +130,11 @@ class _Whole:
 class _Overlapping:
     """Nodes around the pairs of the nodes that a rank owns. Collective."""
 
-    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
-        space = rows.index_map
+    def __init__(self, rows: BlockRows) -> None:
+        self._rows = rows
+
+    def choose(self, pairs: list[_GlobalPairs]) -> None:
+        rows, space = self._rows, self._rows.index_map
         first, last = space.local_range
         ends = np.array(space.comm.allgather(last))
         everywhere = [_exchanged(p, ends, space.comm) for p in pairs]

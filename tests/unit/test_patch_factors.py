@@ -56,6 +56,27 @@ def test_complete_factors_solve_the_projected_system(k, rng):
 
 
 @kinds
+def test_factors_of_former_pairs_leave_nothing_behind(k, rng):
+    rows, _ = matrix(rng, FAR)
+    first, second = pairs(k, rng), list(pairs(k, rng))
+    second[0] = np.minimum(second[0], NODES - FAR - 1).astype(np.int32)
+    kept, fresh = _kernels.Patch(*rows), _kernels.Patch(*rows)
+    kept.add(*first)
+    kept.build()
+    kept.clear()
+    r, z = rng.normal(size=(2, NODES, 3))
+    results = []
+    for patch in (kept, fresh):
+        patch.add(*second)
+        assert patch.build()
+        assert patch.size == NODES - FAR
+        result = z.copy()
+        patch.correct(r, result)
+        results.append(result)
+    np.testing.assert_array_equal(*results)
+
+
+@kinds
 def test_nodes_far_from_contact_are_left_alone(k, rng):
     rows, _ = matrix(rng, FAR)
     arrays = list(pairs(k, rng))

@@ -61,6 +61,8 @@ public:
                    });
   }
 
+  void clear() noexcept { _patch->clear(); }
+
   bool build() { return _patch->build(); }
 
   void correct(const Doubles& r, Out<double> z)
@@ -94,6 +96,7 @@ void patch(nb::module_& m)
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
+      .def("clear", &KeptPatch::clear, "Be without pairs, as in the beginning")
       .def("add", &KeptPatch::add, nb::arg("dofs"), nb::arg("rank"),
            nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
            nb::arg("tangent"),
