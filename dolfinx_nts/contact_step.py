@@ -80,6 +80,7 @@ class ContactStep:
         self._stiffness = stiffness[nodes]
         # Elastic impact holds gaps; in statics there is no impact.
         law = pair.enforcement
+        self._is_exact = isinstance(law, LagrangeMultiplier)
         elastic = isinstance(law, LagrangeMultiplier) and law.impact == "elastic"
         self._holds = elastic and scheme != "static"
         pair.derive_stiffness(stiffness)
@@ -93,6 +94,8 @@ class ContactStep:
         here, _ = pair.search.update(x_n, self.reach)
         self.neighbourhood = here
         self._free = None if free is None else here.with_ghosts(free)
+        if self._free is not None and _all_free(self._free, nodes, here):
+            self._free = None
         self.x_n = self.x = here.with_ghosts(x_n[: here.index_map.size_local])
         trial = here.with_ghosts(x_trial[: here.index_map.size_local])
 
@@ -121,6 +124,7 @@ class ContactStep:
         self.segment_n: Ints = at_n[0].copy()
         self._gap: Floats = at_n[1]
         self._moves, self._flips = np.zeros((2, len(nodes)), dtype=np.int32)
+        self._may_move = True  # whether no node has moved too often
         self.num_active, self.touched = 0, False
         self._pivoting = Pivoting(self.comm)
         self.active = history.active & eligible
@@ -320,21 +324,24 @@ class ContactStep:
         """Nodes that may transmit force; how many changed their segment."""
         node = self._eligible
         previous = self.segment[node]
-        free = node[self._moves[node] < _MOST_MOVES]
+        free = node if self._may_move else node[self._moves[node] < _MOST_MOVES]
         self.segment[free], self._gap[free] = self.neighbourhood.pair(
             x, self.pair.nodes.nodes[free], self.segment[free], self.reach
         )
         segment = self.segment[node]
-        if iteration:
-            self._moves[node] += segment != previous
+        moved = segment != previous
+        if iteration and moved.any():
+            self._moves[node] += moved
+            self._may_move = bool(np.all(self._moves < _MOST_MOVES))
         near = segment >= 0
-        if isinstance(self.pair.enforcement, LagrangeMultiplier) and not self._holds:
+        if self._is_exact and not self._holds:
             # All others are open and stay inactive.
             near &= self.active[node] | (self._gap[node] < 0)
+        if near.all():
+            return node, int(np.count_nonzero(moved))
         lost = node[~near & self.active[node]]
         self._release(lost)
-        moved = int(np.count_nonzero(segment[near] != previous[near]))
-        return node[near], moved + len(lost)
+        return node[near], int(np.count_nonzero(moved[near])) + len(lost)
 
     def _rows(self, x: Floats, node: Ints) -> Rows:
         """Kernels of nodes on their present segments."""
@@ -391,15 +398,16 @@ class ContactStep:
             if self._tangential is not None:
                 self._tangential.follow(rows, self.lambda_N[node], active)
             return
-        rest, column = R, rows.columns[:, 0, :3]
+        rest, column, normal = R, rows.columns[:, 0, :3], rows.normal
         if self._tangential is not None:
             rest, column = self._tangential.reduced(rows, R, active)
-        response = np.einsum("mi,mi->m", rows.normal, column)
-        response = np.where(np.abs(response) > 1e-3, response, np.inf)
-        lambda_N = -np.einsum("mi,mi->m", rows.normal, rest) / response
+        response = np.einsum("mi,mi->m", normal, column)
+        response[~(np.abs(response) > 1e-3)] = np.inf
+        lambda_N: Floats = np.einsum("mi,mi->m", normal, rest) / -response
         if self._tangential is not None:
             lambda_N = self._tangential.balance(rows, rest, lambda_N, active)
-        self.lambda_N[node] = np.where(active, lambda_N, 0.0)
+        lambda_N[~active] = 0.0
+        self.lambda_N[node] = lambda_N
 
     def _update_active(self, rows: Rows, iteration: int) -> int:
         """Active set of this iteration; returns how many nodes changed."""
@@ -411,18 +419,20 @@ class ContactStep:
         else:
             lambda_N, stiffness = self.lambda_N[node], self._stiffness[node]
             after = self.pair.enforcement.active(lambda_N, excess, stiffness)
+        differ = after != before
+        if iteration and differ.any():
             # Vertices of triangles of degree 2 carry nothing under a uniform
             # pressure: rounding must not decide again and again.
             rounding = _ROUNDING * stiffness * self.pair.segment_size
-            nothing = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess)) <= rounding
-            after = np.where(nothing, before, after)
+            differ &= ~(np.maximum(np.abs(lambda_N), stiffness * np.abs(excess)) <= rounding)
         ids = self.pair.nodes.node_ids[node]
-        changes, violators = self._pivoting.select(after != before, ids, iteration)
-        self.active[node] = before ^ changes
-        self._flips[node] += changes
-        self._release(node[~self.active[node]])
-        if self._tangential is not None:
-            self._tangential.arrive(node[changes & ~before])
+        changes, violators = self._pivoting.select(differ, ids, iteration)
+        if changes.any():
+            self.active[node] = before ^ changes
+            self._flips[node] += changes
+            self._release(node[before & changes])
+            if self._tangential is not None:
+                self._tangential.arrive(node[changes & ~before])
         return violators
 
     def _release(self, node: Ints) -> None:
@@ -466,3 +476,9 @@ class ContactStep:
             changed=changed,
             failed=int(np.count_nonzero(active & ~rows.valid)),
         )
+
+
+def _all_free(free: Floats, nodes: Ints, here: Neighbourhood | ObstacleNeighbourhood) -> bool:
+    """Whether pairs have no given displacements. Local."""
+    there = isinstance(here, ObstacleNeighbourhood) or free[here.segments].all()
+    return bool(there and free[nodes].all())
