@@ -10,7 +10,7 @@ from dolfinx_nts.contact_rows import Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.pivoting import Pivoting
 
-__all__ = ["ActiveSet", "balanced"]
+__all__ = ["ActiveSet"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -18,24 +18,6 @@ Flags = npt.NDArray[np.bool_]
 # Force of an active node, and gap times stiffness, that are none: of k h, as in
 # the round-off of the residual.
 _ROUNDING = 16 * np.finfo(np.float64).eps
-
-
-def balanced(normal: Floats, rest: Floats, column: Floats) -> Floats:
-    """Multipliers that balance forces at nodes along their normals.
-
-    Args:
-        normal: Normals, shape ``(m, 3)``.
-        rest: What is to be balanced, shape ``(m, 3)`` [N].
-        column: Force per multiplier, shape ``(m, 3)``.
-
-    Returns:
-        lambda_N, shape ``(m,)`` [N]; 0 where the column has no part along
-        the normal.
-    """
-    response = np.einsum("mi,mi->m", normal, column)
-    response[~(np.abs(response) > 1e-3)] = np.inf
-    lambda_N: Floats = np.einsum("mi,mi->m", normal, rest) / -response
-    return lambda_N
 
 
 class ActiveSet:
@@ -82,4 +64,4 @@ class ActiveSet:
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= _ROUNDING * stiffness * self._size)
         changes, violators = self._pivoting.select(wrong, self._ids[rows.node], iteration)
-        return before ^ changes, violators
+        return before ^ changes if violators else before, violators

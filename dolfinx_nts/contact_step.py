@@ -9,7 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.active_set import ActiveSet, balanced
+from dolfinx_nts import _kernels
+from dolfinx_nts.active_set import ActiveSet
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.contact_rows import ContactState, Rows
@@ -81,18 +82,18 @@ class ContactStep:
             self._free = None
 
         # Elastic impact holds gaps; in statics there is no impact.
-        exact = isinstance(law, LagrangeMultiplier)
-        self._holds = exact and law.impact == "elastic" and scheme != "static"
+        exact = law if isinstance(law, LagrangeMultiplier) else None
+        self._holds = exact is not None and exact.impact == "elastic" and scheme != "static"
         eligible = pairing.met >= 0
-        if exact and self._holds:
+        if exact is not None and self._holds:
             size = here.size[pairing.met] if len(here.size) else np.ones(len(nodes))
-            eligible &= law.eligible(pairing.gap_n, pairing.gap_trial, size, history.active)
+            eligible &= exact.eligible(pairing.gap_n, pairing.gap_trial, size, history.active)
             may_touch = eligible
         else:
             # A gap that may close within the step.
             least = np.fmin(pairing.gap_n, pairing.gap_trial)
             may_touch = (least < pairing.way) | history.active
-        if pair.touches_itself and exact:
+        if pair.touches_itself and exact is not None:
             assert isinstance(here, Neighbourhood)
             urgency = 2 * history.active + (np.fmin(pairing.gap_n, pairing.gap_trial) < 0)
             eligible &= independent(here, pair.nodes, pairing.met, eligible, urgency)
@@ -169,10 +170,10 @@ class ContactStep:
         if not self.num_active or self._set is None:
             return
         rows, here = self._evaluated, self.neighbourhood
-        held = self.active[rows.node] & rows.eliminable
+        flags = self.active[rows.node] & rows.eliminable
         if self._tangential is not None:
-            held &= ~self._tangential.sticks(rows.node, held)
-        held = np.flatnonzero(held)
+            flags &= ~self._tangential.sticks(rows.node, flags)
+        held = slice(None) if flags.all() else np.flatnonzero(flags)
         nodes, normal = rows.dofs[held, 0], rows.normal[held]
         excess = here.gap(here.with_ghosts(x), nodes, rows.segment[held])
         if self._holds:
@@ -317,9 +318,10 @@ class ContactStep:
         lambda_N = self._balance(rows, R, lambda_N, before)
         active, changes = self._set.update(rows, before, lambda_N, iteration)
         lambda_N = np.where(active, lambda_N, 0.0)
-        self._flips[node] += active != before
+        if changes:
+            self._flips[node] += active != before
         if tangential is not None:
-            tangential.release(node[~active])
+            tangential.release(node[before & ~active])
             tangential.arrive(node[active & ~before])
             changes += self._rub(rows, lambda_N, active, iteration)
         if changes or tangential is not None:
@@ -334,10 +336,10 @@ class ContactStep:
                 tangential.follow(rows, lambda_N, active)
             return lambda_N
         if tangential is None:
-            lambda_N = balanced(rows.normal, R, rows.columns[:, 0, :3])
+            lambda_N = _kernels.balance(rows.normal, R, rows.columns)
         else:
             rest, column = tangential.reduced(rows, R, active)
-            lambda_N = balanced(rows.normal, rest, column)
+            lambda_N = _kernels.balance(rows.normal, rest, column[:, None])
             lambda_N = tangential.balance(rows, rest, lambda_N, active)
         return np.where(active, lambda_N, 0.0)
 

@@ -14,7 +14,7 @@ the balance of normal forces at the nodes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
@@ -66,9 +66,12 @@ class ActivePairs:
     @classmethod
     def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
         """The active ones of a state."""
-        arrays = tuple(getattr(state, field.name) for field in fields(cls)[1:])
-        active = np.flatnonzero(state.active)
-        if len(active) < len(state.active):
+        arrays: tuple[Any, ...] = (
+            *(state.dofs, state.rank, state.eliminable, state.excess),
+            *(state.normal, state.gradients, state.columns, state.tangent),
+        )
+        if not state.active.all():
+            active = np.flatnonzero(state.active)
             arrays = tuple(array[active] for array in arrays)
         return cls(here, *arrays)
 

@@ -80,4 +80,5 @@ class NormalSprings:
         at_n = self._law.energy(rows.gap_n - offset, eps_N)
         # A node that starts inside its spring brings energy with it.
         before = np.where(self._pair.history.active[rows.node], at_n, 0.0)
-        return self._law.energy(rows.gap - offset, eps_N) - before
+        stored: Floats = self._law.energy(rows.gap - offset, eps_N) - before
+        return stored

@@ -42,6 +42,7 @@ class Patch:
         self._version = -1
         self._domain = _Whole(rows) if self._comm.size == 1 else _Overlapping(rows)
         self._exists = False
+        self._elimination = Elimination((), ())
         self._pairs: list[_GlobalPairs] = []
         self.num_builds = 0
 
@@ -52,6 +53,7 @@ class Patch:
             elimination: Active pairs.
             version: Number of the matrix's values.
         """
+        self._elimination = elimination
         is_new = version != self._version or elimination.pairing != self._pairing
         if not self._comm.allreduce(is_new, op=MPI.LOR):
             return
@@ -84,13 +86,17 @@ class Patch:
         self.num_builds += 1
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Add to z what the patch solves for. Collective.
+        """Constrain z and add what the patch solves for. Collective.
 
         Args:
             r: Right-hand side at the owned nodes, shape ``(n, 3)``.
-            z: Values that satisfy the constraints, overwritten.
+            z: Values at the owned nodes, overwritten.
         """
-        self._domain.correct(r, z, self._exists)
+        if isinstance(self._domain, _Whole):
+            self._domain.correct(r, z)
+        else:
+            self._elimination.constrain(z)
+            self._domain.correct(r, z, self._exists)
 
 
 class _GlobalPairs:
@@ -122,9 +128,8 @@ class _Whole:
                 p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
             )
 
-    def correct(self, r: Floats, z: Floats, exists: bool) -> None:
-        if exists:
-            self.factors.correct(r, z)
+    def correct(self, r: Floats, z: Floats) -> None:
+        self.factors.correct(r, z)
 
 
 class _Overlapping:

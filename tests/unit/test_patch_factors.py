@@ -47,8 +47,7 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     assert patch.build()
     assert patch.size == NODES
     r = Zt @ rng.normal(size=3 * NODES)
-    start = Z @ rng.normal(size=3 * NODES)  # any guess that satisfies the constraints
-    z = start.reshape(-1, 3).copy()
+    z = rng.normal(size=(NODES, 3))  # any guess
     patch.correct(r.reshape(-1, 3), z)
     # Only the rows of the contact nodes in z are left to the projection.
     residual = Zt @ (K + C) @ Z @ z.ravel() - r

@@ -69,8 +69,9 @@ public:
   {
     check("r", r, {num_rows(), 3});
     check("z", z, {any, 3});
-    if (z.shape(0) < _num_columns)
-      throw nb::value_error("z: expected a row for each column of the matrix");
+    if (z.shape(0) < std::max(_num_columns, num_rows()))
+      throw nb::value_error("z: expected a row for each column of the matrix "
+                            "and each row");
     _patch->correct(view(r), view(z));
   }
 
@@ -105,7 +106,8 @@ void patch(nb::module_& m)
       .def("build", &KeptPatch::build, "Factorise; false if singular")
       .def("correct", &KeptPatch::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
-           "Add to z what the patch solves for: (n, 3), (columns, 3)")
+           "Constrain z and add what the patch solves for: (n, 3), "
+           "(columns, 3)")
       .def_prop_ro("size", &KeptPatch::size, "Nodes in the patch");
 }
 } // namespace nts::bindings

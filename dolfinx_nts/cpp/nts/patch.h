@@ -65,6 +65,7 @@ public:
     _pairs.clear();
     _nodes.clear();
     _factors.clear();
+    _exists = false;
   }
 
   /// @brief Choose the nodes and factorise.
@@ -131,14 +132,24 @@ public:
                     row[static_cast<std::int32_t>(p)]);
       _factors.add(row);
     }
-    return _factors.factorise();
+    return _exists = _factors.factorise();
   }
 
-  /// @brief Correct z = B r at the nodes of the patch.
+  /// @brief Constrain z = B r and correct it at the nodes of the patch.
   /// @param[in] r Right-hand side without a part in E, (n, 3).
-  /// @param[in,out] z Values at the columns of K, Z z = z.
+  /// @param[in,out] z Values at the columns of K.
   void correct(std::span<const double> r, std::span<double> z)
   {
+    for (const Pair& pair : _pairs)
+      if (pair.constrained)
+      {
+        Vec3 x = {};
+        for (std::size_t a = 0; a < pair.nodes.size(); ++a)
+          add_product(pair.right[a], z.data() + 3 * pair.nodes[a], x.data());
+        std::ranges::copy(x, z.begin() + 3 * pair.nodes[0]);
+      }
+    if (!_exists)
+      return;
     const std::size_t n = _nodes.size();
     _x.assign(3 * n, 0.0);
     for (std::size_t p = 0; p < n; ++p)
@@ -287,6 +298,7 @@ private:
   std::vector<std::int32_t> _nodes;  // of each row
   std::vector<std::int32_t> _number; // of each node, -1 outside
   IncompleteFactors _factors;
+  bool _exists = false; // the factors
   std::vector<double> _x;
 };
 } // namespace nts
