@@ -46,7 +46,7 @@ class Profile:
             (saddle.SaddleSystem, "solve", "direct"),
             (preconditioner.Preconditioner, "build", "factors"),
             (linear, "Elimination", "elimination"),
-            (linear, "coupled", "elimination"),
+            (elimination.Coupling, "of", "elimination"),
             (elimination.Elimination, "particular", "elimination"),
             (elimination.Elimination, "constrain", "elimination"),
             (elimination.Elimination, "act", "elimination"),

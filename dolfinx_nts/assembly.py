@@ -14,6 +14,7 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -293,9 +294,11 @@ def contact_residual(
     steps: Sequence[ContactStep], states: Sequence[ContactState], num_owned: int
 ) -> Floats:
     """Sum of lambda_N F on the owned dofs, shape (num_owned,) [N]. Collective."""
-    total = np.zeros(num_owned)
+    total: Floats = np.zeros((num_owned // 3, 3))
     for step, state in zip(steps, states, strict=True):
         if step.num_active:
             here = step.neighbourhood
-            total += here.to_owners(state.nodal_forces(here.num_local)).ravel()
-    return total
+            local = here.with_room(total)
+            _kernels.add_at(state.dofs, state.residual, local)
+            total = here.to_owners(local)
+    return total.ravel()

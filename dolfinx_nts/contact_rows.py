@@ -73,12 +73,6 @@ class ContactState:
         rows = np.arange(3) < self.rank[:, None]
         return float(np.abs(self.excess[rows]).max(initial=0.0))
 
-    def nodal_forces(self, num_nodes: int) -> Floats:
-        """Sum of ``residual`` on the index map's nodes, ``(n, 3)`` [N]."""
-        forces = np.zeros((num_nodes, 3))
-        np.add.at(forces, self.dofs.ravel(), self.residual.reshape(-1, 3))
-        return forces
-
 
 class Rows:
     """Kernel values of pairs, before multipliers are known.

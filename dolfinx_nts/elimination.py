@@ -17,6 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -26,9 +28,10 @@ from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
 
-__all__ = ["ActivePairs", "Elimination", "coupled"]
+__all__ = ["ActivePairs", "Coupling", "Elimination"]
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _NONE = np.empty(0)
@@ -42,6 +45,8 @@ class ActivePairs:
         here: Neighbourhood that carries their values between ranks.
         dofs: Nodes in its index map, shape ``(m, 1+k)``.
         rank: Number of constraints, shape ``(m,)``.
+        eliminable: Whether the node can give up what they determine.
+        excess: What they should make zero, shape ``(m, 3)`` [m].
         normal: Unit normal at the node, shape ``(m, 3)``.
         gradients: Of the constraints, shape ``(m, 3, d)``.
         columns: Force per multiplier, shape ``(m, 3, d)``.
@@ -51,6 +56,8 @@ class ActivePairs:
     here: Neighbourhood | ObstacleNeighbourhood
     dofs: npt.NDArray[Any]
     rank: Ints
+    eliminable: Flags
+    excess: Floats
     normal: Floats
     gradients: Floats
     columns: Floats
@@ -59,8 +66,14 @@ class ActivePairs:
     @classmethod
     def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
         """The active ones of a state."""
-        names = ("dofs", "rank", "normal", "gradients", "columns", "tangent")
-        return cls(here, *(getattr(state, name)[state.active] for name in names))
+        arrays: tuple[Any, ...] = (
+            *(state.dofs, state.rank, state.eliminable, state.excess),
+            *(state.normal, state.gradients, state.columns, state.tangent),
+        )
+        if not state.active.all():
+            active = np.flatnonzero(state.active)
+            arrays = tuple(array[active] for array in arrays)
+        return cls(here, *arrays)
 
     def global_dofs(self) -> npt.NDArray[np.int64]:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
@@ -76,39 +89,35 @@ class Elimination:
 
     Args:
         steps: Contact attempts.
-        states: Their pairs; no active node is a vertex of another.
+        states: Their pairs; unless `Coupling` finds none between them,
+            the pairs are all there is to use.
 
     Attributes:
         pairs: Active pairs, one item for each contact pair that has any.
+        pairing: Tells the same nodes and constraints from others.
     """
 
     def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactState]) -> None:
         """Compress the arrays to the active pairs."""
         # An exchange is collective: leave out what is empty on all ranks.
-        active = [
-            (step.neighbourhood, state)
+        self.pairs = [
+            ActivePairs.of(step.neighbourhood, state)
             for step, state in zip(steps, states, strict=True)
             if step.num_active
         ]
-        self.pairs = [ActivePairs.of(here, state) for here, state in active]
-        self._excess = [state.excess[state.active] for _, state in active]
         self._node = [p.dofs[p.rank > 0, 0] for p in self.pairs]
+        parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
+        self.pairing = b"".join(part.tobytes() for part in parts)
 
     @property
     def empty(self) -> bool:
         """Whether no pair is active on any rank."""
         return not self.pairs
 
-    @property
-    def pairing(self) -> bytes:
-        """Tells the same nodes and constraints from others. Local."""
-        parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
-        return b"".join(part.tobytes() for part in parts)
-
     def particular(self, n: int) -> tuple[Floats, list[Floats]]:
         """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
         x = np.zeros((n, 3))
-        return x, self._constrain(x, [-excess for excess in self._excess])
+        return x, self._constrain(x, [-p.excess for p in self.pairs])
 
     def constrain(self, x: Floats) -> list[Floats]:
         """Replace x by Z x; returns Z x with ghosts for each of `pairs`."""
@@ -131,29 +140,46 @@ class Elimination:
         return y
 
 
-def coupled(steps: Sequence[ContactStep], states: Sequence[ContactState]) -> bool:
-    """Whether a constrained node takes part in another active pair, or is fixed.
+class Coupling:
+    """Whether the projections exist, looked at only where pairs have changed.
 
-    Then the projections above do not exist. Collective.
+    They do not where a constrained node takes part in another active pair,
+    or is fixed.
+
+    Args:
+        comm: Communicator.
     """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        """Start without pairs."""
+        self._comm = comm
+        self._pairing = b"", b""
+        self._is_coupled = False
+
+    def of(self, elimination: Elimination) -> bool:
+        """Whether the pairs of a Newton iteration are coupled. Collective."""
+        if elimination.empty:
+            return False
+        fixed = b"".join(p.eliminable.tobytes() for p in elimination.pairs)
+        pairing = elimination.pairing, fixed
+        if self._comm.allreduce(pairing != self._pairing, op=MPI.LOR):
+            self._pairing = pairing
+            self._is_coupled = self._comm.allreduce(_coupled(elimination.pairs), op=MPI.LOR)
+        return self._is_coupled
+
+
+def _coupled(pairs: Sequence[ActivePairs]) -> bool:
+    """Whether some are on this rank. Collective."""
     taken: Any = 0
     others: Any = 0
     blocked = False
-    comm = None
-    for step, state in zip(steps, states, strict=True):
-        if not step.num_active:
-            continue
-        comm = step.comm
-        here = step.neighbourhood
-        constrained = state.rank > 0
-        marks: Floats = np.zeros((here.num_local, 3))
-        marks[state.dofs[constrained, 0], 0] = 1  # each node is in one pair of the state
-        marks[state.dofs[state.active & ~constrained, 0], 1] = 1
-        marks[state.dofs[state.active, 1:].ravel(), 1] = 1
-        marks = here.to_owners(marks)
+    for p in pairs:
+        constrained = p.rank > 0
+        marks: Floats = np.zeros((p.here.num_local, 3))
+        marks[p.dofs[constrained, 0], 0] = 1  # each node is in one pair of a contact pair
+        marks[p.dofs[~constrained, 0], 1] = 1
+        marks[p.dofs[:, 1:].ravel(), 1] = 1
+        marks = p.here.to_owners(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
-        blocked = blocked or bool(np.any(~state.eliminable[constrained]))
-    if comm is None:
-        return False
-    blocked = blocked or bool(np.any((taken > 1) | ((taken > 0) & (others > 0))))
-    return bool(comm.allreduce(blocked))
+        blocked = blocked or bool(np.any(~p.eliminable[constrained]))
+    return blocked or bool(np.any((taken > 1) | ((taken > 0) & (others > 0))))

@@ -21,7 +21,7 @@ from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.elimination import Elimination, coupled
+from dolfinx_nts.elimination import Coupling, Elimination
 from dolfinx_nts.preconditioner import Operator, Preconditioner
 from dolfinx_nts.saddle import SaddleSystem
 
@@ -132,6 +132,7 @@ class LinearSolver:
         pc.setPythonContext(self._preconditioner)
         self._ksp.setFromOptions()
         self._x, self._b = self._matrix.createVecs()
+        self._coupling = Coupling(bulk.comm)
         self._saddle = SaddleSystem(bulk)
         self._age = _Age()
         self.num_iterations = self.num_direct = 0
@@ -155,9 +156,9 @@ class LinearSolver:
             du on the owned dofs [m]; and dlambda_N of the active pairs
             [N] if the whole system was solved, otherwise None.
         """
-        if coupled(steps, states):
-            return self._solve_direct(R, steps, states)
         elimination = Elimination(steps, states)
+        if self._coupling.of(elimination):
+            return self._solve_direct(R, steps, states)
         preconditioner = self._preconditioner
         fresh = preconditioner.point is None or self._age.excess > _REBUILD_COST
         if fresh:

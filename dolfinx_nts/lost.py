@@ -40,18 +40,19 @@ def _sunk(step: ContactStep, here: Neighbourhood) -> int:
     """Nodes that pressed from within a body and have no segment now."""
     old = step.pair.history
     segment = here.find(old.key)
-    node = np.flatnonzero(old.active & (segment >= 0) & (step.segment < 0))
+    node = np.flatnonzero(old.active & (segment >= 0) & (step.pairing.segment < 0))
     return int(np.count_nonzero(old.gap[node] < -_SUNK * here.size[segment[node]]))
 
 
 def _passed(step: ContactStep, here: Neighbourhood) -> int:
     """Nodes outside before the step that came out on the other side."""
     nodes, size = step.pair.nodes.nodes, here.size.min(initial=np.inf)
-    way = 2 * np.linalg.norm(step.x - step.x_n, axis=1).max(initial=0.0)
+    x_n, reach = step.pairing.x_n, step.pairing.reach
+    way = 2 * np.linalg.norm(step.x - x_n, axis=1).max(initial=0.0)
     if way <= _LOOK * size:
         return 0
-    before, gap_n = here.pair(step.x_n, nodes, step.segment_n, step.reach)
-    after, _ = here.pair(step.x, nodes, before, step.reach)
+    before, gap_n = here.pair(x_n, nodes, step.pairing.segment_n, reach)
+    after, _ = here.pair(step.x, nodes, before, reach)
     node = np.flatnonzero((before >= 0) & (gap_n > 0) & (after < 0) & ~step.active)
     if not len(node):
         return 0
@@ -59,7 +60,7 @@ def _passed(step: ContactStep, here: Neighbourhood) -> int:
     segment = before[node]
     num_looks = min(int(np.ceil(way / (_LOOK * size))), _MOST_LOOKS)
     for part in np.linspace(0, 1, num_looks + 1)[1:-1]:
-        x = step.x_n + part * (step.x - step.x_n)
-        segment, gap = here.pair(x, nodes[node], segment, step.reach)
+        x = x_n + part * (step.x - x_n)
+        segment, gap = here.pair(x, nodes[node], segment, reach)
         inside |= (segment >= 0) & (gap < 0)
     return int(np.count_nonzero(inside))

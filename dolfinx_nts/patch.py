@@ -37,12 +37,12 @@ class Patch:
 
     def __init__(self, rows: BlockRows) -> None:
         """Wait for pairs."""
-        self._rows = rows
         self._comm: MPI.Comm = rows.index_map.comm
         self._pairing = b""
         self._version = -1
-        self._domain: _Whole | _Overlapping
+        self._domain = _Whole(rows) if self._comm.size == 1 else _Overlapping(rows)
         self._exists = False
+        self._elimination = Elimination((), ())
         self._pairs: list[_GlobalPairs] = []
         self.num_builds = 0
 
@@ -53,6 +53,7 @@ class Patch:
             elimination: Active pairs.
             version: Number of the matrix's values.
         """
+        self._elimination = elimination
         is_new = version != self._version or elimination.pairing != self._pairing
         if not self._comm.allreduce(is_new, op=MPI.LOR):
             return
@@ -80,21 +81,22 @@ class Patch:
             self._build()
 
     def _build(self) -> None:
-        if self._comm.size == 1:
-            self._domain = _Whole(self._rows, self._pairs)
-        else:
-            self._domain = _Overlapping(self._rows, self._pairs)
+        self._domain.choose(self._pairs)
         self._exists = self._domain.factors.build()
         self.num_builds += 1
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Add to z what the patch solves for. Collective.
+        """Constrain z and add what the patch solves for. Collective.
 
         Args:
             r: Right-hand side at the owned nodes, shape ``(n, 3)``.
-            z: Values that satisfy the constraints, overwritten.
+            z: Values at the owned nodes, overwritten.
         """
-        self._domain.correct(r, z, self._exists)
+        if isinstance(self._domain, _Whole):
+            self._domain.correct(r, z)
+        else:
+            self._elimination.constrain(z)
+            self._domain.correct(r, z, self._exists)
 
 
 class _GlobalPairs:
@@ -116,28 +118,33 @@ class _GlobalPairs:
 class _Whole:
     """The nodes of the only rank."""
 
-    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
+    def __init__(self, rows: BlockRows) -> None:
         self.factors = _kernels.Patch(rows.start, rows.column, rows.value)
+
+    def choose(self, pairs: list[_GlobalPairs]) -> None:
+        self.factors.clear()
         for p in pairs:
             self.factors.add(
                 p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
             )
 
-    def correct(self, r: Floats, z: Floats, exists: bool) -> None:
-        if exists:
-            self.factors.correct(r, z)
+    def correct(self, r: Floats, z: Floats) -> None:
+        self.factors.correct(r, z)
 
 
 class _Overlapping:
     """Nodes around the pairs of the nodes that a rank owns. Collective."""
 
-    def __init__(self, rows: BlockRows, pairs: list[_GlobalPairs]) -> None:
-        space = rows.index_map
+    def __init__(self, rows: BlockRows) -> None:
+        self._rows = rows
+
+    def choose(self, pairs: list[_GlobalPairs]) -> None:
+        rows, space = self._rows, self._rows.index_map
         first, last = space.local_range
         ends = np.array(space.comm.allgather(last))
         everywhere = [_exchanged(p, ends, space.comm) for p in pairs]
         contacts = _unique([p.nodes for p in everywhere])
-        _, ring, _ = rows.gather(contacts, ends)
+        _, ring, _ = rows.gather(_unique([p.nodes[:, 0] for p in everywhere]), ends)
         domain = _unique([contacts, ring])
         start, column, value = rows.gather(domain, ends)
         # The domain, then what its rows reach outside.

@@ -190,10 +190,7 @@ class Preconditioner:
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Factors of the bulk, then the patch; called by PETSc."""
         self._pc.apply(r, z)
-        elimination = self._operator.elimination
-        if elimination.empty:
+        if self._operator.elimination.empty:
             return
         assert self._patch is not None
-        x = z.array.reshape(-1, 3)
-        elimination.constrain(x)
-        self._patch.correct(r.array_r.reshape(-1, 3), x)
+        self._patch.correct(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))

@@ -86,6 +86,34 @@ def test_act_adds_the_tangent_and_removes_multipliers(k, rng):
     assert np.abs(E.T @ result.ravel()).max() < ROUNDING
 
 
+@pytest.mark.parametrize("c", [1, 3])
+def test_multipliers_balance_forces_along_the_normals(rng, c):
+    normal, rest = rng.normal(size=(2, 6, 3))
+    columns = rng.normal(size=(6, c, 12))
+    columns[0, 0, :3] = np.cross(normal[0], rest[0])  # nothing along the normal
+    lambda_N = _kernels.balance(normal, rest, columns)
+    total = rest + lambda_N[:, None] * columns[:, 0, :3]
+    assert lambda_N[0] == 0
+    np.testing.assert_allclose(np.einsum("mi,mi->m", normal, total)[1:], 0, atol=ROUNDING)
+
+
+def test_columns_without_three_numbers_are_refused(rng):
+    with pytest.raises(ValueError, match="three numbers of each pair"):
+        _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
+
+
+@kinds
+def test_values_of_pairs_are_added_at_their_nodes(k, rng):
+    dofs, *_ = pairs(k, rng)
+    values, total = rng.normal(size=(len(dofs), 3 * (1 + k))), rng.normal(size=(NODES, 3))
+    expected = total.copy()
+    np.add.at(expected, dofs.ravel(), values.reshape(-1, 3))
+    _kernels.add_at(dofs, values, total)
+    np.testing.assert_allclose(total, expected, rtol=0, atol=ROUNDING)
+    with pytest.raises(ValueError, match="rows of x"):
+        _kernels.add_at(dofs + NODES, values, total)
+
+
 def test_dofs_outside_the_vector_are_refused(rng):
     dofs, rank, normal, gradients, _, _ = pairs(3, rng)
     with pytest.raises(ValueError, match="rows of x"):

@@ -67,7 +67,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
     for direct in (False, True):
         scene = scenes.blocks(comm, friction=friction, cell="tetrahedron")
         if direct:
-            monkeypatch.setattr("dolfinx_nts.linear.coupled", lambda steps, states: True)
+            monkeypatch.setattr("dolfinx_nts.linear.Coupling.of", lambda self, pairs: True)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
         assert (scene.stepper._solver.num_direct > 0) == direct

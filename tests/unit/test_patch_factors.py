@@ -47,12 +47,32 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     assert patch.build()
     assert patch.size == NODES
     r = Zt @ rng.normal(size=3 * NODES)
-    start = Z @ rng.normal(size=3 * NODES)  # any guess that satisfies the constraints
-    z = start.reshape(-1, 3).copy()
+    z = rng.normal(size=(NODES, 3))  # any guess
     patch.correct(r.reshape(-1, 3), z)
     # Only the rows of the contact nodes in z are left to the projection.
     residual = Zt @ (K + C) @ Z @ z.ravel() - r
     assert np.abs(residual).max() < ROUNDING * np.abs(r).max()
+
+
+@kinds
+def test_factors_of_former_pairs_leave_nothing_behind(k, rng):
+    rows, _ = matrix(rng, FAR)
+    first, second = pairs(k, rng), list(pairs(k, rng))
+    second[0] = np.minimum(second[0], NODES - FAR - 1).astype(np.int32)
+    kept, fresh = _kernels.Patch(*rows), _kernels.Patch(*rows)
+    kept.add(*first)
+    kept.build()
+    kept.clear()
+    r, z = rng.normal(size=(2, NODES, 3))
+    results = []
+    for patch in (kept, fresh):
+        patch.add(*second)
+        assert patch.build()
+        assert patch.size == NODES - FAR
+        result = z.copy()
+        patch.correct(r, result)
+        results.append(result)
+    np.testing.assert_array_equal(*results)
 
 
 @kinds

@@ -64,6 +64,28 @@ void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
                           view(x), view(y));
                  });
 }
+
+auto balance_batch(const Doubles& normal, const Doubles& rest,
+                   const Doubles& columns)
+{
+  check("columns", columns, {any, any, any});
+  const std::size_t m = columns.shape(0);
+  check("normal", normal, {m, 3});
+  check("rest", rest, {m, 3});
+  if (columns.shape(1) == 0 || columns.shape(2) < 3)
+    throw nb::value_error("columns: expected three numbers of each pair");
+  auto lambda = create<double>({m});
+  balance(view(normal), view(rest), view(columns),
+          columns.shape(1) * columns.shape(2), view(lambda));
+  return lambda;
+}
+
+void add_at_batch(const Dofs& dofs, const Doubles& values, Out<double> total)
+{
+  check_dofs(dofs, total);
+  check("values", values, {dofs.shape(0), 3 * dofs.shape(1)});
+  add_at(view(dofs), view(values), view(total));
+}
 } // namespace
 
 void elimination(nb::module_& m)
@@ -78,5 +100,12 @@ void elimination(nb::module_& m)
         nb::arg("y").noconvert(),
         "y <- Z~^T (y + C x): (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
         "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
+  m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("rest"),
+        nb::arg("columns"),
+        "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "
+        "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
+  m.def("add_at", &add_at_batch, nb::arg("dofs"), nb::arg("values"),
+        nb::arg("total").noconvert(),
+        "Add values of pairs at their nodes: (m, 1+k), (m, 3(1+k)), (n, 3)");
 }
 } // namespace nts::bindings

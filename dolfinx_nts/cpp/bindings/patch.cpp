@@ -61,14 +61,17 @@ public:
                    });
   }
 
+  void clear() noexcept { _patch->clear(); }
+
   bool build() { return _patch->build(); }
 
   void correct(const Doubles& r, Out<double> z)
   {
     check("r", r, {num_rows(), 3});
     check("z", z, {any, 3});
-    if (z.shape(0) < _num_columns)
-      throw nb::value_error("z: expected a row for each column of the matrix");
+    if (z.shape(0) < std::max(_num_columns, num_rows()))
+      throw nb::value_error("z: expected a row for each column of the matrix "
+                            "and each row");
     _patch->correct(view(r), view(z));
   }
 
@@ -94,6 +97,7 @@ void patch(nb::module_& m)
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
+      .def("clear", &KeptPatch::clear, "Be without pairs, as in the beginning")
       .def("add", &KeptPatch::add, nb::arg("dofs"), nb::arg("rank"),
            nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
            nb::arg("tangent"),
@@ -102,7 +106,8 @@ void patch(nb::module_& m)
       .def("build", &KeptPatch::build, "Factorise; false if singular")
       .def("correct", &KeptPatch::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
-           "Add to z what the patch solves for: (n, 3), (columns, 3)")
+           "Constrain z and add what the patch solves for: (n, 3), "
+           "(columns, 3)")
       .def_prop_ro("size", &KeptPatch::size, "Nodes in the patch");
 }
 } // namespace nts::bindings

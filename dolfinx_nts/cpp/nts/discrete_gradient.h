@@ -160,6 +160,19 @@ nodal_forces(const std::array<Vec3, S::vertices + 1>& forces) noexcept
   return F;
 }
 
+/// @brief Add sum_b weights_b dE_b as a covector on q: what `nodal_forces` does
+/// for component i alone, b < k.
+template <class S, std::size_t N>
+void add_relative(std::size_t i, const std::array<double, N>& weights,
+                  PairVector<S>& row) noexcept
+{
+  for (std::size_t b = 0; b < S::vertices; ++b)
+  {
+    row[3 * (b == 0 ? 0 : b + 1) + i] += weights[b];
+    row[3 + i] -= weights[b];
+  }
+}
+
 /// @brief Energy-momentum scheme: the condensed form of eqs. (53)-(58).
 ///
 /// The multipliers of the auxiliary constraints for lambda_N = 1 follow from
@@ -237,52 +250,65 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
                                 Q[a][i] += weight * position * H[a][i];
                           });
 
-  // One column: T dz = 1/2 sum Theta_k H_k dz + Dpi(z_m)^T Q Dpi(z_{n+1}) dz.
-  std::array<std::array<Vec3, k + 1>, dofs> columns;
-  Matrix<5, dofs> dLambda;
-  for (std::size_t j = 0; j < dofs; ++j)
+  // T dz = 1/2 sum Theta_k H_k dz + Dpi(z_m)^T Q Dpi(z_{n+1}) dz, with rows
+  // for E_0..E_k (a = 3 b + i) and xi, eta. Q has rows xi, eta and, by
+  // symmetry, columns only: two outer products.
+  const std::array<std::array<Vec3, k + 1>, 2> left
+      = {vector_forces(z_m, Q[0]), vector_forces(z_m, Q[1])};
+  const std::array<std::array<Vec3, k + 1>, 2> right
+      = {vector_forces(z, Q[0]), vector_forces(z, Q[1])};
+  Matrix<k + 1, k + 1> half = {}; // of sum Theta_k H_k: E_a to E_b
+  for (const auto& [index, a, b] : I::products)
   {
-    Augmented<S> dz = {}; // direction: coordinate j of q, with d, xi, eta
-    const std::size_t node = j / 3, i = j % 3;
-    for (std::size_t a = 0; a < k; ++a)
-      dz.E[a][i]
-          = (node == 1 ? -1. : 0.) + (node == (a == 0 ? 0 : a + 1) ? 1. : 0.);
-    dz.E[k] = {y[0][j], y[1][j], y[2][j]};
-    dz.f = {y[3][j], y[4][j], 0};
-
-    typename I::Values dpi;
-    for (const auto& [index, a, b] : I::products)
-      dpi[index] = dot(dz.E[a], z.E[b]) + dot(z.E[a], dz.E[b]);
-    for (std::size_t a = 0; a < 3; ++a)
-      dpi[I::f(a)] = dz.f[a];
-    typename I::Values dTheta;
-    for (std::size_t l = 0; l < I::count; ++l)
-      dTheta[l] = Q[0][l] * dpi[I::f(0)] + Q[1][l] * dpi[I::f(1)];
-    for (std::size_t a = 0; a < 2; ++a)
+    half[a][b] += 0.5 * Theta[index];
+    half[b][a] += 0.5 * Theta[index];
+  }
+  Matrix<3 * (k + 1), dofs> vectors;
+  for (std::size_t b = 0; b <= k; ++b)
+    for (std::size_t i = 0; i < 3; ++i)
     {
-      dTheta[I::f(a)] = 0;
-      for (std::size_t l = 0; l < I::count; ++l)
-        dTheta[I::f(a)] += Q[a][l] * dpi[l];
+      PairVector<S>& out = vectors[3 * b + i];
+      for (std::size_t j = 0; j < dofs; ++j)
+        out[j] = half[b][k] * y[i][j] + left[0][b][i] * y[3][j]
+                 + left[1][b][i] * y[4][j];
+      add_relative<S>(i, half[b], out);
     }
-
-    columns[j] = vector_forces(z_m, dTheta);
-    const std::array<Vec3, k + 1> geometric = vector_forces(dz, Theta);
-    for (std::size_t a = 0; a <= k; ++a)
-      columns[j][a] += 0.5 * geometric[a];
-    for (std::size_t r = 0; r < 5; ++r)
-      dLambda[r][j] = -(r < 3 ? columns[j][k][r] : dTheta[I::f(r - 3)]);
+  Matrix<5, dofs> dLambda;
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < dofs; ++j)
+      dLambda[i][j] = -vectors[3 * k + i][j];
+  for (std::size_t a = 0; a < 2; ++a)
+  {
+    PairVector<S> out;
+    for (std::size_t j = 0; j < dofs; ++j)
+      out[j] = right[a][k][0] * y[0][j] + right[a][k][1] * y[1][j]
+               + right[a][k][2] * y[2][j] + Q[a][I::f(0)] * y[3][j]
+               + Q[a][I::f(1)] * y[4][j];
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      std::array<double, k> weights;
+      for (std::size_t b = 0; b < k; ++b)
+        weights[b] = right[a][b][i];
+      add_relative<S>(i, weights, out);
+    }
+    for (std::size_t j = 0; j < dofs; ++j)
+      dLambda[3 + a][j] = -out[j];
   }
   contact.valid = solve(B, dLambda);
   if (!contact.valid)
     return;
-  for (std::size_t j = 0; j < dofs; ++j)
-  {
-    for (std::size_t l = 1; l < 6; ++l)
-      for (std::size_t a = 0; a < k; ++a)
-        columns[j][a] += dLambda[l - 1][j] * forces[l][a];
-    const PairVector<S> column = nodal_forces<S>(columns[j]);
-    for (std::size_t i = 0; i < dofs; ++i)
-      contact.tangent[i][j] = column[i];
-  }
+  contact.tangent = {};
+  for (std::size_t b = 0; b < k; ++b)
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      PairVector<S>& row = vectors[3 * b + i];
+      for (std::size_t l = 1; l < 6; ++l)
+        for (std::size_t j = 0; j < dofs; ++j)
+          row[j] += forces[l][b][i] * dLambda[l - 1][j];
+      // As `nodal_forces`.
+      contact.tangent[3 * (b == 0 ? 0 : b + 1) + i] = row;
+      for (std::size_t j = 0; j < dofs; ++j)
+        contact.tangent[3 + i][j] -= row[j];
+    }
 }
 } // namespace nts

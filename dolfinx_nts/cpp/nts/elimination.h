@@ -42,6 +42,40 @@ PairVector<S> gather(std::span<const double> x,
   return values;
 }
 
+/// @brief Multipliers that balance forces at nodes along their normals:
+/// -n . rest / n . F, 0 where the column has no part along the normal.
+/// @param[in] normal Normals n, (m, 3).
+/// @param[in] rest What is to be balanced, (m, 3).
+/// @param[in] columns Force per multiplier F, (m, stride): the first three.
+/// @param[out] lambda Multipliers, (m,).
+inline void balance(std::span<const double> normal,
+                    std::span<const double> rest,
+                    std::span<const double> columns, std::size_t stride,
+                    std::span<double> lambda) noexcept
+{
+  constexpr double least = 1e-3;
+  for (std::size_t i = 0; i < lambda.size(); ++i)
+  {
+    const double* n = normal.data() + 3 * i;
+    const double response = inner<3>(n, columns.data() + stride * i);
+    const bool responds = std::abs(response) > least;
+    lambda[i] = responds ? -inner<3>(n, rest.data() + 3 * i) / response : 0;
+  }
+}
+
+/// @brief Add what pairs have at their nodes.
+/// @param[in] dofs Nodes, (m,).
+/// @param[in] values Values, (m, 3).
+/// @param[in,out] total Nodal vectors, (n, 3).
+inline void add_at(std::span<const std::int32_t> dofs,
+                   std::span<const double> values,
+                   std::span<double> total) noexcept
+{
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    for (std::size_t c = 0; c < 3; ++c)
+      total[3 * dofs[i] + c] += values[3 * i + c];
+}
+
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Active pairs.
 /// @param[in] values Wanted G^T x, (m, 3), or empty for none.

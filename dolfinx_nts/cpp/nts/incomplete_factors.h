@@ -81,13 +81,22 @@ private:
 class IncompleteFactors
 {
 public:
+  /// @brief Be empty, with the memory of what there was.
+  void clear() noexcept
+  {
+    _start.resize(1);
+    _column.clear();
+    _value.clear();
+  }
+
   /// @brief Add the next row, which must have a block on the diagonal.
   void add(const BlockRow& row)
   {
     _order.clear();
     for (std::size_t e = 0; e < row.columns.size(); ++e)
       _order.push_back({row.columns[e], static_cast<std::int32_t>(e)});
-    std::ranges::sort(_order);
+    if (!std::ranges::is_sorted(_order))
+      std::ranges::sort(_order);
     for (const auto& [column, e] : _order)
     {
       _column.push_back(column);

@@ -7,8 +7,8 @@
 /// around the contacts.
 ///
 /// A kept factorisation of the bulk knows nothing of contact. After it, the
-/// patch solves for what remains at the nodes of the active pairs and their
-/// neighbours in the matrix, with the rows of
+/// patch solves for what remains at the nodes of the active pairs and the
+/// neighbours of the contact nodes in the matrix, with the rows of
 ///
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
 ///
@@ -57,6 +57,17 @@ public:
     }
   }
 
+  /// @brief Be without pairs, with the memory of those there were.
+  void clear() noexcept
+  {
+    for (const std::int32_t node : _nodes)
+      _number[node] = -1;
+    _pairs.clear();
+    _nodes.clear();
+    _factors.clear();
+    _exists = false;
+  }
+
   /// @brief Choose the nodes and factorise.
   /// @return False if the factors do not exist.
   bool build()
@@ -71,13 +82,8 @@ public:
           pairs[p].push_back({&pair, a});
 
     // Rows of (K + C) Z.
-    BlockRow row(n);
-    std::vector<std::size_t> start = {0};
-    std::vector<std::int32_t> column;
-    std::vector<Block> value;
-    for (std::size_t p = 0; p < n; ++p)
+    const auto add_row = [&](std::size_t p, BlockRow& row)
     {
-      row.clear();
       for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
            ++e)
         if (const std::int32_t j = number(_K.column[e]); j >= 0)
@@ -95,41 +101,55 @@ public:
             if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
               add_product(B, pair->right[b], row[j]);
         }
-      column.insert(column.end(), row.columns.begin(), row.columns.end());
-      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
-      start.push_back(value.size());
-    }
+    };
 
-    // Z~^T times these.
+    // Z~^T times these adds rows of constrained nodes to those of their pairs.
+    std::vector<BlockRow> constrained_rows;
+    std::vector<std::size_t> place(n, 0); // of a constrained node in them
+    for (std::size_t p = 0; p < n; ++p)
+      if (constrained_pair(pairs[p]))
+      {
+        place[p] = constrained_rows.size();
+        add_row(p, constrained_rows.emplace_back(n));
+      }
+    BlockRow row(n);
     for (std::size_t p = 0; p < n; ++p)
     {
       row.clear();
-      const auto add_row = [&](const Block& factor, std::size_t q)
-      {
-        for (std::size_t e = start[q]; e < start[q + 1]; ++e)
-          add_product(factor, value[e], row[column[e]]);
-      };
       const bool constrained = constrained_pair(pairs[p]);
       if (!constrained)
-        for (std::size_t e = start[p]; e < start[p + 1]; ++e)
-          nts::add(value[e], row[column[e]]);
+        add_row(p, row);
       for (const auto& [pair, a] : pairs[p])
         if (const std::int32_t q = _number[pair->nodes[0]];
             pair->constrained && q >= 0)
-          add_row(pair->left[a], q);
+        {
+          const BlockRow& other = constrained_rows[place[q]];
+          for (std::size_t e = 0; e < other.columns.size(); ++e)
+            add_product(pair->left[a], other.blocks[e], row[other.columns[e]]);
+        }
       if (constrained)
         add_product(pairs[p].front().first->given_up, stiffness(p),
                     row[static_cast<std::int32_t>(p)]);
       _factors.add(row);
     }
-    return _factors.factorise();
+    return _exists = _factors.factorise();
   }
 
-  /// @brief Correct z = B r at the nodes of the patch.
+  /// @brief Constrain z = B r and correct it at the nodes of the patch.
   /// @param[in] r Right-hand side without a part in E, (n, 3).
-  /// @param[in,out] z Values at the columns of K, Z z = z.
+  /// @param[in,out] z Values at the columns of K.
   void correct(std::span<const double> r, std::span<double> z)
   {
+    for (const Pair& pair : _pairs)
+      if (pair.constrained)
+      {
+        Vec3 x = {};
+        for (std::size_t a = 0; a < pair.nodes.size(); ++a)
+          add_product(pair.right[a], z.data() + 3 * pair.nodes[a], x.data());
+        std::ranges::copy(x, z.begin() + 3 * pair.nodes[0]);
+      }
+    if (!_exists)
+      return;
     const std::size_t n = _nodes.size();
     _x.assign(3 * n, 0.0);
     for (std::size_t p = 0; p < n; ++p)
@@ -219,18 +239,27 @@ private:
         }
   }
 
-  /// @brief Number the nodes of pairs and their neighbours in K.
+  /// @brief Number the nodes of pairs and the neighbours of contact nodes in K.
   void number_nodes()
   {
-    std::vector<std::int32_t> contacts;
+    const auto choose = [this](std::int32_t node)
+    {
+      constexpr std::int32_t chosen = 0;
+      const auto j = static_cast<std::size_t>(node);
+      if (j < _number.size() && _number[j] < 0)
+      {
+        _number[j] = chosen;
+        _nodes.push_back(node);
+      }
+    };
     for (const Pair& pair : _pairs)
-      contacts.insert(contacts.end(), pair.nodes.begin(), pair.nodes.end());
-    for (const std::int32_t node : contacts)
+    {
+      std::ranges::for_each(pair.nodes, choose);
+      const std::int32_t node = pair.nodes[0];
       for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
-        if (static_cast<std::size_t>(_K.column[e]) < _number.size())
-          _nodes.push_back(_K.column[e]);
+        choose(_K.column[e]);
+    }
     std::ranges::sort(_nodes);
-    _nodes.erase(std::unique(_nodes.begin(), _nodes.end()), _nodes.end());
     for (std::size_t p = 0; p < _nodes.size(); ++p)
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
@@ -269,6 +298,7 @@ private:
   std::vector<std::int32_t> _nodes;  // of each row
   std::vector<std::int32_t> _number; // of each node, -1 outside
   IncompleteFactors _factors;
+  bool _exists = false; // the factors
   std::vector<double> _x;
 };
 } // namespace nts

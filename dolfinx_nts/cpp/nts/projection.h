@@ -29,9 +29,9 @@ struct Projection
   bool converged = false;            ///< false: nothing else is to be used
 };
 
-/// @brief Longest distance between two vertices.
+/// @brief Longest distance between two vertices, squared.
 template <class S>
-double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
+double squared_diameter(const std::array<Vec3, S::vertices>& segment) noexcept
 {
   double square = 0;
   for (std::size_t i = 0; i < S::vertices; ++i)
@@ -40,7 +40,14 @@ double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
       const Vec3 edge = segment[i] - segment[j];
       square = std::max(square, dot(edge, edge));
     }
-  return std::sqrt(square);
+  return square;
+}
+
+/// @brief Longest distance between two vertices.
+template <class S>
+double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
+{
+  return std::sqrt(squared_diameter<S>(segment));
 }
 
 /// @brief Solve (x_s - x_bar(xi)) . a_alpha(xi) = 0 by Newton's method from
@@ -56,11 +63,11 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 30;
   constexpr double degenerate = 1e-20; // det m relative to (tr m)^2
-  const double size = diameter<S>(pair.segment);
+  constexpr double round_off = 1e-12;  // in xi, on the segment itself
+  const double square = squared_diameter<S>(pair.segment);
   const Vec3 mixed = combine(S::d2phi(), pair.segment);
 
   Projection<S> p;
-  double step = 0;
   for (int iteration = 0; iteration < max_iterations; ++iteration)
   {
     const Vec3 r = pair.node - combine(S::phi(p.xi), pair.segment);
@@ -75,13 +82,15 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     if (!(area > degenerate * trace * trace))
       return p;
 
-    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
-    p.normal = (orientation / norm(n)) * n;
-    p.gap = dot(r, p.normal);
-    p.twist = dot(mixed, p.normal);
     // The last pass only evaluates the geometry at the converged xi.
     if (p.converged)
+    {
+      const Vec3 n = cross(p.tangents[0], p.tangents[1]);
+      p.normal = (orientation / norm(n)) * n;
+      p.gap = dot(r, p.normal);
+      p.twist = dot(mixed, p.normal);
       return p;
+    }
 
     Matrix<2, 2> A = p.metric;
     A[0][1] -= dot(r, mixed);
@@ -93,9 +102,12 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     const Vec2 dxi = {A_inverse[0][0] * f[0] + A_inverse[0][1] * f[1],
                       A_inverse[1][0] * f[0] + A_inverse[1][1] * f[1]};
     p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
-    step = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
     // Round-off in xi grows with the distance of the node.
-    p.converged = step <= 1e-12 * (1 + norm(r) / size);
+    const double excess
+        = std::max(std::abs(dxi[0]), std::abs(dxi[1])) - round_off;
+    p.converged
+        = excess <= 0
+          || excess * excess * square <= round_off * round_off * dot(r, r);
   }
   p.converged = false;
   return p;

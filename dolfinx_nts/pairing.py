@@ -1,0 +1,99 @@
+"""Which segment each node of a contact pair faces, in one attempt at a step."""
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.search import Neighbourhood
+
+__all__ = ["Pairing"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
+_MOST_MOVES = 2  # a node that changed its segment this often keeps it
+
+
+class Pairing:
+    """Nodes of a contact pair and their segments. Collective.
+
+    Args:
+        pair: The contact pair.
+        x_n: Accepted positions of the local nodes of the space, owned
+            and ghost, shape ``(l, 3)`` [m].
+        x_trial: The same for the ballistic state x_n + h v_n.
+
+    Attributes:
+        here: Segments in reach.
+        way: Longest way of a node in the ballistic step, on any rank [m].
+        reach: Largest gap of interest [m].
+        x_n: Positions at t_n of the nodes that the neighbourhood knows.
+        segment: Segment of each node or -1, shape ``(n,)``.
+        gap: Gap to it, NaN without, shape ``(n,)`` [m].
+        segment_n: Segment at t_n.
+        met: Segment that the ballistic state meets, or that at t_n.
+        gap_n, gap_trial: Gap to it at t_n, and of the ballistic state [m].
+    """
+
+    def __init__(self, pair: ContactPair, x_n: Floats, x_trial: Floats) -> None:
+        """Find the segments in reach, those at t_n and those of the ballistic state."""
+        comm: MPI.Comm = pair.nodes.V.mesh.comm
+        dx = x_trial - x_n
+        way = np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0))
+        self.way = float(comm.allreduce(way, op=MPI.MAX))
+        # Both surfaces may move, Newton iterates overshoot, and a node up
+        # to half a segment deep still belongs to its segment.
+        self.reach = 3 * self.way + 0.5 * pair.segment_size
+        here: Neighbourhood | ObstacleNeighbourhood
+        here, _ = pair.search.update(x_n, self.reach)
+        self.here, self._nodes = here, pair.nodes.nodes
+        self.x_n = here.with_ghosts(x_n[: here.index_map.size_local])
+        trial = here.with_ghosts(x_trial[: here.index_map.size_local])
+
+        current = here.find(pair.history.key)
+        self.segment_n, self.gap = here.pair(self.x_n, self._nodes, current, self.reach)
+        met, self.gap_trial = here.pair(trial, self._nodes, self.segment_n, self.reach)
+        # The gap at t_n counts on the segment that the ballistic state meets.
+        self.met: Ints = np.where(met >= 0, met, self.segment_n)
+        self.gap_n = self.gap.copy()
+        moved = np.flatnonzero((met >= 0) & (met != self.segment_n)).astype(np.int32)
+        if len(moved):
+            self.gap_n[moved] = here.gap(self.x_n, self._nodes[moved], met[moved])
+        self.segment = self.segment_n.copy()
+        self._moves = np.zeros(len(self.segment), dtype=np.int32)
+        self._is_calm = True  # no node has changed its segment too often
+
+    def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
+        """Find the segments of nodes. Local.
+
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            node: Positions in the surface's nodes, shape ``(m,)``.
+            iteration: Number of the Newton iteration, from 0.
+
+        Returns:
+            Segment of each or -1, and whether it is another than before.
+        """
+        before = self.segment[node]
+        free, current = node, before
+        if not self._is_calm:
+            free = node[self._moves[node] < _MOST_MOVES]
+            current = self.segment[free]
+        found, gap = self.here.pair(x, self._nodes[free], current, self.reach)
+        self.segment[free], self.gap[free] = found, gap
+        segment = found if free is node else self.segment[node]
+        moved: Flags = segment != before
+        if iteration and moved.any():
+            self._moves[node] += moved
+            self._is_calm = bool(self._moves.max() < _MOST_MOVES)
+        return segment, moved
+
+    @property
+    def restless(self) -> Flags:
+        """Nodes that have changed their segment too often, shape ``(n,)``."""
+        flags: Flags = self._moves >= _MOST_MOVES
+        return flags
