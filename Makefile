@@ -19,7 +19,8 @@ bench-publish: ## put figures and tables of the last bench into README and docs
 	$(RUN) python3 -m benchmarks.publish
 
 test: ## all tests, on 1, 2 and 3 ranks
-	$(RUN) $(PYTEST)
+	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone"
+	$(RUN) $(PYTEST) -m alone
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
 

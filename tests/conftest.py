@@ -8,9 +8,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 
@@ -18,6 +20,13 @@ import traps
 
 # Seconds that a rank on which a test failed waits for the others.
 _PATIENCE = 30.0
+
+
+# Elements build their cell, a hexahedron with its 143 parts, whenever UFL asks: a
+# third of the time in which a stepper is made. Cells never change.
+_cell = cached_property(basix.ufl._ElementBase.cell.fget)
+_cell.__set_name__(basix.ufl._ElementBase, "cell")
+basix.ufl._ElementBase.cell = _cell
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -29,6 +38,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 _TALK: pytest.StashKey[MPI.Comm] = pytest.StashKey()
 _STDERR: pytest.StashKey[int] = pytest.StashKey()
+
+
+def pytest_collection_finish() -> None:
+    """Keep what modules hold out of every collection of garbage, see `comm`."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.serial
+
 PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.

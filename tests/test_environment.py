@@ -129,6 +129,7 @@ def test_exit_status_is_that_of_the_command(status: int) -> None:
 
 
 @inside
+@pytest.mark.alone
 def test_call_inside_builds_nothing_and_is_quick(tmp_path: Path) -> None:
     times = []
     environ = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}

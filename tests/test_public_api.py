@@ -8,6 +8,8 @@ import pytest
 
 import dolfinx_nts
 
+pytestmark = pytest.mark.serial
+
 # Modules that import a library which may be missing do so inside functions.
 MODULES = sorted(
     name for _, name, _ in pkgutil.iter_modules(dolfinx_nts.__path__) if not name.startswith("_")

@@ -84,7 +84,9 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
     # A process that has started MPI gives its children an environment of its own.
     own = ("OMPI_COMM_", "OMPI_UNIVERSE", "PMIX_", "PMI_")
     env = {k: v for k, v in os.environ.items() if not k.startswith(own)}
-    env["PYTHONPATH"] = os.pathsep.join([*map(str, sys.path[:3]), env.get("PYTHONPATH", "")])
+    tests = Path(__file__).parents[1]
+    paths = [str(tests), str(tests.parent), env.get("PYTHONPATH", "")]
+    env["PYTHONPATH"] = os.pathsep.join(paths)
     command = ["mpirun", "-n", str(num_ranks), sys.executable, str(script), str(folder), where]
     command += [ranks, str(checkpoint_every)]
     lasted = []
@@ -113,6 +115,7 @@ PLACES = ["update", "update between messages", "load", "contact", "write", "loop
 
 
 @pytest.mark.serial
+@pytest.mark.alone
 @pytest.mark.parametrize("where", PLACES)
 @pytest.mark.parametrize(("num_ranks", "rank"), [(2, 0), (2, 1), (3, 1)])
 def test_an_error_on_one_rank_ends_all_with_one_message(tmp_path, num_ranks, rank, where):
@@ -120,11 +123,13 @@ def test_an_error_on_one_rank_ends_all_with_one_message(tmp_path, num_ranks, ran
 
 
 @pytest.mark.serial
+@pytest.mark.alone
 def test_ranks_that_put_off_signals_end_as_well(tmp_path):
     run(tmp_path, 2, "loop", "1", checkpoint_every=1)
 
 
 @pytest.mark.serial
+@pytest.mark.alone
 def test_the_same_error_on_all_ranks_is_told_once_and_nothing_is_aborted(tmp_path):
     assert "MPI_ABORT" not in run(tmp_path, 3, "loop", "0,1,2")
 

@@ -2,7 +2,7 @@
 
 Two small bodies collide; the mixed system (``reference/mixed.py``) and
 a condensed Newton method around the kernel are solved for the same
-steps. Local: every rank does the same.
+steps. Local: one rank does it.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ import pytest
 from dolfinx_nts import _kernels
 from reference import mixed, nts
 from reference.bulk import Bulk, box, rotation, taylor_order
+
+pytestmark = pytest.mark.serial
 
 # Lengths of order one. Both systems are solved until Newton's update is
 # below 1e-13; multipliers, relative to the largest, see that change of

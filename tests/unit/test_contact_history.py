@@ -3,8 +3,11 @@
 from dataclasses import fields
 
 import numpy as np
+import pytest
 
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
+
+pytestmark = pytest.mark.serial
 
 
 def test_no_contact_has_a_value_for_each_node_and_no_force():

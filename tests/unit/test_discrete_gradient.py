@@ -7,6 +7,8 @@ from dolfinx_nts import _kernels
 from reference import nts
 from reference.bulk import renumberings, rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.serial
+
 EPS = np.finfo(np.float64).eps
 # Segments have size one; the condensation solves a 5x5 system whose
 # condition number is below about 50 for the sampled pairs.

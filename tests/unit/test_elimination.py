@@ -5,6 +5,8 @@ import pytest
 
 from dolfinx_nts import _kernels
 
+pytestmark = pytest.mark.serial
+
 ROUNDING = 1e4 * np.finfo(float).eps
 NODES = 30
 

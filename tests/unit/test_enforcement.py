@@ -6,6 +6,8 @@ import pytest
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from reference.bulk import taylor_order
 
+pytestmark = pytest.mark.serial
+
 NAN = np.nan
 SIZE = 0.5  # of the segment; an active node stays near within 1 % of it
 

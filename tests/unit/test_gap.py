@@ -7,6 +7,8 @@ from dolfinx_nts import _kernels
 from reference import nts
 from reference.bulk import renumberings, rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.serial
+
 # Segments have size one, entries of the derivatives are of order one.
 ROUND_OFF = 500 * np.finfo(np.float64).eps
 

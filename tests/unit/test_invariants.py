@@ -7,6 +7,8 @@ from dolfinx_nts import _kernels
 from reference import nts
 from reference.bulk import rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.serial
+
 # Products of lengths of order one, up to 17 of them summed.
 ROUND_OFF = 200 * np.finfo(np.float64).eps
 

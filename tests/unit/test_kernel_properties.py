@@ -12,6 +12,8 @@ from hypothesis.extra import numpy as arrays
 from dolfinx_nts import _kernels
 from reference.bulk import rotation
 
+pytestmark = pytest.mark.serial
+
 kernels = settings(derandomize=True, database=None, deadline=None, max_examples=200)
 SIDE = {3: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], 4: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}
 # Of numbers of order one; gradients of nearly flat segments are larger.

@@ -1,4 +1,4 @@
-"""Movies: what reaches the file and the encoder. Every rank does the same."""
+"""Movies: what reaches the file and the encoder."""
 
 import sys
 from types import SimpleNamespace
@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.movie import Movie
+
+pytestmark = pytest.mark.serial
 
 Image = pytest.importorskip("PIL.Image")
 

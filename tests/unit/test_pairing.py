@@ -7,6 +7,8 @@ from dolfinx_nts import _kernels
 from reference import nts
 from reference.bulk import rotation
 
+pytestmark = pytest.mark.serial
+
 EPS = np.finfo(float).eps
 # Of lengths of about one.
 ROUNDING = 1e3 * EPS

@@ -9,6 +9,8 @@ from test_elimination import NODES, dense, kinds, pairs
 
 from dolfinx_nts import _kernels
 
+pytestmark = pytest.mark.serial
+
 ROUNDING = 1e6 * np.finfo(float).eps
 FAR = 4  # nodes at the end that only neighbour each other
 

@@ -7,6 +7,8 @@ from dolfinx_nts import _kernels
 from reference import nts
 from reference.bulk import renumberings, rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.serial
+
 # Segments have size one, Newton's last update is quadratic: a few
 # roundings, amplified by the distortion and the curvature term.
 ROUND_OFF = 200 * np.finfo(np.float64).eps

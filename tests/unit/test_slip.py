@@ -6,6 +6,8 @@ import pytest
 from dolfinx_nts import _kernels
 from reference.bulk import rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.serial
+
 ROUNDING = 1e3 * np.finfo(float).eps
 
 kinds = pytest.mark.parametrize("k", [3, 4])

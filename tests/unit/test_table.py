@@ -4,6 +4,8 @@ import pytest
 
 from dolfinx_nts.table import Table
 
+pytestmark = pytest.mark.serial
+
 
 @pytest.fixture
 def path(tmp_path):
