@@ -21,15 +21,17 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
-from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
+from dolfinx_nts.explicit_bulk import ExplicitBulk
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stable_step import Cells, Damping, largest_step
 from dolfinx_nts.stepper import Stepper
@@ -100,47 +102,50 @@ class CentralDifference(Stepper):
         """Compile the forms; the bodies are at rest and undeformed."""
         self.stable_step = np.inf
         super().__init__(bodies, pairs, dt=1.0 if dt is None else dt, loads=loads, update=update)
-        V = self.u.function_space
+        V, n = self.u.function_space, self._num_owned
+        self._comm: MPI.Comm = V.mesh.comm
         self._supports = Supports(V, bcs)
         self._supports.check()
-        self._bulk = ExplicitBulk(bodies, self.u, loads)
-        self.mass, n = self._bulk.mass, self._num_owned
-        self._inverse_mass: Floats = 1 / self.mass[:, None]
-        self._total_mass = float(V.mesh.comm.allreduce(self.mass.sum()))
         self._supported = bool(bcs)
         self._given = np.zeros((n, 3), dtype=bool)
         self._given.ravel()[self._supports.fixed] = True
+        self._bulk = ExplicitBulk(bodies, self.u, loads)
+        self.mass = self._bulk.mass
+        self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
+        self._total_mass = float(self._comm.allreduce(self.mass.sum()))
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
         self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
         self._smallest = 0.0  # cell [m]
         self._settle(dt)
-        self._old, self._new = Forces.none(n), Forces.none(n)
-        self._known = False  # whether `_old` belongs to the present state
+        # Forces of the present state: what they accelerate, those of springs, and
+        # f . a; whether they are known.
+        self._acceleration: Floats = np.zeros((n, 3))
+        self._contact_forces: tuple[SpringState, ...] = ()
+        self._power, self._known = 0.0, False
         # Since the state was set: energy then, work since, and its turnover.
         self._energy = self._worked = self._turnover = 0.0
+        # Values of the owned nodes, and room for more.
+        functions = (self.u_n, self.u, self.v, self._bulk.rate)
+        self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
+        self._du = np.empty((n, 3))
 
     def exchange(self, archive: Archive) -> None:
         """Exchange the state, also the forces."""
         super().exchange(archive)
-        old = self._old
-        totals = archive.same(
-            "watch",
-            np.array(
-                [self._energy, self._worked, self._turnover, self.stable_step, self._smallest]
-            ),
-        )
-        self._energy, self._worked, self._turnover, self.stable_step, self._smallest = (
-            float(value) for value in totals
-        )
+        names = ("_energy", "_worked", "_turnover", "stable_step", "_smallest")
+        totals = archive.same("watch", np.array([getattr(self, name) for name in names]))
+        for name, value in zip(names, totals, strict=True):
+            setattr(self, name, float(value))
         self._known = archive.same("forces_are_known", self._known)
         if not self._known:
             if archive.giving:
                 self._state_was_set()
             return
-        for name in ("load", "damping", "total", "acceleration"):
-            setattr(old, name, archive.nodal(f"force/{name}", self.node_ids, getattr(old, name)))
-        states = old.springs or (None,) * len(self._springs)
-        old.springs = tuple(
+        for number, force in enumerate((self._acceleration, *self._bulk.forces)):
+            force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
+        self._power = float(np.vdot(self._bulk.total, self._acceleration))
+        states = self._contact_forces or (None,) * len(self._springs)
+        self._contact_forces = tuple(
             springs.exchange(archive, f"springs_{number}", state, self.x)
             for number, (springs, state) in enumerate(
                 zip(self._springs, states, strict=True), start=1
@@ -195,88 +200,90 @@ class CentralDifference(Stepper):
         for springs in self._springs:
             springs.forget()
 
-    def _evaluate(self, forces: Forces, x_n: Floats, step: float) -> None:
-        """Forces of the present u. Collective."""
+    def _check_state(self) -> None:
+        # Of forces that are known, the first motion tells.
+        if not self._known:
+            super()._check_state()
+
+    def _evaluate(self, step: float) -> None:
+        """Forces of the present u, where no node is farther than a step from the last. Collective.
+
+        Args:
+            step: The greatest displacement [m].
+        """
         with self.timings.phase("assembly"):
-            self._bulk.evaluate(forces)
+            self._bulk.evaluate()
         with self.timings.phase("contact"):
             x = self.x
-            forces.springs = tuple(springs.evaluate(x_n, x, step) for springs in self._springs)
-            for state in forces.springs:
-                state.add_to(forces.total)
-        np.multiply(self._inverse_mass, forces.total, out=forces.acceleration)
-        if self._supported:
-            forces.acceleration[self._given] = 0
+            rough = any(pair.friction is not None for pair in self.pairs)
+            x_n = self._X + self.u_n.x.array.reshape(-1, 3) if rough else x
+            self._contact_forces = tuple(s.evaluate(x_n, x, step) for s in self._springs)
+            for state in self._contact_forces:
+                state.add_to(self._bulk.total)
 
     def _start(self) -> None:
         """Forces of a state that was set."""
         for load in self.loads:
             load.update(self.t)
         self._bulk.rate.x.array[:] = self.v.x.array
-        self._evaluate(self._old, self.x, 0.0)
+        self._evaluate(0.0)
         for load in self.loads:
             load.update(self.t + self.dt)
-        for pair, state in zip(self.pairs, self._old.springs, strict=True):
+        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
             pair.history = state.history
-        v = self.v.x.array.reshape(-1, 3)[: self._num_owned]
-        self._energy, self._worked, self._turnover = self._total_energy(v, self._old), 0.0, 0.0
-        self._watch(v, self._old)
+        np.multiply(self._mobility, self._bulk.total, out=self._acceleration)
+        self._power = float(np.vdot(self._bulk.total, self._acceleration))
+        v = self._owned[2]
+        self._energy, self._worked, self._turnover = self._total_energy(v), 0.0, 0.0
+        self._watch(v)
         self._known = True
 
     def _step(self) -> StepReport:
         """Move, evaluate the forces there, and complete the velocity."""
         if not self._known:
             self._start()
-        dt, n, comm = self.dt, self._num_owned, self.u.function_space.mesh.comm
-        old, new, given = self._old, self._new, self._given
-        u_n, u, v, rate = (
-            f.x.array.reshape(-1, 3)[:n] for f in (self.u_n, self.u, self.v, self._bulk.rate)
-        )
-        np.multiply(dt / 2, old.acceleration, out=rate)
-        rate += v
-        u += dt * rate
+        dt, bulk, a, du, given = self.dt, self._bulk, self._acceleration, self._du, self._given
+        u_n, u, v, rate = self._owned
+        moved = _kernels.drift(dt, v, a, rate, u)
         if self._supported:
             self.u.x.array[:] = self._supports.applied(self.u.x.array)
             rate[given] = (u - u_n)[given] / dt
+            moved = np.abs(u - u_n).max(initial=0.0) + 0 * moved  # NaN stays
         self.u.x.scatter_forward()
-        if self._bulk.damping:
-            self._bulk.rate.x.scatter_forward()
-        du = u - u_n
-        moved = comm.allreduce(np.sqrt(3) * np.abs(du).max(initial=0.0), op=MPI.MAX)
+        if bulk.damping:
+            bulk.rate.x.scatter_forward()
+        # A maximum may pass over NaN.
+        moved = self._comm.allreduce(np.sqrt(3) * moved if moved < np.inf else np.inf, op=MPI.MAX)
         if not moved <= self._smallest:
+            self.u.x.array[:] = self.u_n.x.array
+            super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        self._evaluate(new, self._X + self.u_n.x.array.reshape(-1, 3), moved)
-        v_new = dt / 2 * new.acceleration
-        v_new += rate
-
-        contact_work = ContactWork()
-        for springs, a, b in zip(self._springs, old.springs, new.springs, strict=True):
-            contact_work = contact_work + springs.work(a, b, du)
-        works = np.zeros(5)
-        if self._bulk.loads:
-            works[0] = np.vdot(old.load + new.load, du) / 2
-        if self._bulk.damping:
-            works[1] = np.vdot(old.damping + new.damping, du) / 2
+        np.subtract(u, u_n, out=du)
+        sums, before, power = np.zeros(11), self._contact_forces, self._power
+        sums[:2], force = bulk.work(du) / 2, bulk.total[given] if self._supported else 0.0
+        self._evaluate(moved)
+        sums[:2] += bulk.work(du) / 2
+        _kernels.kick(dt, self._mobility, bulk.total, a, rate)
         if self._supported:
-            v_new[given] = (2 * rate - v)[given]
-            reaction = self.mass[:, None] * (v_new - v) / dt - (old.total + new.total) / 2
-            works[2] = reaction[given] @ du[given]
-        change = np.vdot(new.total, new.acceleration) - np.vdot(old.total, old.acceleration)
-        works[3] = dt**2 / 8 * change
-        works[4] = sum(len(state.neighbourhood.size) for state in new.springs)
-        load_work, damping_work, support_work, inertia_defect, in_reach = (
-            float(work) for work in comm.allreduce(works)
-        )
-        self._worked += load_work + damping_work + support_work + contact_work.friction
-        self._turnover += abs(load_work) + abs(support_work)
+            rate[given] = (2 * rate - v)[given]
+            inertia = (self.mass[:, None] * (rate - v))[given] / dt
+            sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
+        self._power = float(np.vdot(bulk.total, a))
+        sums[3] = dt**2 / 8 * (self._power - power)
+        for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
+            sums[4:] += (springs.num_segments, len(new.node), *springs.work(old, new, du))
+        self._comm.Allreduce(MPI.IN_PLACE, sums)
+        load, damping, support, defect, in_reach, active, *contact = sums.tolist()
+        contact_work = ContactWork(*contact)
+        self._worked += load + damping + support + contact_work.friction
+        self._turnover += abs(load) + abs(support)
         if (self.step + 1) % _WATCH == 0:
-            self._watch(v_new, new)
-        v[:] = v_new
+            self._watch(rate)
+        v[:] = rate
         self.v.x.scatter_forward()
-        self.inertia_defect = inertia_defect
-        for pair, state in zip(self.pairs, new.springs, strict=True):
+        self.inertia_defect = defect
+        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
             pair.history = state.history
-        self._old, self._new = new, old
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -284,29 +291,29 @@ class CentralDifference(Stepper):
             newton_iterations=0,
             active_set_changes=0,
             residual_norms=(),
-            num_active=sum(state.num_active for state in new.springs),
+            num_active=int(active),
             num_segments=int(in_reach),
             num_resting=0,
             contact_work=contact_work,
-            load_work=load_work,
-            support_work=support_work,
-            damping_work=damping_work,
+            load_work=load,
+            support_work=support,
+            damping_work=damping,
             solver_work=0.0,
         )
 
-    def _total_energy(self, v: Floats, forces: Forces) -> float:
+    def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass, np.einsum("ni,ni->n", v, v)) / 2
         energy += self._bulk.strain_energy()
-        energy += sum(state.history.energy.sum() for state in forces.springs)
-        return float(self.u.function_space.mesh.comm.allreduce(energy))
+        energy += sum(state.energy.sum() for state in self._contact_forces)
+        return float(self._comm.allreduce(energy))
 
-    def _watch(self, v: Floats, forces: Forces) -> None:
+    def _watch(self, v: Floats) -> None:
         """Refuse the step if it is too long for the cells, or energy grows."""
         self.stable_step = largest_step(self._squared_frequency(), self._damping_law)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")
-        grown = self._total_energy(v, forces) - self._energy - self._worked
+        grown = self._total_energy(v) - self._energy - self._worked
         # Round-off of a body at rest is no growth.
         whole = self._total_mass * (self._smallest / self.dt) ** 2
         if not grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:

@@ -67,6 +67,10 @@ class ObstacleNeighbourhood:
         """The owned values."""
         return owned
 
+    def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
+        """Add values of some nodes, each once, to all. Local."""
+        total[dofs.ravel()] += values.reshape(-1, 3)
+
     def to_owners(self, values: Floats) -> Floats:
         """The values, as no other rank has any for owned nodes."""
         return values

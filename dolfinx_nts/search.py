@@ -172,6 +172,24 @@ class Neighbourhood:
         values: Floats = self._vector.array.reshape(-1, 3).copy()
         return values
 
+    def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
+        """Add values of some nodes to those of the owned nodes. Collective.
+
+        Args:
+            total: Values at the owned nodes, shape ``(n, 3)``.
+            dofs: Nodes of the map, any shape.
+            values: What is added at each, shape ``(*dofs.shape, 3)``.
+        """
+        dofs, values = dofs.ravel(), values.reshape(-1, 3)
+        if self._serial:
+            np.add.at(total, dofs, values)
+            return
+        forces = self._vector.array.reshape(-1, 3)
+        forces[:] = 0
+        np.add.at(forces, dofs, values)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        total += forces[: len(total)]
+
     def to_owners(self, values: Floats) -> Floats:
         """Add what other ranks hold for owned nodes. Collective.
 
