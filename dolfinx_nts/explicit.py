@@ -12,6 +12,7 @@ both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
 `Stepper.inertia_defect`.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -127,7 +128,9 @@ class CentralDifference(Stepper):
         # Values of the owned nodes, and room for more.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
-        self._du = np.empty((n, 3))
+        self._displacement = self.u.x.array.reshape(-1, 3)
+        self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
+        self._rough = any(pair.friction is not None for pair in pairs)
 
     def exchange(self, archive: Archive) -> None:
         """Exchange the state, also the forces."""
@@ -214,9 +217,8 @@ class CentralDifference(Stepper):
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = self.x
-            rough = any(pair.friction is not None for pair in self.pairs)
-            x_n = self._X + self.u_n.x.array.reshape(-1, 3) if rough else x
+            x = np.add(self._X, self._displacement, out=self._x)
+            x_n = self._X + self.u_n.x.array.reshape(-1, 3) if self._rough else x
             self._contact_forces = tuple(s.evaluate(x_n, x, step) for s in self._springs)
             for state in self._contact_forces:
                 state.add_to(self._bulk.total)
@@ -253,16 +255,19 @@ class CentralDifference(Stepper):
         if bulk.damping:
             bulk.rate.x.scatter_forward()
         # A maximum may pass over NaN.
-        moved = self._comm.allreduce(np.sqrt(3) * moved if moved < np.inf else np.inf, op=MPI.MAX)
+        most = np.array([math.sqrt(3) * moved if moved < math.inf else math.inf])
+        self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        moved = float(most[0])
         if not moved <= self._smallest:
             self.u.x.array[:] = self.u_n.x.array
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
         np.subtract(u, u_n, out=du)
         sums, before, power = np.zeros(11), self._contact_forces, self._power
-        sums[:2], force = bulk.work(du) / 2, bulk.total[given] if self._supported else 0.0
+        bulk.add_work(sums, du)
+        force = bulk.total[given] if self._supported else np.empty(0)
         self._evaluate(moved)
-        sums[:2] += bulk.work(du) / 2
+        bulk.add_work(sums, du)
         _kernels.kick(dt, self._mobility, bulk.total, a, rate)
         if self._supported:
             rate[given] = (2 * rate - v)[given]
@@ -305,7 +310,7 @@ class CentralDifference(Stepper):
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass, np.einsum("ni,ni->n", v, v)) / 2
         energy += self._bulk.strain_energy()
-        energy += sum(state.energy.sum() for state in self._contact_forces)
+        energy += sum(state.stored for state in self._contact_forces)
         return float(self._comm.allreduce(energy))
 
     def _watch(self, v: Floats) -> None:

@@ -90,14 +90,16 @@ class ExplicitBulk:
         """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
         return [part.values for part in (self.internal, *self.loads, *self.damping)]
 
-    def work(self, du: Floats) -> Floats:
-        """Work of the present loads and of damping, on this rank, ``(2,)`` [J].
+    def add_work(self, sums: Floats, du: Floats) -> None:
+        """Add half of the work of the present loads and of damping. Local.
 
         Args:
+            sums: Work of both [J], its first entries.
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        sums = (sum(np.vdot(p.values, du) for p in parts) for parts in (self.loads, self.damping))
-        return np.fromiter(sums, dtype=np.float64, count=2)
+        for i, parts in enumerate((self.loads, self.damping)):
+            for part in parts:
+                sums[i] += np.vdot(part.values, du) / 2
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""

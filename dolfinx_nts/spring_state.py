@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -61,17 +63,23 @@ class SpringState:
         if self.neighbourhood is not None:
             self.neighbourhood.add_to_owners(total, self.dofs, self.force)
 
-    def work(self, du: Floats) -> Floats:
-        """Work of the forces, by active node. Collective.
+    @cached_property
+    def stored(self) -> float:
+        """Energy of all springs on this rank [J]."""
+        return float(self.energy.sum())
+
+    def displacement(self, du: Floats) -> Floats:
+        """Displacement also of the ghosts, shape ``(l, 3)`` [m]. Collective.
 
         Args:
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
-
-        Returns:
-            Work, shape ``(m,)`` [J].
+            du: That of the owned nodes, shape ``(n, 3)`` [m].
         """
-        if self.neighbourhood is None:
-            return self.energy
-        dx = self.neighbourhood.with_ghosts(du)[self.dofs]
-        work: Floats = np.einsum("maj,maj->m", self.force, dx)
-        return work
+        return du if self.neighbourhood is None else self.neighbourhood.with_ghosts(du)
+
+    def arrays(self, du: Floats) -> tuple[Any, ...]:
+        """What `_kernels.unexplained_work` needs. Local.
+
+        Args:
+            du: As of `displacement`.
+        """
+        return self.node, self.key, self.dofs, self.force, self.energy, du

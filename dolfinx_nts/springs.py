@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
@@ -31,7 +32,8 @@ Ints = npt.NDArray[np.int32]
 
 # A node up to this part of a segment deep belongs to the segment; nodes are
 # looked at while they are within reach or may get there soon.
-_REACH, _MARGIN = 0.5, 0.25
+_REACH, _MARGIN = 0.5, 0.5
+_NONE: Floats = np.empty(0)
 
 
 class ContactSprings:
@@ -107,6 +109,8 @@ class ContactSprings:
         elif archive.giving and looked is not None:
             self._candidates, (travelled, idle) = looked
             self._nodes = pair.nodes.nodes[self._candidates]
+            assert pair.eps_N is not None
+            self._stiffness = pair.eps_N[self._candidates]
             self._travelled, self._idle = float(travelled), bool(idle)
             self._neighbourhood = pair.search.neighbourhood
             self._current = self._neighbourhood.find(pair.history.key[self._candidates])
@@ -180,17 +184,32 @@ class ContactSprings:
         self._travelled += 2 * step
         if self._travelled > _MARGIN * self.pair.segment_size:
             self._look_around(x)
-        friction = self.pair.friction
         if self._idle:
             return self._nothing()
-        here, some = self._neighbourhood, self._candidates
-        owned = here.index_map.size_local
-        x = here.with_ghosts(x[:owned])
-        x_n = here.with_ghosts(x_n[:owned]) if friction is not None else x
-        self._current, gap = here.pair(
-            x, self._nodes, self._current, _REACH * self.pair.segment_size
+        pair, here, some = self.pair, self._neighbourhood, self._candidates
+        x = here.with_ghosts(x[: here.index_map.size_local])
+        segment, gap, inside, dofs, force, energy = here.press(
+            x, self._nodes, self._current, _REACH * pair.segment_size, self._stiffness
         )
-        return self._push(x_n, x, some, self._current, gap)
+        self._current = segment
+        node, segments = some[inside], segment[inside]
+        slipped: dict[str, Any] = {}
+        if pair.friction is not None:
+            lambda_N = self._stiffness[inside] * gap[inside]
+            x_n = here.with_ghosts(x_n[: here.index_map.size_local])
+            slipped = self._rub(x_n, x, node, segments, lambda_N, energy, force)
+
+        def history() -> ContactHistory:
+            history, paired = ContactHistory.none(len(self._reduced_mass)), segment >= 0
+            history.key[some[paired]] = here.key[segment[paired]]
+            history.gap[some] = gap
+            history.active[node] = True
+            history.lambda_N[node] = stiffness[inside] * gap[inside]
+            history.energy[node], history.force[node] = energy, force[:, 0]
+            return replace(history, **slipped)
+
+        stiffness, lost = self._stiffness, slipped.get("dissipation")
+        return SpringState(here, node, here.key[segments], dofs, force, energy, lost, history)
 
     def work(self, old: SpringState, new: SpringState, du: Floats) -> Floats:
         """Work of the mean of two forces on a displacement, on this rank. Collective.
@@ -203,25 +222,14 @@ class ContactSprings:
         Returns:
             Work by the causes of `ContactWork`, shape ``(5,)`` [J].
         """
-        parts = np.zeros(5)
-        before, after = old.work(du) / 2 - old.energy, new.work(du) / 2 + new.energy
-        parts[3] = old.energy.sum() - new.energy.sum()
-        if new.dissipation is not None:
-            parts[4] = -new.dissipation.sum()
-        if np.array_equal(old.node, new.node) and np.array_equal(old.key, new.key):
-            parts[0] = before.sum() + after.sum() - parts[4]
+        parts: Floats = np.zeros(5)
+        if old.neighbourhood is None and new.neighbourhood is None:
             return parts
-        # What springs and friction do not account for.
-        rest = np.zeros(len(self._reduced_mass))
-        rest[old.node] = before
-        rest[new.node] += after
-        if new.dissipation is not None:
-            rest += new.dissipation
-        keys = np.full((2, len(rest)), -1)
-        for key, state in zip(keys, (old, new), strict=True):
-            key[state.node] = state.key
-        cause = np.where(keys[0] < 0, 1, np.where((keys[0] == keys[1]) | (keys[1] < 0), 0, 2))
-        parts[:3] = np.bincount(cause, rest, minlength=3)
+        du_old = old.displacement(du)
+        du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
+        lost = _NONE if new.dissipation is None else new.dissipation
+        parts[:3] = _kernels.unexplained_work(old.arrays(du_old), new.arrays(du_new), lost)
+        parts[3:] = old.stored - new.stored, -lost.sum() if len(lost) else 0.0
         return parts
 
     def _look_around(self, x: Floats) -> None:
@@ -234,6 +242,8 @@ class ContactSprings:
         x = here.with_ghosts(x[: here.index_map.size_local])
         self._candidates = here.near(x, pair.nodes.nodes, reach)
         self._nodes = pair.nodes.nodes[self._candidates]
+        assert pair.eps_N is not None
+        self._stiffness = pair.eps_N[self._candidates]
         self._current = here.find(pair.history.key[self._candidates])
         self._idle = not self._comm.allreduce(len(self._candidates))
 
@@ -254,47 +264,10 @@ class ContactSprings:
         energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
         return energy
 
-    def _push(self, x_n: Floats, x: Floats, some: Ints, segment: Ints, gap: Floats) -> SpringState:
-        """Forces of the nodes inside.
-
-        Args:
-            x_n: Accepted positions with ghosts, shape ``(l, 3)`` [m].
-            x: Positions, shape ``(l, 3)`` [m].
-            some: Nodes that are looked at, shape ``(c,)``.
-            segment: Their segments, -1 without, shape ``(c,)``.
-            gap: Their gaps, NaN without, shape ``(c,)`` [m].
-        """
-        pair, here = self.pair, self._neighbourhood
-        assert pair.eps_N is not None and isinstance(pair.enforcement, Penalty)
-        inside = np.flatnonzero(gap < 0)
-        node, segments, depth = some[inside], segment[inside], gap[inside]
-        dofs = here.dofs(self._nodes[inside], segments)
-        eps_N = pair.eps_N[node]
-        lambda_N, energy = eps_N * depth, pair.enforcement.energy(depth, eps_N)
-        force = -lambda_N[:, None] * here.gap_gradient(x, dofs[:, 0], segments)
-        slipped: dict[str, Any] = {}
-        if pair.friction is not None:
-            slipped = self._rub(x_n, x, dofs[:, 0], node, segments, lambda_N, energy, force)
-        force = force.reshape(*dofs.shape, 3)
-
-        def history() -> ContactHistory:
-            history, paired = ContactHistory.none(len(self._reduced_mass)), segment >= 0
-            history.key[some[paired]] = here.key[segment[paired]]
-            history.gap[some] = gap
-            history.active[node] = True
-            history.lambda_N[node], history.energy[node] = lambda_N, energy
-            history.force[node] = force[:, 0]
-            return replace(history, **slipped)
-
-        return SpringState(
-            here, node, here.key[segments], dofs, force, energy, slipped.get("dissipation"), history
-        )
-
     def _rub(
         self,
         x_n: Floats,
         x: Floats,
-        nodes: Ints,
         node: Ints,
         segments: Ints,
         lambda_N: Floats,
@@ -305,13 +278,13 @@ class ContactSprings:
         pair = self.pair
         assert pair.friction is not None and pair.eps_T is not None
         old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._neighbourhood.slip(x_n, x, nodes, segments))
+        slip = Slip(self._neighbourhood.slip(x_n, x, pair.nodes.nodes[node], segments))
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
         slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
         law = pair.friction.spring(trial, p, eps_T, trial, slides)
         t = law.explicit + p[:, None] * law.direction
-        force -= np.einsum("mi,mij->mj", t, slip.gradient)
+        force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
         lasting = slip.value - (t - t_n) / eps_T[:, None]
         energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
         length, dissipation, sliding = old.slip.copy(), self._slip_energy(), np.zeros(n, dtype=bool)

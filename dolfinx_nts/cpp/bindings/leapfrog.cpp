@@ -1,5 +1,6 @@
 #include "nts/leapfrog.h"
 #include "array.h"
+#include "nts/cell_length.h"
 
 namespace nts::bindings
 {
@@ -26,6 +27,18 @@ void kick_all(double dt, const Doubles& mobility, const Doubles& force,
   check("rate", rate, {n, 3});
   kick(dt, view(mobility), view(force), view(a), view(rate));
 }
+
+auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
+{
+  check("x", x, {any, 3});
+  check("cells", cells, {any, any});
+  for (const std::int32_t node : view(cells))
+    if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
+      throw nb::value_error("cells: expected rows of x");
+  auto length = create<double>({cells.shape(0)});
+  cell_lengths(view(x), view(cells), cells.shape(1), view(length));
+  return length;
+}
 } // namespace
 
 void leapfrog(nb::module_& m)
@@ -37,5 +50,8 @@ void leapfrog(nb::module_& m)
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, 3), (n, 3); sets a (n, 3), changes rate (n, 3)");
+  m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
+        "(n, 3), (c, k) -> twice the least radius of gyration of the nodes of "
+        "each cell (c,)");
 }
 } // namespace nts::bindings

@@ -7,6 +7,7 @@ void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void patch(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
+void springs(nanobind::module_& m);
 } // namespace nts::bindings
 
 NB_MODULE(_kernels, m)
@@ -17,4 +18,5 @@ NB_MODULE(_kernels, m)
   nts::bindings::elimination(m);
   nts::bindings::patch(m);
   nts::bindings::leapfrog(m);
+  nts::bindings::springs(m);
 }
