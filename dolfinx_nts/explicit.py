@@ -34,7 +34,7 @@ from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.springs import ContactSprings
-from dolfinx_nts.stable_step import Cells, Damping, largest_step
+from dolfinx_nts.stability import Stability
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.supports import Supports
 
@@ -42,12 +42,7 @@ __all__ = ["CentralDifference"]
 
 Floats = npt.NDArray[np.float64]
 
-# Parts of the estimate: the default step, and the longest step where springs
-# are to be chosen, which need what is left.
-_DEFAULT, _WITH_SPRINGS = 0.7, 0.9
 _WATCH = 50  # steps after which sizes of cells and energy are looked at
-_GROWTH = 0.25  # of the energy that is taken for an instability
-_ROUNDING = 1e-20  # energy relative to that of one cell a step
 
 
 class CentralDifference(Stepper):
@@ -113,18 +108,17 @@ class CentralDifference(Stepper):
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
-        self._total_mass = float(self._comm.allreduce(self.mass.sum()))
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
-        self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
-        self._smallest = 0.0  # cell [m]
-        self._settle(dt)
+        mass = float(self._comm.allreduce(self.mass.sum()))
+        self._stability = Stability(bodies, self._springs, mass)
+        self.stable_step, default = self._stability.room(self.x)
+        self.dt = default if dt is None else dt
+        self.stable_step = self._stability.settle(self.x, self.dt)
         # Forces of the present state: what they accelerate, those of springs, and
         # f . a; whether they are known.
         self._acceleration: Floats = np.zeros((n, 3))
         self._contact_forces: tuple[SpringState, ...] = ()
         self._power, self._known = 0.0, False
-        # Since the state was set: energy then, work since, and its turnover.
-        self._energy = self._worked = self._turnover = 0.0
         # Values of the owned nodes, and room for more.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
@@ -135,10 +129,8 @@ class CentralDifference(Stepper):
     def exchange(self, archive: Archive) -> None:
         """Exchange the state, also the forces."""
         super().exchange(archive)
-        names = ("_energy", "_worked", "_turnover", "stable_step", "_smallest")
-        totals = archive.same("watch", np.array([getattr(self, name) for name in names]))
-        for name, value in zip(names, totals, strict=True):
-            setattr(self, name, float(value))
+        self._stability.exchange(archive)
+        self.stable_step = archive.same("stable_step", self.stable_step)
         self._known = archive.same("forces_are_known", self._known)
         if not self._known:
             if archive.giving:
@@ -165,26 +157,6 @@ class CentralDifference(Stepper):
         v = self.v.x.array.reshape(-1, 3)[: self._num_owned]
         momentum: Floats = self.mass[:, None] * v
         return momentum
-
-    def _settle(self, dt: float | None) -> None:
-        """Choose the step and the penalties that are open."""
-        damping = self._damping_law
-        given = self._squared_frequency()
-        estimate, default = largest_step(given, damping), _DEFAULT
-        if any(springs.is_open for springs in self._springs):
-            estimate *= _WITH_SPRINGS
-            default /= _WITH_SPRINGS
-        self.stable_step = estimate
-        self.dt = default * estimate if dt is None else dt
-        for springs in self._springs:
-            springs.settle((damping.highest(self.dt) - given) / 2)
-        self.stable_step = largest_step(self._squared_frequency(), damping)
-
-    def _squared_frequency(self) -> float:
-        """Highest squared frequency of the present state [1/s^2]. Collective."""
-        contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
-        bulk, self._smallest = self._cells.limits(self.x)
-        return bulk + contact
 
     def longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
@@ -236,7 +208,7 @@ class CentralDifference(Stepper):
         np.multiply(self._mobility, self._bulk.total, out=self._acceleration)
         self._power = float(np.vdot(self._bulk.total, self._acceleration))
         v = self._owned[2]
-        self._energy, self._worked, self._turnover = self._total_energy(v), 0.0, 0.0
+        self._stability.start(self._total_energy(v))
         self._watch(v)
         self._known = True
 
@@ -258,7 +230,7 @@ class CentralDifference(Stepper):
         most = np.array([math.sqrt(3) * moved if moved < math.inf else math.inf])
         self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
         moved = float(most[0])
-        if not moved <= self._smallest:
+        if not moved <= self._stability.smallest:
             self.u.x.array[:] = self.u_n.x.array
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
@@ -280,8 +252,7 @@ class CentralDifference(Stepper):
         self._comm.Allreduce(MPI.IN_PLACE, sums)
         load, damping, support, defect, in_reach, active, *contact = sums.tolist()
         contact_work = ContactWork(*contact)
-        self._worked += load + damping + support + contact_work.friction
-        self._turnover += abs(load) + abs(support)
+        self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate
@@ -315,20 +286,17 @@ class CentralDifference(Stepper):
 
     def _watch(self, v: Floats) -> None:
         """Refuse the step if it is too long for the cells, or energy grows."""
-        self.stable_step = largest_step(self._squared_frequency(), self._damping_law)
+        self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")
-        grown = self._total_energy(v) - self._energy - self._worked
-        # Round-off of a body at rest is no growth.
-        whole = self._total_mass * (self._smallest / self.dt) ** 2
-        if not grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
-            self._refuse(f"the energy has grown by {grown:.3g} J")
+        if growth := self._stability.growth(self._total_energy(v), self.dt):
+            self._refuse(growth)
 
     def _refuse(self, reason: str) -> None:
         """Return to the last accepted state and raise on all ranks."""
         self.u.x.array[:] = self.u_n.x.array
         self._state_was_set()
-        stable = largest_step(self._squared_frequency(), self._damping_law)
+        stable = self._stability.longest_step(self.x)
         raise ConvergenceError(
             f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is not stable: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "

@@ -71,11 +71,14 @@ class ContactSprings:
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
-        self._candidates: Ints  # in the surface's nodes; the same of the space
-        self._nodes: Ints
-        self._current: Ints  # segments of the candidates in the neighbourhood, -1 without
-        self._idle = False
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
+        # Nodes that are looked at, their positions in the surface's nodes, springs,
+        # and segments or -1; whether no rank has any.
+        self._nodes: Ints
+        self._candidates: Ints
+        self._stiffness: Floats
+        self._current: Ints
+        self._idle = False
         self.forget()
 
     def forget(self) -> None:
@@ -107,13 +110,9 @@ class ContactSprings:
         if archive.giving and looked is None:
             self._look_around(x)
         elif archive.giving and looked is not None:
-            self._candidates, (travelled, idle) = looked
-            self._nodes = pair.nodes.nodes[self._candidates]
-            assert pair.eps_N is not None
-            self._stiffness = pair.eps_N[self._candidates]
+            candidates, (travelled, idle) = looked
             self._travelled, self._idle = float(travelled), bool(idle)
-            self._neighbourhood = pair.search.neighbourhood
-            self._current = self._neighbourhood.find(pair.history.key[self._candidates])
+            self._look_at(pair.search.neighbourhood, candidates)
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
@@ -234,18 +233,20 @@ class ContactSprings:
 
     def _look_around(self, x: Floats) -> None:
         """Find the nodes that may be in reach before the next look."""
-        pair = self.pair
-        reach = (_REACH + _MARGIN) * pair.segment_size
+        reach = (_REACH + _MARGIN) * self.pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, _ = pair.search.update(x, reach)
-        self._neighbourhood, self._travelled = here, 0.0
+        here, _ = self.pair.search.update(x, reach)
         x = here.with_ghosts(x[: here.index_map.size_local])
-        self._candidates = here.near(x, pair.nodes.nodes, reach)
-        self._nodes = pair.nodes.nodes[self._candidates]
+        self._look_at(here, here.near(x, self.pair.nodes.nodes, reach))
+        self._travelled, self._idle = 0.0, not self._comm.allreduce(len(self._candidates))
+
+    def _look_at(self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints) -> None:
+        """Look at some nodes, given by their positions in the surface's, from now on."""
+        pair = self.pair
         assert pair.eps_N is not None
-        self._stiffness = pair.eps_N[self._candidates]
-        self._current = here.find(pair.history.key[self._candidates])
-        self._idle = not self._comm.allreduce(len(self._candidates))
+        self._neighbourhood, self._candidates = here, candidates
+        self._nodes, self._stiffness = pair.nodes.nodes[candidates], pair.eps_N[candidates]
+        self._current = here.find(pair.history.key[candidates])
 
     def _nothing(self) -> SpringState:
         """No forces; what friction remembers is lost."""

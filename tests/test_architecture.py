@@ -41,7 +41,7 @@ LAYERS = [
     {"contact", "contact_rows", "spring_state"},
     {"independent", "tangential"},
     {"contact_step", "report", "scene", "springs"},
-    {"elimination", "block_rows"},
+    {"elimination", "block_rows", "stability"},
     {"assembly", "patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},
