@@ -5,6 +5,7 @@ replaces a pair's history.
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -58,7 +59,6 @@ class ContactPair:
         friction: Law of friction; None: none.
 
     Attributes:
-        history: Accepted contact.
         eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
             the first step on; None without.
         eps_T: The same of the tangential springs.
@@ -104,7 +104,8 @@ class ContactPair:
         # Without friction there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
         self.search, self._everywhere = self._new_search(), self._new_search()
-        self.history = ContactHistory.none(len(nodes.nodes))
+        self._history: ContactHistory | Callable[[], ContactHistory]
+        self._history = ContactHistory.none(len(nodes.nodes))
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
         self._springs: dict[str, tuple[float, float]] | None = None
@@ -114,6 +115,17 @@ class ContactPair:
             return ObstacleNeighbourhood(self.segments, self.nodes)
         search = OwnSearch if self.touches_itself else Search
         return search(self.nodes, self.segments)
+
+    @property
+    def history(self) -> ContactHistory:
+        """Accepted contact; may be set to a function that makes it when asked. Local."""
+        if not isinstance(self._history, ContactHistory):
+            self._history = self._history()
+        return self._history
+
+    @history.setter
+    def history(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
+        self._history = history
 
     @property
     def segment_size(self) -> float:

@@ -12,6 +12,7 @@ both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
 `Stepper.inertia_defect`.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -21,17 +22,19 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
-from dolfinx_nts.explicit_bulk import ExplicitBulk, Forces
+from dolfinx_nts.explicit_bulk import ExplicitBulk
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.springs import ContactSprings
-from dolfinx_nts.stable_step import Cells, Damping, largest_step
+from dolfinx_nts.stability import Stability
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.supports import Supports
 
@@ -39,12 +42,7 @@ __all__ = ["CentralDifference"]
 
 Floats = npt.NDArray[np.float64]
 
-# Parts of the estimate: the default step, and the longest step where springs
-# are to be chosen, which need what is left.
-_DEFAULT, _WITH_SPRINGS = 0.7, 0.9
 _WATCH = 50  # steps after which sizes of cells and energy are looked at
-_GROWTH = 0.25  # of the energy that is taken for an instability
-_ROUNDING = 1e-20  # energy relative to that of one cell a step
 
 
 class CentralDifference(Stepper):
@@ -100,47 +98,49 @@ class CentralDifference(Stepper):
         """Compile the forms; the bodies are at rest and undeformed."""
         self.stable_step = np.inf
         super().__init__(bodies, pairs, dt=1.0 if dt is None else dt, loads=loads, update=update)
-        V = self.u.function_space
+        V, n = self.u.function_space, self._num_owned
+        self._comm: MPI.Comm = V.mesh.comm
         self._supports = Supports(V, bcs)
         self._supports.check()
-        self._bulk = ExplicitBulk(bodies, self.u, loads)
-        self.mass, n = self._bulk.mass, self._num_owned
-        self._inverse_mass: Floats = 1 / self.mass[:, None]
-        self._total_mass = float(V.mesh.comm.allreduce(self.mass.sum()))
         self._supported = bool(bcs)
         self._given = np.zeros((n, 3), dtype=bool)
         self._given.ravel()[self._supports.fixed] = True
+        self._bulk = ExplicitBulk(bodies, self.u, loads)
+        self.mass = self._bulk.mass
+        self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
-        self._cells, self._damping_law = Cells(bodies), Damping.of(bodies)
-        self._smallest = 0.0  # cell [m]
-        self._settle(dt)
-        self._old, self._new = Forces.none(n), Forces.none(n)
-        self._known = False  # whether `_old` belongs to the present state
-        # Since the state was set: energy then, work since, and its turnover.
-        self._energy = self._worked = self._turnover = 0.0
+        mass = float(self._comm.allreduce(self.mass.sum()))
+        self._stability = Stability(bodies, self._springs, mass)
+        self.stable_step, default = self._stability.room(self.x)
+        self.dt = default if dt is None else dt
+        self.stable_step = self._stability.settle(self.x, self.dt)
+        # Forces of the present state: what they accelerate, those of springs, and
+        # f . a; whether they are known.
+        self._acceleration: Floats = np.zeros((n, 3))
+        self._contact_forces: tuple[SpringState, ...] = ()
+        self._power, self._known = 0.0, False
+        # Values of the owned nodes, and room for more.
+        functions = (self.u_n, self.u, self.v, self._bulk.rate)
+        self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
+        self._displacement = self.u.x.array.reshape(-1, 3)
+        self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
+        self._rough = any(pair.friction is not None for pair in pairs)
 
     def exchange(self, archive: Archive) -> None:
         """Exchange the state, also the forces."""
         super().exchange(archive)
-        old = self._old
-        totals = archive.same(
-            "watch",
-            np.array(
-                [self._energy, self._worked, self._turnover, self.stable_step, self._smallest]
-            ),
-        )
-        self._energy, self._worked, self._turnover, self.stable_step, self._smallest = (
-            float(value) for value in totals
-        )
+        self._stability.exchange(archive)
+        self.stable_step = archive.same("stable_step", self.stable_step)
         self._known = archive.same("forces_are_known", self._known)
         if not self._known:
             if archive.giving:
                 self._state_was_set()
             return
-        for name in ("load", "damping", "total", "acceleration"):
-            setattr(old, name, archive.nodal(f"force/{name}", self.node_ids, getattr(old, name)))
-        states = old.springs or (None,) * len(self._springs)
-        old.springs = tuple(
+        for number, force in enumerate((self._acceleration, *self._bulk.forces)):
+            force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
+        self._power = float(np.vdot(self._bulk.total, self._acceleration))
+        states = self._contact_forces or (None,) * len(self._springs)
+        self._contact_forces = tuple(
             springs.exchange(archive, f"springs_{number}", state, self.x)
             for number, (springs, state) in enumerate(
                 zip(self._springs, states, strict=True), start=1
@@ -157,26 +157,6 @@ class CentralDifference(Stepper):
         v = self.v.x.array.reshape(-1, 3)[: self._num_owned]
         momentum: Floats = self.mass[:, None] * v
         return momentum
-
-    def _settle(self, dt: float | None) -> None:
-        """Choose the step and the penalties that are open."""
-        damping = self._damping_law
-        given = self._squared_frequency()
-        estimate, default = largest_step(given, damping), _DEFAULT
-        if any(springs.is_open for springs in self._springs):
-            estimate *= _WITH_SPRINGS
-            default /= _WITH_SPRINGS
-        self.stable_step = estimate
-        self.dt = default * estimate if dt is None else dt
-        for springs in self._springs:
-            springs.settle((damping.highest(self.dt) - given) / 2)
-        self.stable_step = largest_step(self._squared_frequency(), damping)
-
-    def _squared_frequency(self) -> float:
-        """Highest squared frequency of the present state [1/s^2]. Collective."""
-        contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
-        bulk, self._smallest = self._cells.limits(self.x)
-        return bulk + contact
 
     def longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
@@ -195,88 +175,91 @@ class CentralDifference(Stepper):
         for springs in self._springs:
             springs.forget()
 
-    def _evaluate(self, forces: Forces, x_n: Floats, step: float) -> None:
-        """Forces of the present u. Collective."""
+    def _check_state(self) -> None:
+        # Of forces that are known, the first motion tells.
+        if not self._known:
+            super()._check_state()
+
+    def _evaluate(self, step: float) -> None:
+        """Forces of the present u, where no node is farther than a step from the last. Collective.
+
+        Args:
+            step: The greatest displacement [m].
+        """
         with self.timings.phase("assembly"):
-            self._bulk.evaluate(forces)
+            self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = self.x
-            forces.springs = tuple(springs.evaluate(x_n, x, step) for springs in self._springs)
-            for state in forces.springs:
-                state.add_to(forces.total)
-        np.multiply(self._inverse_mass, forces.total, out=forces.acceleration)
-        if self._supported:
-            forces.acceleration[self._given] = 0
+            x = np.add(self._X, self._displacement, out=self._x)
+            x_n = self._X + self.u_n.x.array.reshape(-1, 3) if self._rough else x
+            self._contact_forces = tuple(s.evaluate(x_n, x, step) for s in self._springs)
+            for state in self._contact_forces:
+                state.add_to(self._bulk.total)
 
     def _start(self) -> None:
         """Forces of a state that was set."""
         for load in self.loads:
             load.update(self.t)
         self._bulk.rate.x.array[:] = self.v.x.array
-        self._evaluate(self._old, self.x, 0.0)
+        self._evaluate(0.0)
         for load in self.loads:
             load.update(self.t + self.dt)
-        for pair, state in zip(self.pairs, self._old.springs, strict=True):
+        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
             pair.history = state.history
-        v = self.v.x.array.reshape(-1, 3)[: self._num_owned]
-        self._energy, self._worked, self._turnover = self._total_energy(v, self._old), 0.0, 0.0
-        self._watch(v, self._old)
+        np.multiply(self._mobility, self._bulk.total, out=self._acceleration)
+        self._power = float(np.vdot(self._bulk.total, self._acceleration))
+        v = self._owned[2]
+        self._stability.start(self._total_energy(v))
+        self._watch(v)
         self._known = True
 
     def _step(self) -> StepReport:
         """Move, evaluate the forces there, and complete the velocity."""
         if not self._known:
             self._start()
-        dt, n, comm = self.dt, self._num_owned, self.u.function_space.mesh.comm
-        old, new, given = self._old, self._new, self._given
-        u_n, u, v, rate = (
-            f.x.array.reshape(-1, 3)[:n] for f in (self.u_n, self.u, self.v, self._bulk.rate)
-        )
-        np.multiply(dt / 2, old.acceleration, out=rate)
-        rate += v
-        u += dt * rate
+        dt, bulk, a, du, given = self.dt, self._bulk, self._acceleration, self._du, self._given
+        u_n, u, v, rate = self._owned
+        moved = _kernels.drift(dt, v, a, rate, u)
         if self._supported:
             self.u.x.array[:] = self._supports.applied(self.u.x.array)
             rate[given] = (u - u_n)[given] / dt
+            moved = np.abs(u - u_n).max(initial=0.0) + 0 * moved  # NaN stays
         self.u.x.scatter_forward()
-        if self._bulk.damping:
-            self._bulk.rate.x.scatter_forward()
-        du = u - u_n
-        moved = comm.allreduce(np.sqrt(3) * np.abs(du).max(initial=0.0), op=MPI.MAX)
-        if not moved <= self._smallest:
+        if bulk.damping:
+            bulk.rate.x.scatter_forward()
+        # A maximum may pass over NaN.
+        most = np.array([math.sqrt(3) * moved if moved < math.inf else math.inf])
+        self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        moved = float(most[0])
+        if not moved <= self._stability.smallest:
+            self.u.x.array[:] = self.u_n.x.array
+            super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        self._evaluate(new, self._X + self.u_n.x.array.reshape(-1, 3), moved)
-        v_new = dt / 2 * new.acceleration
-        v_new += rate
-
-        contact_work = ContactWork()
-        for springs, a, b in zip(self._springs, old.springs, new.springs, strict=True):
-            contact_work = contact_work + springs.work(a, b, du)
-        works = np.zeros(5)
-        if self._bulk.loads:
-            works[0] = np.vdot(old.load + new.load, du) / 2
-        if self._bulk.damping:
-            works[1] = np.vdot(old.damping + new.damping, du) / 2
+        np.subtract(u, u_n, out=du)
+        sums, before, power = np.zeros(11), self._contact_forces, self._power
+        bulk.add_work(sums, du)
+        force = bulk.total[given] if self._supported else np.empty(0)
+        self._evaluate(moved)
+        bulk.add_work(sums, du)
+        _kernels.kick(dt, self._mobility, bulk.total, a, rate)
         if self._supported:
-            v_new[given] = (2 * rate - v)[given]
-            reaction = self.mass[:, None] * (v_new - v) / dt - (old.total + new.total) / 2
-            works[2] = reaction[given] @ du[given]
-        change = np.vdot(new.total, new.acceleration) - np.vdot(old.total, old.acceleration)
-        works[3] = dt**2 / 8 * change
-        works[4] = sum(len(state.neighbourhood.size) for state in new.springs)
-        load_work, damping_work, support_work, inertia_defect, in_reach = (
-            float(work) for work in comm.allreduce(works)
-        )
-        self._worked += load_work + damping_work + support_work + contact_work.friction
-        self._turnover += abs(load_work) + abs(support_work)
+            rate[given] = (2 * rate - v)[given]
+            inertia = (self.mass[:, None] * (rate - v))[given] / dt
+            sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
+        self._power = float(np.vdot(bulk.total, a))
+        sums[3] = dt**2 / 8 * (self._power - power)
+        for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
+            sums[4:] += (springs.num_segments, len(new.node), *springs.work(old, new, du))
+        self._comm.Allreduce(MPI.IN_PLACE, sums)
+        load, damping, support, defect, in_reach, active, *contact = sums.tolist()
+        contact_work = ContactWork(*contact)
+        self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
-            self._watch(v_new, new)
-        v[:] = v_new
+            self._watch(rate)
+        v[:] = rate
         self.v.x.scatter_forward()
-        self.inertia_defect = inertia_defect
-        for pair, state in zip(self.pairs, new.springs, strict=True):
+        self.inertia_defect = defect
+        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
             pair.history = state.history
-        self._old, self._new = new, old
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -284,39 +267,36 @@ class CentralDifference(Stepper):
             newton_iterations=0,
             active_set_changes=0,
             residual_norms=(),
-            num_active=sum(state.num_active for state in new.springs),
+            num_active=int(active),
             num_segments=int(in_reach),
             num_resting=0,
             contact_work=contact_work,
-            load_work=load_work,
-            support_work=support_work,
-            damping_work=damping_work,
+            load_work=load,
+            support_work=support,
+            damping_work=damping,
             solver_work=0.0,
         )
 
-    def _total_energy(self, v: Floats, forces: Forces) -> float:
+    def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass, np.einsum("ni,ni->n", v, v)) / 2
         energy += self._bulk.strain_energy()
-        energy += sum(state.history.energy.sum() for state in forces.springs)
-        return float(self.u.function_space.mesh.comm.allreduce(energy))
+        energy += sum(state.stored for state in self._contact_forces)
+        return float(self._comm.allreduce(energy))
 
-    def _watch(self, v: Floats, forces: Forces) -> None:
+    def _watch(self, v: Floats) -> None:
         """Refuse the step if it is too long for the cells, or energy grows."""
-        self.stable_step = largest_step(self._squared_frequency(), self._damping_law)
+        self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")
-        grown = self._total_energy(v, forces) - self._energy - self._worked
-        # Round-off of a body at rest is no growth.
-        whole = self._total_mass * (self._smallest / self.dt) ** 2
-        if not grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
-            self._refuse(f"the energy has grown by {grown:.3g} J")
+        if growth := self._stability.growth(self._total_energy(v), self.dt):
+            self._refuse(growth)
 
     def _refuse(self, reason: str) -> None:
         """Return to the last accepted state and raise on all ranks."""
         self.u.x.array[:] = self.u_n.x.array
         self._state_was_set()
-        stable = largest_step(self._squared_frequency(), self._damping_law)
+        stable = self._stability.longest_step(self.x)
         raise ConvergenceError(
             f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is not stable: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "

@@ -1,7 +1,6 @@
 """Forces of the bodies at one time, with lumped mass: for explicit steps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
-from dolfinx_nts.spring_state import SpringState
 
-__all__ = ["ExplicitBulk", "Forces", "NodalForce"]
+__all__ = ["ExplicitBulk", "NodalForce"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -28,6 +26,7 @@ class NodalForce:
         form: Virtual work, linear in the test function.
 
     Attributes:
+        values: The force on the owned nodes, shape ``(n, 3)`` [N].
         num_assemblies: How often it was assembled.
     """
 
@@ -36,46 +35,16 @@ class NodalForce:
         self._form = compile_form(form)
         index_map = form.arguments()[0].ufl_function_space().dofmap.index_map
         self._vector = la.vector(index_map, 3)
-        self._num_owned = index_map.size_local
+        self._local: Floats = self._vector.array
+        self.values: Floats = self._local.reshape(-1, 3)[: index_map.size_local]
         self.num_assemblies = 0
 
-    def add_to(self, total: Floats, sign: float) -> None:
-        """Add the force to that of the owned nodes. Collective.
-
-        Args:
-            total: Shape ``(n, 3)`` [N].
-            sign: Factor.
-        """
-        values = self._vector.array
-        values[:] = 0
-        fem.assemble_vector(values, self._form)
+    def assemble(self) -> None:
+        """Set the values at the present state. Collective."""
+        self._local.fill(0.0)
+        fem.assemble_vector(self._local, self._form)
         self._vector.scatter_reverse(la.InsertMode.add)
-        total += sign * values.reshape(-1, 3)[: self._num_owned]
         self.num_assemblies += 1
-
-
-@dataclass
-class Forces:
-    """Forces on the owned nodes at one time, each ``(n, 3)`` [N].
-
-    Attributes:
-        load: Of the loads.
-        damping: Of damping.
-        total: Of everything but the reactions of supports.
-        acceleration: What follows, 0 where it is given [m/s^2].
-        springs: Of contact, pair by pair.
-    """
-
-    load: Floats
-    damping: Floats
-    total: Floats
-    acceleration: Floats
-    springs: tuple[SpringState, ...] = ()
-
-    @classmethod
-    def none(cls, n: int) -> "Forces":
-        """No forces on n nodes."""
-        return cls(*np.zeros((4, n, 3)))
 
 
 class ExplicitBulk:
@@ -92,6 +61,7 @@ class ExplicitBulk:
         internal: Internal forces.
         loads: Forces of the loads.
         damping: Forces of damping, empty without.
+        total: Sum of all, and what else is added to it, shape ``(n, 3)`` [N].
     """
 
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
@@ -105,16 +75,31 @@ class ExplicitBulk:
         damped = [body for body in bodies if body.material.is_damped]
         self.damping = [NodalForce(bulk_form(damped, self._damping_work))] if damped else []
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
+        # Without a copy, as it is made anew by every evaluation.
+        self.total = self.internal.values
 
-    def evaluate(self, forces: Forces) -> None:
+    def evaluate(self) -> None:
         """Set all forces but those of contact. Collective."""
-        forces.load[:] = forces.damping[:] = 0
-        for part in self.loads:
-            part.add_to(forces.load, 1.0)
-        for part in self.damping:
-            part.add_to(forces.damping, -1.0)
-        np.add(forces.load, forces.damping, out=forces.total)
-        self.internal.add_to(forces.total, -1.0)
+        self.internal.assemble()
+        for part in (*self.loads, *self.damping):
+            part.assemble()
+            self.total += part.values
+
+    @property
+    def forces(self) -> list[Floats]:
+        """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
+        return [part.values for part in (self.internal, *self.loads, *self.damping)]
+
+    def add_work(self, sums: Floats, du: Floats) -> None:
+        """Add half of the work of the present loads and of damping. Local.
+
+        Args:
+            sums: Work of both [J], its first entries.
+            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
+        """
+        for i, parts in enumerate((self.loads, self.damping)):
+            for part in parts:
+                sums[i] += np.vdot(part.values, du) / 2
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""
@@ -123,7 +108,7 @@ class ExplicitBulk:
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         F = ufl.Identity(3) + ufl.grad(self._u)
         P = F * material.stress(right_cauchy_green(F), **parameters)
-        return ufl.inner(P, ufl.grad(self._eta))
+        return -ufl.inner(P, ufl.grad(self._eta))
 
     def _damping_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         mesh = self._u.function_space.mesh
@@ -133,7 +118,7 @@ class ExplicitBulk:
         strain_rate = ufl.sym(F.T * ufl.grad(self.rate))
         P = beta * F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
-        return drag + ufl.inner(P, ufl.grad(self._eta))
+        return -drag - ufl.inner(P, ufl.grad(self._eta))
 
     def _strain_energy_density(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         F = ufl.Identity(3) + ufl.grad(self._u)

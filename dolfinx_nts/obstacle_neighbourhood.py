@@ -67,6 +67,10 @@ class ObstacleNeighbourhood:
         """The owned values."""
         return owned
 
+    def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
+        """Add values of some nodes, each once, to all. Local."""
+        total[dofs[:, 0]] += values[:, 0]
+
     def to_owners(self, values: Floats) -> Floats:
         """The values, as no other rank has any for owned nodes."""
         return values
@@ -79,6 +83,16 @@ class ObstacleNeighbourhood:
         """Facet of each node or -1, and gap [m], NaN without; shape ``(n,)``."""
         found, gap = self.obstacle.find(x[nodes], current, reach)
         return found, np.where(found >= 0, gap, np.nan)
+
+    def press(
+        self, x: Floats, nodes: Ints, current: Ints, reach: float, stiffness: Floats
+    ) -> Contact:
+        """Springs of nodes inside, see `search.Neighbourhood.press`."""
+        segment, gap = self.pair(x, nodes, current, reach)
+        (inside,) = (gap < 0).nonzero()
+        lambda_N, gradient = stiffness * gap, self.gap_gradient(x, nodes[inside], segment[inside])
+        force, energy = -lambda_N[inside, None] * gradient, (lambda_N * gap)[inside] / 2
+        return segment, gap, inside, self.dofs(nodes[inside], segment), force[:, None], energy
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
         """All nodes: an obstacle may be anywhere. Positions in ``nodes``."""

@@ -33,9 +33,10 @@ class OwnNeighbourhood(Neighbourhood):
         self._X = self.with_ghosts(X)
         self._N = self._normals(self._X)
 
-    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
-        """Pair nodes with segments, see `Neighbourhood.pair`. Local."""
-        found = _kernels.pair_own_nodes(
+    def _found(
+        self, x: Floats, nodes: Ints, current: Ints, reach: float
+    ) -> tuple[Ints, Floats, Floats, Floats]:
+        return _kernels.pair_own_nodes(
             x[nodes],
             current,
             reach,
@@ -48,7 +49,6 @@ class OwnNeighbourhood(Neighbourhood):
             self._X[self.segments],
             self.thickness,
         )
-        return found[0], found[2]
 
     def _normals(self, x: Floats) -> Floats:
         """Normals of the surface, of any length; right at owned nodes."""

@@ -6,6 +6,7 @@ bounding box of their nodes; the vertices of what arrived become ghosts of
 an index map, which then carries positions to the contacts and forces back.
 """
 
+from functools import cached_property
 from typing import Any
 
 from mpi4py import MPI
@@ -54,6 +55,12 @@ class Neighbourhood:
         self._serial = index_map.size_global == index_map.size_local
         self._vector = la.vector(index_map, 3)
 
+    @cached_property
+    def _vertices(self) -> Ints:
+        """Of all segments, each once."""
+        vertices: Ints = np.unique(self.segments)
+        return vertices
+
     def find(self, key: GlobalInts) -> Ints:
         """Local segment of each key, -1 where it is not here."""
         if len(self.key) == 0:
@@ -84,10 +91,41 @@ class Neighbourhood:
         Returns:
             Segment or -1, shape ``(n,)``, and gap [m], NaN without.
         """
-        found = _kernels.pair_nodes(
-            x[nodes], current, reach, x[self.segments], self.orientation, self.key
-        )
+        found = self._found(x, nodes, current, reach)
         return found[0], found[2]
+
+    def press(
+        self, x: Floats, nodes: Ints, current: Ints, reach: float, stiffness: Floats
+    ) -> tuple[npt.NDArray[Any], ...]:
+        """Springs of nodes that `pair` finds inside, see `cpp/nts/springs.h`. Local.
+
+        Args:
+            x: As of `pair`, and so are ``nodes``, ``current`` and ``reach``.
+            nodes: Shape ``(c,)``.
+            current: Shape ``(c,)``.
+            reach: [m].
+            stiffness: Of each spring, shape ``(c,)`` [N/m].
+
+        Returns:
+            Segments and gaps, shape ``(c,)``; positions of the nodes inside,
+            ``(m,)``, nodes of their pairs, ``(m, 1+k)``, the force on these,
+            ``(m, 1+k, 3)`` [N], and energy, ``(m,)`` [J].
+        """
+        segment, xi, gap, normal = self._found(x, nodes, current, reach)
+        springs = _kernels.press(nodes, segment, xi, gap, normal, self.segments, stiffness)
+        return segment, gap, *springs
+
+    def _found(
+        self, x: Floats, nodes: Ints, current: Ints, reach: float
+    ) -> tuple[Ints, Floats, Floats, Floats]:
+        return _kernels.pair_nodes(
+            x.take(nodes, axis=0),
+            current,
+            reach,
+            x.take(self.segments, axis=0),
+            self.orientation,
+            self.key,
+        )
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
         """Nodes in the box around all segments. Local.
@@ -100,10 +138,8 @@ class Neighbourhood:
         Returns:
             Positions in ``nodes``.
         """
-        vertices = x[self.segments]
-        lower = vertices.min(axis=(0, 1), initial=np.inf) - reach
-        upper = vertices.max(axis=(0, 1), initial=-np.inf) + reach
-        inside = np.all((x[nodes] >= lower) & (x[nodes] <= upper), axis=1)
+        (lower, upper), x = _box(x.take(self._vertices, axis=0), reach), x.take(nodes, axis=0)
+        inside = np.all((x >= lower) & (x <= upper), axis=1)
         return np.flatnonzero(inside).astype(np.int32)
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
@@ -171,6 +207,23 @@ class Neighbourhood:
         self._vector.scatter_forward()
         values: Floats = self._vector.array.reshape(-1, 3).copy()
         return values
+
+    def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
+        """Add values of some nodes to those of the owned nodes. Collective.
+
+        Args:
+            total: Values at the owned nodes, shape ``(n, 3)``.
+            dofs: Nodes of the map, any shape.
+            values: What is added at each, shape ``(*dofs.shape, 3)``.
+        """
+        if self._serial:
+            _kernels.add_rows(total, dofs, values)
+            return
+        forces = self._vector.array.reshape(-1, 3)
+        forces[:] = 0
+        _kernels.add_rows(forces, dofs, values)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        total += forces[: len(total)]
 
     def to_owners(self, values: Floats) -> Floats:
         """Add what other ranks hold for owned nodes. Collective.

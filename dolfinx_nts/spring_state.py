@@ -1,6 +1,9 @@
 """Forces of the springs of a contact pair at one state, and their work."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +16,7 @@ __all__ = ["SpringState"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -20,20 +24,35 @@ class SpringState:
     """Forces of the springs of a pair at one state.
 
     Attributes:
-        neighbourhood: Owned nodes and ghosts of the forces.
-        node: Position in the surface's nodes, shape ``(m,)``.
+        neighbourhood: Owned nodes and ghosts of the forces; None where no
+            rank has a node near a segment.
+        node: Active nodes by their position in the surface's nodes, ``(m,)``.
+        key: Their segments, shape ``(m,)``.
         dofs: Nodes of the pairs in the neighbourhood, ``(m, 1+k)``.
         force: On these nodes, shape ``(m, 1+k, 3)`` [N].
-        history: Contact at this state.
-        num_active: Nodes in contact on all ranks.
+        energy: Stored in the springs of the nodes, shape ``(m,)`` [J].
+        dissipation: Lost by friction in the step at all nodes of the surface,
+            ``(n,)`` [J]; None without friction.
+        history: Makes what the pair remembers of the state.
     """
 
-    neighbourhood: Neighbourhood | ObstacleNeighbourhood
+    neighbourhood: Neighbourhood | ObstacleNeighbourhood | None
     node: Ints
+    key: GlobalInts
     dofs: Ints
     force: Floats
-    history: ContactHistory
-    num_active: int
+    energy: Floats
+    dissipation: Floats | None
+    history: Callable[[], ContactHistory]
+
+    @classmethod
+    def none(
+        cls, history: Callable[[], ContactHistory], dissipation: Floats | None = None
+    ) -> "SpringState":
+        """No forces."""
+        node, key, energy = np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0)
+        dofs, force = node[:, None], np.empty((0, 1, 3))
+        return cls(None, node, key, dofs, force, energy, dissipation, history)
 
     def add_to(self, total: Floats) -> None:
         """Add the forces to those of the owned nodes. Collective.
@@ -41,22 +60,26 @@ class SpringState:
         Args:
             total: Shape ``(n, 3)`` [N].
         """
-        if self.num_active:
-            forces = np.zeros((self.neighbourhood.num_local, 3))
-            np.add.at(forces, self.dofs.ravel(), self.force.reshape(-1, 3))
-            total += self.neighbourhood.to_owners(forces)
+        if self.neighbourhood is not None:
+            self.neighbourhood.add_to_owners(total, self.dofs, self.force)
 
-    def work(self, du: Floats) -> Floats:
-        """Work of the forces, by contact node. Collective.
+    @cached_property
+    def stored(self) -> float:
+        """Energy of all springs on this rank [J]."""
+        return float(self.energy.sum())
+
+    def displacement(self, du: Floats) -> Floats:
+        """Displacement also of the ghosts, shape ``(l, 3)`` [m]. Collective.
 
         Args:
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
-
-        Returns:
-            Work at each node of the surface, shape ``(n,)`` [J].
+            du: That of the owned nodes, shape ``(n, 3)`` [m].
         """
-        work = np.zeros(len(self.history.key))
-        if self.num_active:
-            dx = self.neighbourhood.with_ghosts(du)[self.dofs]
-            work[self.node] = np.einsum("maj,maj->m", self.force, dx)
-        return work
+        return du if self.neighbourhood is None else self.neighbourhood.with_ghosts(du)
+
+    def arrays(self, du: Floats) -> tuple[Any, ...]:
+        """What `_kernels.unexplained_work` needs. Local.
+
+        Args:
+            du: As of `displacement`.
+        """
+        return self.node, self.key, self.dofs, self.force, self.energy, du

@@ -13,9 +13,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_history import ContactHistory, ContactWork
+from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
@@ -31,7 +32,8 @@ Ints = npt.NDArray[np.int32]
 
 # A node up to this part of a segment deep belongs to the segment; nodes are
 # looked at while they are within reach or may get there soon.
-_REACH, _MARGIN = 0.5, 0.25
+_REACH, _MARGIN = 0.5, 0.5
+_NONE: Floats = np.empty(0)
 
 
 class ContactSprings:
@@ -69,9 +71,14 @@ class ContactSprings:
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
-        self._candidates: Ints
-        self._idle = False
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
+        # Nodes that are looked at, their positions in the surface's nodes, springs,
+        # and segments or -1; whether no rank has any.
+        self._nodes: Ints
+        self._candidates: Ints
+        self._stiffness: Floats
+        self._current: Ints
+        self._idle = False
         self.forget()
 
     def forget(self) -> None:
@@ -103,9 +110,9 @@ class ContactSprings:
         if archive.giving and looked is None:
             self._look_around(x)
         elif archive.giving and looked is not None:
-            self._candidates, (travelled, idle) = looked
+            candidates, (travelled, idle) = looked
             self._travelled, self._idle = float(travelled), bool(idle)
-            self._neighbourhood = pair.search.neighbourhood
+            self._look_at(pair.search.neighbourhood, candidates)
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
@@ -114,10 +121,14 @@ class ContactSprings:
         if state is not None and not archive.giving:
             return state
         history, here = pair.history, self._neighbourhood
+        lost = None if pair.friction is None else history.dissipation
+        if self._idle:
+            return SpringState.none(lambda: history, lost)
         node = np.flatnonzero(history.active).astype(np.int32)
-        dofs = here.dofs(pair.nodes.nodes[node], here.find(history.key[node]))
-        num_active = self._comm.allreduce(len(node))
-        return SpringState(here, node, dofs, force[node], history, num_active)
+        key = history.key[node]
+        dofs = here.dofs(pair.nodes.nodes[node], here.find(key))
+        energy = history.energy[node]
+        return SpringState(here, node, key, dofs, force[node], energy, lost, lambda: history)
 
     @property
     def is_open(self) -> bool:
@@ -154,12 +165,17 @@ class ContactSprings:
         # The tangential spring; a pair makes its penalty ten times as stiff.
         self.pair.fix_stiffness((0.1 / self._share) * penalty)
 
+    @property
+    def num_segments(self) -> int:
+        """Segments that this rank looks at."""
+        return len(self._neighbourhood.size)
+
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
         """Forces at x; never changes the pair.
 
         Args:
             x_n: Accepted positions of the local nodes, owned and ghost,
-                shape ``(l, 3)`` [m].
+                shape ``(l, 3)`` [m]; only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
             step: Largest motion of any node since the last evaluation,
                 the same on all ranks [m].
@@ -167,134 +183,121 @@ class ContactSprings:
         self._travelled += 2 * step
         if self._travelled > _MARGIN * self.pair.segment_size:
             self._look_around(x)
-        old, here = self.pair.history, self._neighbourhood
         if self._idle:
             return self._nothing()
-        owned = here.index_map.size_local
-        nodes, x = self.pair.nodes.nodes, here.with_ghosts(x[:owned])
-        x_n = here.with_ghosts(x_n[:owned]) if self.pair.friction is not None else x
-        segment = np.full(len(nodes), -1, dtype=np.int32)
-        gap = np.full(len(nodes), np.nan)
-        some = self._candidates
-        segment[some], gap[some] = here.pair(
-            x, nodes[some], here.find(old.key[some]), _REACH * self.pair.segment_size
+        pair, here, some = self.pair, self._neighbourhood, self._candidates
+        x = here.with_ghosts(x[: here.index_map.size_local])
+        segment, gap, inside, dofs, force, energy = here.press(
+            x, self._nodes, self._current, _REACH * pair.segment_size, self._stiffness
         )
-        node = np.flatnonzero(gap < 0).astype(np.int32)
-        num_active = self._comm.allreduce(len(node))
-        if not num_active:
-            return self._nothing()
-        return self._push(x_n, x, node, segment, gap, num_active)
+        self._current = segment
+        node, segments = some[inside], segment[inside]
+        slipped: dict[str, Any] = {}
+        if pair.friction is not None:
+            lambda_N = self._stiffness[inside] * gap[inside]
+            x_n = here.with_ghosts(x_n[: here.index_map.size_local])
+            slipped = self._rub(x_n, x, node, segments, lambda_N, energy, force)
 
-    def work(self, old: SpringState, new: SpringState, du: Floats) -> ContactWork:
-        """Work of the mean of two forces on a displacement, by cause.
+        def history() -> ContactHistory:
+            history, paired = ContactHistory.none(len(self._reduced_mass)), segment >= 0
+            history.key[some[paired]] = here.key[segment[paired]]
+            history.gap[some] = gap
+            history.active[node] = True
+            history.lambda_N[node] = stiffness[inside] * gap[inside]
+            history.energy[node], history.force[node] = energy, force[:, 0]
+            return replace(history, **slipped)
 
-        Collective.
+        stiffness, lost = self._stiffness, slipped.get("dissipation")
+        return SpringState(here, node, here.key[segments], dofs, force, energy, lost, history)
+
+    def work(self, old: SpringState, new: SpringState, du: Floats) -> Floats:
+        """Work of the mean of two forces on a displacement, on this rank. Collective.
 
         Args:
             old: Springs at the start of the step.
             new: Springs at its end.
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
+
+        Returns:
+            Work by the causes of `ContactWork`, shape ``(5,)`` [J].
         """
-        if not (old.num_active or new.num_active):
-            return ContactWork()
-        a, b = old.history, new.history
-        stored = b.energy - a.energy
-        # What springs and friction do not account for.
-        rest = (old.work(du) + new.work(du)) / 2 + stored + b.dissipation
-        same = (a.key == b.key) | ~b.active
-        parts = np.array(
-            [
-                rest[a.active & same].sum(),
-                rest[~a.active].sum(),
-                rest[a.active & ~same].sum(),
-                -stored.sum(),
-                -b.dissipation.sum(),
-            ]
-        )
-        return ContactWork(*(float(part) for part in self._comm.allreduce(parts)))
+        parts: Floats = np.zeros(5)
+        if old.neighbourhood is None and new.neighbourhood is None:
+            return parts
+        du_old = old.displacement(du)
+        du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
+        lost = _NONE if new.dissipation is None else new.dissipation
+        parts[:3] = _kernels.unexplained_work(old.arrays(du_old), new.arrays(du_new), lost)
+        parts[3:] = old.stored - new.stored, -lost.sum() if len(lost) else 0.0
+        return parts
 
     def _look_around(self, x: Floats) -> None:
         """Find the nodes that may be in reach before the next look."""
-        pair = self.pair
-        reach = (_REACH + _MARGIN) * pair.segment_size
+        reach = (_REACH + _MARGIN) * self.pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, _ = pair.search.update(x, reach)
-        self._neighbourhood, self._travelled = here, 0.0
+        here, _ = self.pair.search.update(x, reach)
         x = here.with_ghosts(x[: here.index_map.size_local])
-        self._candidates = here.near(x, pair.nodes.nodes, reach)
-        self._idle = not self._comm.allreduce(len(self._candidates))
+        self._look_at(here, here.near(x, self.pair.nodes.nodes, reach))
+        self._travelled, self._idle = 0.0, not self._comm.allreduce(len(self._candidates))
+
+    def _look_at(self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints) -> None:
+        """Look at some nodes, given by their positions in the surface's, from now on."""
+        pair = self.pair
+        assert pair.eps_N is not None
+        self._neighbourhood, self._candidates = here, candidates
+        self._nodes, self._stiffness = pair.nodes.nodes[candidates], pair.eps_N[candidates]
+        self._current = here.find(pair.history.key[candidates])
 
     def _nothing(self) -> SpringState:
-        history = self.pair.history
-        if history.active.any():
-            none = ContactHistory.none(len(history.key))
-            history = replace(none, slip=history.slip, dissipation=self._slip_energy())
-        elif history.dissipation.any():
-            history = replace(history, dissipation=np.zeros(len(history.key)))
-        empty = np.empty(0, dtype=np.int32)
-        return SpringState(
-            self._neighbourhood, empty, empty[:, None], np.empty((0, 1, 3)), history, 0
+        """No forces; what friction remembers is lost."""
+        n = len(self._reduced_mass)
+        if self.pair.friction is None:
+            return SpringState.none(lambda: ContactHistory.none(n))
+        slip, lost = self.pair.history.slip, self._slip_energy()
+        return SpringState.none(
+            lambda: replace(ContactHistory.none(n), slip=slip, dissipation=lost), lost
         )
 
     def _slip_energy(self) -> Floats:
         """Energy of the tangential springs at t_n, lost where a node leaves."""
         t, eps_T = self.pair.history.traction, self.pair.eps_T
-        if eps_T is None:
-            return np.zeros(len(t))
+        assert eps_T is not None
         energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
         return energy
 
-    def _push(
-        self, x_n: Floats, x: Floats, node: Ints, segment: Ints, gap: Floats, num_active: int
-    ) -> SpringState:
-        """Forces of the nodes inside."""
-        pair, here, n = self.pair, self._neighbourhood, len(segment)
-        assert pair.eps_N is not None and isinstance(pair.enforcement, Penalty)
-        nodes, segments = pair.nodes.nodes[node], segment[node]
-        gradient = here.gap_gradient(x, nodes, segments)
-        lambda_N, energy = np.zeros((2, n))
-        lambda_N[node] = pair.eps_N[node] * gap[node]
-        energy[node] = pair.enforcement.energy(gap[node], pair.eps_N[node])
-        force = -lambda_N[node, None] * gradient
-        key = np.full(n, -1, dtype=np.int64)
-        key[segment >= 0] = here.key[segment[segment >= 0]]
-        active, sliding = gap < 0, np.zeros(n, dtype=bool)
-        normal, traction, nodal = np.zeros((3, n, 3))
-        length, dissipation = pair.history.slip.copy(), self._slip_energy()
-        if pair.friction is not None:
-            assert pair.eps_T is not None
-            eps_T = pair.eps_T[node]
-            slip = Slip(here.slip(x_n, x, nodes, segments))
-            t_n = transport(
-                pair.history.traction[node], pair.history.normal[node], slip.frame_n, slip.normal_n
-            )
-            trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N[node]
-            slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
-            law = pair.friction.spring(trial, p, eps_T, trial, slides)
-            t = law.explicit - lambda_N[node, None] * law.direction
-            force -= np.einsum("mi,mij->mj", t, slip.gradient)
-            lasting = slip.value - (t - t_n) / eps_T[:, None]
-            dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
-            energy[node] += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
-            length[node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
-            sliding[node] = slides
-            traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
-            normal[node] = slip.normal
-        dofs = here.dofs(nodes, segments)
-        force = force.reshape(*dofs.shape, 3)
-        nodal[node] = force[:, 0]
-        history = ContactHistory(
-            key=key,
-            active=active,
-            sliding=sliding,
-            lambda_N=lambda_N,
-            force=nodal,
-            gap=gap,
-            offset=np.zeros(n),
-            normal=normal,
-            traction=traction,
-            slip=length,
-            energy=energy,
-            dissipation=dissipation,
-        )
-        return SpringState(here, node, dofs, force, history, num_active)
+    def _rub(
+        self,
+        x_n: Floats,
+        x: Floats,
+        node: Ints,
+        segments: Ints,
+        lambda_N: Floats,
+        energy: Floats,
+        force: Floats,
+    ) -> dict[str, Any]:
+        """Add friction to energy and force; returns what the pair remembers of it."""
+        pair = self.pair
+        assert pair.friction is not None and pair.eps_T is not None
+        old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
+        slip = Slip(self._neighbourhood.slip(x_n, x, pair.nodes.nodes[node], segments))
+        t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+        trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
+        slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
+        law = pair.friction.spring(trial, p, eps_T, trial, slides)
+        t = law.explicit + p[:, None] * law.direction
+        force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
+        lasting = slip.value - (t - t_n) / eps_T[:, None]
+        energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
+        length, dissipation, sliding = old.slip.copy(), self._slip_energy(), np.zeros(n, dtype=bool)
+        normal, traction = np.zeros((2, n, 3))
+        length[node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
+        dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
+        sliding[node], normal[node] = slides, slip.normal
+        traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
+        return {
+            "slip": length,
+            "dissipation": dissipation,
+            "sliding": sliding,
+            "normal": normal,
+            "traction": traction,
+        }

@@ -18,6 +18,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.elements import Element
 from dolfinx_nts.lumping import nodal_parts
@@ -27,7 +28,6 @@ __all__ = [
     "Cells",
     "Damping",
     "cell_frequency",
-    "cell_length",
     "highest_frequency",
     "largest_step",
 ]
@@ -37,23 +37,6 @@ Floats = npt.NDArray[np.float64]
 _SHORTEST_TIME = 1e-150  # of a wave through a cell, whose square is a number [s]
 # Cells that are looked at together, of degree 1 and 2.
 _BLOCK, _MATRICES = 4096, 64
-
-
-def cell_length(x: Floats) -> Floats:
-    r"""Length of cells for waves along their thinnest direction.
-
-    Twice the least radius of gyration of the nodes,
-    :math:`h^2 = 4 \lambda_{min}(\sum_a r_a \otimes r_a)/k`: the edge of a
-    cube of degree 1. Local.
-
-    Args:
-        x: Nodes, shape ``(c, k, 3)`` [m].
-
-    Returns:
-        Length, shape ``(c,)`` [m].
-    """
-    length: Floats = 2 * np.sqrt(np.maximum(_least_eigenvalue(_moments(x)), 0.0))
-    return length
 
 
 def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
@@ -111,21 +94,6 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     return squared
 
 
-def _least_eigenvalue(A: Floats) -> Floats:
-    """Of symmetric matrices, shape ``(c, 3, 3)``; by Cardano's formula.
-
-    To round-off of the greatest one, ten times as fast as LAPACK.
-    """
-    mean = np.trace(A, axis1=1, axis2=2) / 3
-    B = A - mean[:, None, None] * np.eye(3)
-    scale = np.sqrt(np.einsum("cij,cij->c", B, B) / 6)
-    det = np.einsum("ci,ci->c", B[:, 0], np.cross(B[:, 1], B[:, 2]))
-    cosine = det / np.maximum(2 * scale**3, np.finfo(np.float64).tiny)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3
-    least: Floats = mean + 2 * scale * np.cos(angle + 2 * np.pi / 3)
-    return least
-
-
 def _moments(x: Floats) -> Floats:
     """Mean products of the positions of vertices about their centre."""
     r = x - x.mean(axis=1, keepdims=True)
@@ -135,6 +103,9 @@ def _moments(x: Floats) -> Floats:
 
 class Cells:
     """The cells of bodies, as far as they limit the step.
+
+    The length of a cell is twice the least radius of gyration of its nodes,
+    the edge of a cube of degree 1 (`cpp/nts/cell_length.h`).
 
     Args:
         bodies: The bodies, of one space.
@@ -158,7 +129,7 @@ class Cells:
                 squared.append(cell_frequency(material, x))
             else:
                 squared.append(highest_frequency(material, element, x))
-        self._speed = np.sqrt(np.concatenate(squared)) * cell_length(X[self._nodes]) / 2
+        self._speed = np.sqrt(np.concatenate(squared)) * _kernels.cell_lengths(X, self._nodes) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m]. Collective.
@@ -166,7 +137,7 @@ class Cells:
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
         """
-        length = cell_length(x[self._nodes])
+        length = _kernels.cell_lengths(x, self._nodes)
         time = (length / self._speed).min(initial=np.inf)
         limits = np.array([time, length.min(initial=np.inf)])
         self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)

@@ -42,7 +42,7 @@ LAYERS = [
     {"active_set", "independent", "pairing", "tangential"},
     {"normal_springs"},
     {"contact_step", "report", "scene", "springs"},
-    {"elimination", "block_rows"},
+    {"elimination", "block_rows", "stability"},
     {"assembly", "patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},

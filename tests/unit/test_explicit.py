@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
-from dolfinx_nts import explicit
+from dolfinx_nts import explicit, stability
 
 CONSERVED = 1e-12
 
@@ -278,9 +278,9 @@ def test_wrong_estimate_is_found_out_and_the_state_stays(comm, monkeypatch, refu
     """Twice the largest step: the energy grows until the step is refused."""
     box = Box(comm)
     stable = nts.CentralDifference([box.body]).stable_step
-    limits = explicit.Cells.limits
+    limits = stability.Cells.limits
     monkeypatch.setattr(
-        explicit.Cells, "limits", lambda self, x: (limits(self, x)[0] / 16, limits(self, x)[1])
+        stability.Cells, "limits", lambda self, x: (limits(self, x)[0] / 16, limits(self, x)[1])
     )
     stepper = nts.CentralDifference([box.body], dt=2 * stable)
     stepper.set_velocity(box.body, swirl)

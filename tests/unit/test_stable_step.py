@@ -7,22 +7,41 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import stable_step
+from dolfinx_nts import _kernels, stable_step
 from dolfinx_nts.bodies import bulk_form
 from dolfinx_nts.lumping import lumped_mass
 
 
+def lengths(cells):
+    """Lengths of cells without common nodes, shape ``(c, k, 3)``."""
+    c, k, _ = cells.shape
+    return _kernels.cell_lengths(
+        cells.reshape(-1, 3), np.arange(c * k, dtype=np.int32).reshape(c, k)
+    )
+
+
 def test_length_of_a_brick_is_its_shortest_edge():
     corners = np.array(list(np.ndindex(2, 2, 2)))
-    bricks = np.array([corners * edges for edges in ((1, 1, 1), (3, 0.1, 2), (5, 5, 4))])
-    np.testing.assert_allclose(stable_step.cell_length(bricks), [1, 0.1, 4])
+    bricks = np.array([1.0 * corners * edges for edges in ((1, 1, 1), (3, 0.1, 2), (5, 5, 4))])
+    np.testing.assert_allclose(lengths(bricks), [1, 0.1, 4])
 
 
 def test_length_does_not_depend_on_the_frame(rng):
     cells = rng.normal(size=(5, 4, 3))
     motion = scenes.Motion.random(rng)
     moved = motion(cells.reshape(-1, 3)).reshape(cells.shape)
-    np.testing.assert_allclose(stable_step.cell_length(moved), stable_step.cell_length(cells))
+    np.testing.assert_allclose(lengths(moved), lengths(cells))
+
+
+@pytest.mark.parametrize("k", [4, 8, 27])
+def test_length_is_that_of_eigenvalues(rng, k):
+    x = rng.normal(size=(30, 3))
+    cells = rng.permuted(np.tile(np.arange(30, dtype=np.int32), (20, 1)), axis=1)[:, :k].copy()
+    r = x[cells] - x[cells].mean(axis=1, keepdims=True)
+    least = np.linalg.eigvalsh(r.transpose(0, 2, 1) @ r / k)[:, 0]
+    np.testing.assert_allclose(_kernels.cell_lengths(x, cells) ** 2, 4 * least, atol=1e-14)
+    with pytest.raises(ValueError, match="rows of x"):
+        _kernels.cell_lengths(x, cells + 30)
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.4])

@@ -6,6 +6,8 @@ void kinematics(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void patch(nanobind::module_& m);
+void leapfrog(nanobind::module_& m);
+void springs(nanobind::module_& m);
 } // namespace nts::bindings
 
 NB_MODULE(_kernels, m)
@@ -15,4 +17,6 @@ NB_MODULE(_kernels, m)
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::patch(m);
+  nts::bindings::leapfrog(m);
+  nts::bindings::springs(m);
 }

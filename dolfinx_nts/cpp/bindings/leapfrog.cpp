@@ -1,0 +1,57 @@
+#include "nts/leapfrog.h"
+#include "array.h"
+#include "nts/cell_length.h"
+
+namespace nts::bindings
+{
+namespace
+{
+double drift_all(double dt, const Doubles& v, const Doubles& a,
+                 Out<double> rate, Out<double> u)
+{
+  const std::size_t n = rate.shape(0);
+  check("rate", rate, {n, 3});
+  check("v", v, {n, 3});
+  check("a", a, {n, 3});
+  check("u", u, {n, 3});
+  return drift(dt, view(v), view(a), view(rate), view(u));
+}
+
+void kick_all(double dt, const Doubles& mobility, const Doubles& force,
+              Out<double> a, Out<double> rate)
+{
+  const std::size_t n = a.shape(0);
+  check("a", a, {n, 3});
+  check("mobility", mobility, {n, 3});
+  check("force", force, {n, 3});
+  check("rate", rate, {n, 3});
+  kick(dt, view(mobility), view(force), view(a), view(rate));
+}
+
+auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
+{
+  check("x", x, {any, 3});
+  check("cells", cells, {any, any});
+  for (const std::int32_t node : view(cells))
+    if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
+      throw nb::value_error("cells: expected rows of x");
+  auto length = create<double>({cells.shape(0)});
+  cell_lengths(view(x), view(cells), cells.shape(1), view(length));
+  return length;
+}
+} // namespace
+
+void leapfrog(nb::module_& m)
+{
+  m.def("drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
+        nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
+        "-, (n, 3), (n, 3) -> largest change of u; sets rate (n, 3), moves u "
+        "(n, 3)");
+  m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
+        nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
+        "-, (n, 3), (n, 3); sets a (n, 3), changes rate (n, 3)");
+  m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
+        "(n, 3), (c, k) -> twice the least radius of gyration of the nodes of "
+        "each cell (c,)");
+}
+} // namespace nts::bindings

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+/// @brief Both halves of a step of velocity Verlet, each in one pass.
+namespace nts
+{
+/// @brief Move by the velocity in the middle of the step.
+/// @param[in] dt Length of the step [s].
+/// @param[in] v Velocity at its start, (d,) [m/s].
+/// @param[in] a Acceleration at its start, (d,) [m/s^2].
+/// @param[out] rate Velocity in the middle, (d,) [m/s].
+/// @param[in,out] u Displacement, (d,) [m].
+/// @return Largest change of an entry of u [m], NaN if one is NaN.
+inline double drift(double dt, std::span<const double> v,
+                    std::span<const double> a, std::span<double> rate,
+                    std::span<double> u) noexcept
+{
+  std::uint64_t most = 0; // as integers, NaN is above all numbers
+  for (std::size_t i = 0; i < rate.size(); ++i)
+  {
+    const double start = u[i];
+    rate[i] = v[i] + dt / 2 * a[i];
+    u[i] += dt * rate[i];
+    const double moved = std::abs(u[i] - start);
+    most = std::max(most, std::bit_cast<std::uint64_t>(moved));
+  }
+  return std::bit_cast<double>(most);
+}
+
+/// @brief Accelerate to the end of the step.
+/// @param[in] dt Length of the step [s].
+/// @param[in] mobility 1/mass, 0 where the displacement is given, (d,) [1/kg].
+/// @param[in] force Force at the end, (d,) [N].
+/// @param[out] a Acceleration at the end, (d,) [m/s^2].
+/// @param[in,out] rate Velocity in the middle, then at the end, (d,) [m/s].
+inline void kick(double dt, std::span<const double> mobility,
+                 std::span<const double> force, std::span<double> a,
+                 std::span<double> rate) noexcept
+{
+  for (std::size_t i = 0; i < a.size(); ++i)
+  {
+    a[i] = mobility[i] * force[i];
+    rate[i] += dt / 2 * a[i];
+  }
+}
+} // namespace nts

@@ -1,0 +1,70 @@
+"""Springs of an explicit step, against NumPy."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+
+pytestmark = pytest.mark.serial
+
+
+@pytest.mark.parametrize("k", [3, 4])
+def test_springs_press_nodes_that_are_inside(rng, k):
+    c = 6
+    gap = np.array([-0.1, 0.2, np.nan, -0.3, 0.0, -0.2])
+    segment = np.array([1, 0, -1, 2, 1, 0], dtype=np.int32)
+    node, segments = np.arange(20, 20 + c, dtype=np.int32), np.arange(3 * k).reshape(3, k)
+    xi, normal, stiffness = rng.uniform(size=(c, 2)), rng.normal(size=(c, 3)), rng.uniform(size=c)
+    position, dofs, force, energy = _kernels.press(
+        node, segment, xi, gap, normal, segments.astype(np.int32), stiffness
+    )
+    np.testing.assert_array_equal(position, [0, 3, 5])
+    np.testing.assert_array_equal(dofs[:, 0], node[position])
+    np.testing.assert_array_equal(dofs[:, 1:], segments[segment[position]])
+    (s, t), rest = xi[position].T, 1 - xi[position]
+    if k == 3:
+        phi = np.column_stack([1 - s - t, s, t])
+    else:
+        phi = np.column_stack([rest.prod(axis=1), s * rest[:, 1], rest[:, 0] * t, s * t])
+    shape = np.column_stack([np.ones(3), -phi])
+    size = (stiffness * gap)[position]
+    np.testing.assert_allclose(force, -(size[:, None] * shape)[:, :, None] * normal[position, None])
+    np.testing.assert_allclose(energy, (stiffness * gap**2)[position] / 2)
+    np.testing.assert_allclose(force.sum(axis=1), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_work_is_sorted_by_cause(rng, friction):
+    n, k = 40, 4
+    states, full = [], []
+    for m in (17, 23):
+        node = np.sort(rng.choice(n, m, replace=False)).astype(np.int32)
+        key, dofs = rng.integers(2, size=m), rng.integers(9, size=(m, 1 + k)).astype(np.int32)
+        force, energy, du = (
+            rng.normal(size=(m, 1 + k, 3)),
+            rng.uniform(size=m),
+            rng.normal(size=(9, 3)),
+        )
+        states.append((node, key, dofs, force, energy, du))
+        keys, work, stored = np.full(n, -1), np.zeros(n), np.zeros(n)
+        keys[node], stored[node] = key, energy
+        work[node] = np.einsum("maj,maj->m", force, du[dofs])
+        full.append((keys, work, stored))
+    (key_n, work_n, energy_n), (key, work, energy) = full
+    touched = (key_n >= 0) | (key >= 0)
+    lost = np.where(touched, rng.uniform(size=n), 0.0) if friction else np.zeros(n)
+    rest = (work_n + work) / 2 + energy - energy_n + lost
+    came, same = key_n < 0, (key_n == key) | (key < 0)
+    expected = [rest[part].sum() for part in (~came & same, came, ~came & ~same)]
+    given = _kernels.unexplained_work(*states, lost if friction else np.empty(0))
+    np.testing.assert_allclose(given, expected)
+
+
+def test_rows_that_repeat_are_all_added(rng):
+    total, rows = rng.normal(size=(5, 3)), np.array([[0, 3], [3, 0], [4, 4]], dtype=np.int32)
+    values, expected = rng.normal(size=(3, 2, 3)), total.copy()
+    np.add.at(expected, rows, values)
+    _kernels.add_rows(total, rows, values)
+    np.testing.assert_allclose(total, expected)
+    with pytest.raises(ValueError, match="rows of total"):
+        _kernels.add_rows(total, rows + 1, values)
