@@ -124,11 +124,11 @@ def solve(
         R = R_bulk + R_contact
 
         excess = max((s.constraint_error for s in states), default=0.0)
-        excess = bulk.comm.allreduce(excess, op=MPI.MAX)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
+        counts.append(not excess <= _GAP_TOLERANCE * size)
         sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
         norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
-        changed, failed = (int(value) for value in sums[2:])
+        changed, failed, violated = (int(value) for value in sums[2:])
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
@@ -137,7 +137,7 @@ def solve(
         small = norm <= max(_SMALL_RESIDUAL * scale, floor)
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
-        converged = solved and excess <= _GAP_TOLERANCE * size and not changed
+        converged = solved and not violated and not changed
 
         if not np.isfinite(norm):
             reason = "the residual is not finite"
@@ -161,7 +161,7 @@ def solve(
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
-        du_norm = bulk.comm.allreduce(np.abs(du).max(initial=0.0), op=MPI.MAX)
+        du_norm = bulk.comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
         u = bulk.u.x.array[:n]
         if du_norm > 0.5 * size:
             # A step of more than half a cell is not to be trusted.

@@ -43,8 +43,8 @@ class Pairing:
         """Find the segments in reach, those at t_n and those of the ballistic state."""
         comm: MPI.Comm = pair.nodes.V.mesh.comm
         dx = x_trial - x_n
-        way = np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0))
-        self.way = float(comm.allreduce(way, op=MPI.MAX))
+        way = float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
+        self.way: float = comm.allreduce(way, op=MPI.MAX)
         # Both surfaces may move, Newton iterates overshoot, and a node up
         # to half a segment deep still belongs to its segment.
         self.reach = 3 * self.way + 0.5 * pair.segment_size
