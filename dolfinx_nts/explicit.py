@@ -218,11 +218,12 @@ class CentralDifference(Stepper):
             self._start()
         dt, bulk, a, du, given = self.dt, self._bulk, self._acceleration, self._du, self._given
         u_n, u, v, rate = self._owned
-        moved = _kernels.drift(dt, v, a, rate, u)
+        moved = _kernels.drift(dt, v, a, rate, u, du)
         if self._supported:
             self.u.x.array[:] = self._supports.applied(self.u.x.array)
-            rate[given] = (u - u_n)[given] / dt
-            moved = np.abs(u - u_n).max(initial=0.0) + 0 * moved  # NaN stays
+            np.subtract(u, u_n, out=du)
+            rate[given] = du[given] / dt
+            moved = np.abs(du).max(initial=0.0) + 0 * moved  # NaN stays
         self.u.x.scatter_forward()
         if bulk.damping:
             bulk.rate.x.scatter_forward()
@@ -234,7 +235,6 @@ class CentralDifference(Stepper):
             self.u.x.array[:] = self.u_n.x.array
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        np.subtract(u, u_n, out=du)
         sums, before, power = np.zeros(11), self._contact_forces, self._power
         bulk.add_work(sums, du)
         force = bulk.total[given] if self._supported else np.empty(0)

@@ -16,11 +16,12 @@ def arrays():
 
 def test_drift_moves_by_the_velocity_in_the_middle(arrays):
     (v, a, rate, u), dt = arrays, 0.1
-    start = u.copy()
-    most = _kernels.drift(dt, v, a, rate, u)
+    start, du = u.copy(), np.empty_like(u)
+    most = _kernels.drift(dt, v, a, rate, u, du)
     np.testing.assert_array_equal(rate, v + dt / 2 * a)
     np.testing.assert_array_equal(u, start + dt * rate)
-    assert most == np.abs(u - start).max()
+    np.testing.assert_array_equal(du, u - start)
+    assert most == np.abs(du).max()
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.nan, np.inf])
@@ -28,7 +29,7 @@ def test_drift_tells_of_an_entry_that_is_not_finite(arrays, value):
     for part in (0, 1, 3):
         v, a, rate, u = np.where(np.arange(4)[:, None, None] == part, 0.0, arrays)
         (v, a, rate, u)[part][2, 1] = value
-        assert not np.isfinite(_kernels.drift(0.1, v, a, rate, u))
+        assert not np.isfinite(_kernels.drift(0.1, v, a, rate, u, rate.copy()))
 
 
 def test_kick_accelerates_to_the_end(arrays):
@@ -42,8 +43,8 @@ def test_kick_accelerates_to_the_end(arrays):
 def test_shapes_are_checked(arrays):
     a, b, c, d = arrays
     with pytest.raises(ValueError, match=r"v: expected shape \(5, 3\), given \(4, 3\)"):
-        _kernels.drift(0.1, a[1:], b, c, d)
+        _kernels.drift(0.1, a[1:], b, c, d, d.copy())
     with pytest.raises(ValueError, match=r"force: expected shape \(5, 3\), given \(4, 3\)"):
         _kernels.kick(0.1, a, b[1:], c, d)
     with pytest.raises(TypeError):
-        _kernels.drift(0.1, a, b, c, d[:, ::-1])
+        _kernels.drift(0.1, a, b, c, d[:, ::-1], d.copy())

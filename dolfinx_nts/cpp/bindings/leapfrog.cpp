@@ -7,14 +7,15 @@ namespace nts::bindings
 namespace
 {
 double drift_all(double dt, const Doubles& v, const Doubles& a,
-                 Out<double> rate, Out<double> u)
+                 Out<double> rate, Out<double> u, Out<double> du)
 {
   const std::size_t n = rate.shape(0);
   check("rate", rate, {n, 3});
   check("v", v, {n, 3});
   check("a", a, {n, 3});
   check("u", u, {n, 3});
-  return drift(dt, view(v), view(a), view(rate), view(u));
+  check("du", du, {n, 3});
+  return drift(dt, view(v), view(a), view(rate), view(u), view(du));
 }
 
 void kick_all(double dt, const Doubles& mobility, const Doubles& force,
@@ -43,10 +44,12 @@ auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
 
 void leapfrog(nb::module_& m)
 {
-  m.def("drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
-        nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
-        "-, (n, 3), (n, 3) -> largest change of u; sets rate (n, 3), moves u "
-        "(n, 3)");
+  m.def(
+      "drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
+      nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
+      nb::arg("du").noconvert(),
+      "-, (n, 3), (n, 3) -> largest of du; sets rate (n, 3), changes u (n, 3) "
+      "by du (n, 3)");
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, 3), (n, 3); sets a (n, 3), changes rate (n, 3)");

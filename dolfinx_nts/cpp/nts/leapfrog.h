@@ -16,10 +16,11 @@ namespace nts
 /// @param[in] a Acceleration at its start, (d,) [m/s^2].
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
-/// @return Largest change of an entry of u [m], NaN if one is NaN.
+/// @param[out] du Its change, (d,) [m].
+/// @return Largest entry of du [m], NaN if one is NaN.
 inline double drift(double dt, std::span<const double> v,
                     std::span<const double> a, std::span<double> rate,
-                    std::span<double> u) noexcept
+                    std::span<double> u, std::span<double> du) noexcept
 {
   std::uint64_t most = 0; // as integers, NaN is above all numbers
   for (std::size_t i = 0; i < rate.size(); ++i)
@@ -27,8 +28,8 @@ inline double drift(double dt, std::span<const double> v,
     const double start = u[i];
     rate[i] = v[i] + dt / 2 * a[i];
     u[i] += dt * rate[i];
-    const double moved = std::abs(u[i] - start);
-    most = std::max(most, std::bit_cast<std::uint64_t>(moved));
+    du[i] = u[i] - start;
+    most = std::max(most, std::bit_cast<std::uint64_t>(std::abs(du[i])));
   }
   return std::bit_cast<double>(most);
 }
