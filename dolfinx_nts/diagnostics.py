@@ -100,7 +100,7 @@ class Diagnostics:
         stepper: The stepper.
 
     Raises:
-        TypeError: It is none.
+        TypeError: ``stepper`` is none.
     """
 
     def __init__(self, stepper: Stepper) -> None:

@@ -50,7 +50,6 @@ class Coulomb:
             sticking node does not move at all (multipliers), unless the
             normal contact is by penalty, which needs a spring: then the
             stiffness of the node itself.
-
         law: How slip is measured. ``"objective"``: by an increment that is
             quadratic in the positions, so that dissipation is exact
             (`cpp/nts/slip.h`). ``"convective"``: by the convective

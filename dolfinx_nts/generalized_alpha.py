@@ -39,7 +39,7 @@ class GeneralizedAlpha(ImplicitStepper):
     Second order in the step. It conserves the linear momentum, but neither
     the energy nor the angular momentum: it is here to be compared with.
     Contact is closed at the end of a step, g = 0, so that nodes lose their
-    impact energy.
+    impact energy. Collective, as all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -53,7 +53,8 @@ class GeneralizedAlpha(ImplicitStepper):
         petsc_options: See `EnergyMomentum`.
 
     Attributes:
-        a: Acceleration at t; from the balance of momentum at the start.
+        a: Acceleration at t [m/s^2]; from the balance of momentum at the
+            start. The others are those of `EnergyMomentum`.
 
     Raises:
         TypeError: An argument has the wrong type.

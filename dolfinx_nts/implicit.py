@@ -49,38 +49,8 @@ Floats = npt.NDArray[np.float64]
 class ImplicitStepper(Stepper):
     """A stepper that solves for the displacement at the end of a step.
 
+    Arguments, attributes and errors are those of `integrators.EnergyMomentum`.
     Collective, as all its methods.
-
-    Args:
-        bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies.
-        dt: Length of a step [s].
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
-        loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
-        petsc_options: Options of the linear solver: ``ksp_...`` for the
-            Krylov method, such as ``pc_type`` for the preconditioner of
-            the bulk. Tolerances are set by Newton's method.
-
-    Attributes:
-        bodies: The bodies.
-        pairs: The contact pairs with their accepted contact.
-        loads: The loads.
-        t: Time [s].
-        dt: Length of the next step [s].
-        step: Number of accepted steps.
-        timings: Wall time by phase.
-        u: Displacement at t.
-        v: Velocity at t.
-
-    Raises:
-        TypeError: An argument has the wrong type.
-        ValueError: Bodies overlap or do not fill the mesh; something
-            belongs to another space; ``dt`` is not positive; conditions
-            conflict.
     """
 
     _inertia: ClassVar[bool] = True  # whether rates matter

@@ -19,7 +19,9 @@ __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 class Midpoint(ImplicitStepper):
     """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
 
-    Conserves momenta; energy is not conserved (eqs. 47-52).
+    Conserves momenta; energy is not conserved (Franke, Hesch and Betsch 2011,
+    eqs. 47-52). Arguments, attributes and errors are those of
+    `EnergyMomentum`. Collective, as all its methods.
     """
 
     _contact = "midpoint"
@@ -34,7 +36,41 @@ class EnergyMomentum(ImplicitStepper):
     """Energy-momentum scheme: conserving stress and discrete gradient.
 
     Conserves linear and angular momentum and, with elastic impact, the
-    total energy, to the tolerance of Newton's method (eqs. 53-58).
+    total energy, to the tolerance of Newton's method (Franke, Hesch and
+    Betsch 2011, eqs. 53-58). Collective, as all its methods.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+        pairs: Contact pairs of these bodies.
+        dt: Length of a step [s].
+        bcs: Dirichlet conditions on the displacement at the end of a
+            step. Nodes of a moving support should start with its
+            velocity: as of any node, it follows from the displacements.
+        loads: Loads on the bodies.
+        update: Called before each step with the time at its end [s], to
+            set the functions and constants in ``bcs`` and ``loads``.
+        petsc_options: Options of the linear solver: ``ksp_...`` for the
+            Krylov method, such as ``pc_type`` for the preconditioner of
+            the bulk. Tolerances are set by Newton's method.
+
+    Attributes:
+        bodies: The bodies.
+        pairs: The contact pairs with their accepted contact.
+        loads: The loads.
+        t: Time [s].
+        dt: Length of the next step [s].
+        step: Number of accepted steps.
+        timings: Wall time by phase.
+        u: Displacement at t [m], a Function of the bodies' space.
+        v: Velocity at t [m/s].
+        x: Current positions of the local nodes, owned then ghost, shape
+            ``(l, 3)`` [m].
+
+    Raises:
+        TypeError: An argument has the wrong type.
+        ValueError: Bodies overlap or do not fill the mesh; something
+            belongs to another space; ``dt`` is not positive; conditions
+            conflict.
     """
 
     _contact = "conserving"
@@ -51,8 +87,9 @@ class QuasiStatic(ImplicitStepper):
     Contact is closed, g = 0 (there is no impact, so the kind of impact of
     a multiplier does not matter); friction follows the slip from step to
     step. Supports must leave no body free to move rigidly, unless contact
-    holds it. Arguments and attributes are those of `EnergyMomentum`; the
-    velocity stays zero, and damping has no effect.
+    holds it. Arguments, attributes and errors are those of
+    `EnergyMomentum`; the velocity stays zero, and damping has no effect.
+    Collective, as all its methods.
     """
 
     _contact = "static"

@@ -111,11 +111,17 @@ class LoadWithValue(Load):
 
 
 class BodyForce(LoadWithValue):
-    """Force per reference volume of a body.
+    """Force per reference volume of a body. Local.
 
     Args:
         body: The body.
-        value: Force, shape ``(3,)`` [N/m^3], see `LoadWithValue`.
+        value: Force, shape ``(3,)`` [N/m^3]; or
+            function of the time [s] that returns it; or UFL expression, of
+            the reference position for instance.
+
+    Raises:
+        TypeError: ``body`` is no body.
+        ValueError: The value has the wrong shape or is not finite.
     """
 
     def __init__(self, body: Body, value: Any) -> None:
@@ -133,11 +139,17 @@ class BodyForce(LoadWithValue):
 
 
 class Gravity(LoadWithValue):
-    """Weight of bodies.
+    """Weight of bodies. Local.
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2], see `LoadWithValue`.
+        g: Acceleration, shape ``(3,)`` [m/s^2]; or
+            function of the time [s] that returns it; or UFL expression, of
+            the reference position for instance.
+
+    Raises:
+        TypeError: Something in the list is no body.
+        ValueError: No bodies; ``g`` has the wrong shape or is not finite.
     """
 
     def __init__(self, bodies: Sequence[Body], g: Any) -> None:
@@ -154,11 +166,17 @@ class Gravity(LoadWithValue):
 
 
 class Traction(LoadWithValue):
-    """Force per reference area that keeps its direction (dead load).
+    """Force per reference area that keeps its direction (dead load). Local.
 
     Args:
         surface: Where it acts.
-        value: Force, shape ``(3,)`` [Pa], see `LoadWithValue`.
+        value: Force, shape ``(3,)`` [Pa]; or
+            function of the time [s] that returns it; or UFL expression, of
+            the reference position for instance.
+
+    Raises:
+        TypeError: ``surface`` is no surface.
+        ValueError: The value has the wrong shape or is not finite.
     """
 
     def __init__(self, surface: Surface, value: Any) -> None:
@@ -172,7 +190,7 @@ class Traction(LoadWithValue):
 
 
 class Pressure(LoadWithValue):
-    r"""Pressure on the current area along the current normal (follower).
+    r"""Pressure on the current area along the current normal (follower). Local.
 
     The force per reference area is that of the mean of cof F on the
     straight path of the step, :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N =
@@ -183,7 +201,13 @@ class Pressure(LoadWithValue):
 
     Args:
         surface: Where it acts.
-        value: Pressure [Pa], > 0 against the surface, see `LoadWithValue`.
+        value: Pressure, a number [Pa], > 0 against the surface; or
+            function of the time [s] that returns it; or UFL expression, of
+            the reference position for instance.
+
+    Raises:
+        TypeError: ``surface`` is no surface.
+        ValueError: The value is no number or not finite.
     """
 
     _shape = ()

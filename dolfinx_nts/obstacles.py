@@ -126,8 +126,11 @@ class RigidPlane(_Exact):
     """Half space that bodies cannot enter.
 
     Args:
-        point: A point of the plane [m].
-        normal: Direction out of the obstacle, of any length.
+        point: A point of the plane, shape ``(3,)`` [m].
+        normal: Direction out of the obstacle, of any length, ``(3,)``.
+
+    Raises:
+        ValueError: No three finite numbers, or no direction.
     """
 
     def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
@@ -189,9 +192,12 @@ class RigidSphere(_Round):
     """Ball, or the inside of a sphere.
 
     Args:
-        centre: Centre [m].
+        centre: Centre, shape ``(3,)`` [m].
         radius: Radius [m].
         hollow: Whether bodies are kept inside instead of outside.
+
+    Raises:
+        ValueError: No three finite numbers, or ``radius`` is not positive.
     """
 
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
@@ -207,10 +213,14 @@ class RigidCylinder(_Round):
     """Cylinder of infinite length, or the inside of a tube.
 
     Args:
-        point: A point of the axis [m].
-        axis: Direction of the axis, of any length.
+        point: A point of the axis, shape ``(3,)`` [m].
+        axis: Direction of the axis, of any length, ``(3,)``.
         radius: Radius [m].
         hollow: Whether bodies are kept inside instead of outside.
+
+    Raises:
+        ValueError: No three finite numbers, no direction, or ``radius`` is
+            not positive.
     """
 
     def __init__(

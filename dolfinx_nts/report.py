@@ -11,7 +11,7 @@ __all__ = ["StepReport"]
 class StepReport:
     """What happened in an accepted step.
 
-    The works are energy given to the bodies; with that of the bulk,
+    The same on all ranks. The works are energy given to the bodies; with that of the bulk,
     `Diagnostics.bulk_defect`, they add up to the change of kinetic and
     strain energy.
 

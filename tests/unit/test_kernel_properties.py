@@ -5,7 +5,7 @@ Hypothesis looks for a counterexample; the examples are the same in every run.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -55,8 +55,7 @@ def conserving(x_n, x, sign):
 @kernels
 @given(steps())
 def test_contact_does_the_work_of_the_gap_and_gives_no_momentum(step):
-    if (result := conserving(*step)) is None:
-        return
+    assume((result := conserving(*step)) is not None)
     gap_n, gap, force, _ = result
     x_n, x, _ = step
     tolerance = ROUND_OFF * np.abs(force).max()
@@ -70,8 +69,7 @@ def test_contact_does_the_work_of_the_gap_and_gives_no_momentum(step):
 def test_force_and_gap_turn_with_the_scene(step, motion):
     (x_n, x, sign), (Q, c) = step, motion
     here, there = conserving(*step), conserving(x_n @ Q.T + c, x @ Q.T + c, sign)
-    if here is None or there is None:
-        return
+    assume(here is not None and there is not None)
     tolerance = ROUND_OFF * np.abs(here[2]).max()
     assert abs(here[1] - there[1]) <= tolerance
     assert np.abs(here[2] @ Q.T - there[2]).max() <= tolerance
@@ -81,15 +79,13 @@ def test_force_and_gap_turn_with_the_scene(step, motion):
 @given(steps(), arrays.arrays(np.float64, 15, elements=st.floats(-1, 1)))
 def test_tangent_is_the_derivative_of_the_force(step, direction):
     x_n, x, sign = step
-    if (middle := conserving(*step)) is None:
-        return
+    assume((middle := conserving(*step)) is not None)
     d = direction[: x[0].size]
     size = 1e-3
     errors = []
     for h in (size, size / 2):
         sides = [conserving(x_n, x + s * h * d.reshape(x.shape), sign) for s in (1, -1)]
-        if any(side is None for side in sides):
-            return
+        assume(all(side is not None for side in sides))
         quotient = (sides[0][2] - sides[1][2]).ravel() / (2 * h)
         errors.append(np.abs(quotient - middle[3] @ d).max())
     # A central difference errs by h^2: a quarter with half the step.

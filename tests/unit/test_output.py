@@ -183,6 +183,7 @@ def test_rows_are_on_disk_at_once(comm, folder, agree):
             table = read_table(folder / "run.csv")
             assert agree(table["step"][-1] == step.step and "energy_unaccounted" in table)
             comm.barrier()
+    assert stepper.step == 3
 
 
 def test_files_of_the_same_name_are_replaced(comm, folder, agree):
