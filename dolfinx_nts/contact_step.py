@@ -464,5 +464,5 @@ class ContactStep:
             eliminable=rows.eliminable,
             force=force,
             changed=changed,
-            failed=int(np.count_nonzero(active & ~rows.valid)),
+            failed=int(np.count_nonzero(~rows.valid & (active | np.isnan(rows.gap)))),
         )
