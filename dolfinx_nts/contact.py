@@ -35,8 +35,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Of the size of a segment: meshes of curved surfaces overlap by less.
 _OVERLAP = 0.02
-# Sine of the angle at a corner from which the nearest segment is found surely.
-_SHARP = 0.05
+# Sine of the angle at a corner from which there is a normal, but for rounding.
+_SHARP = 1e-8
 
 
 class ContactPair:
@@ -339,7 +339,7 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     sine = segments.sharpest_corner()
     if sine < _SHARP and comm.rank == 0:
         _logger.warning(
-            "segments have a corner of sine %.2g: nodes can slip through where it is below %g",
+            "segments have a corner of sine %.2g: they have no normal where it is below %g",
             sine,
             _SHARP,
         )

@@ -47,8 +47,8 @@ class ContactState:
         force: All of ``residual``, given displacements or not.
         changed: Pairs that changed their segment; that became active or
             inactive, began to stick or to slide, or should.
-        failed: Pairs that could not be evaluated, or whose normal has
-            turned by more than 90 degrees.
+        failed: Pairs that could not be evaluated, active or not, and active
+            ones whose normal has turned by more than 90 degrees.
     """
 
     node: Ints

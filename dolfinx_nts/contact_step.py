@@ -390,8 +390,15 @@ class ContactStep:
             eliminable=rows.eliminable,
             force=force,
             changed=changed,
-            failed=0 if rows.valid.all() else int(np.count_nonzero(active & ~rows.valid)),
+            failed=_failures(rows, active),
         )
+
+
+def _failures(rows: Rows, active: Flags) -> int:
+    """Pairs that cannot be evaluated where they transmit force or have no gap. Local."""
+    if rows.valid.all():
+        return 0
+    return int(np.count_nonzero(~rows.valid & (active | np.isnan(rows.gap))))
 
 
 def _all_free(free: Floats, nodes: Ints, here: Neighbourhood | ObstacleNeighbourhood) -> bool:

@@ -84,8 +84,6 @@ class Case:
         warns: Pattern of the warning that it has to log.
         cuts: How often a step may be halved; None: steps are as they are,
             as the row shows what is refused.
-        depth: How many times deeper than allowed nodes may be; infinite
-            where they are known to slip through.
     """
 
     scene: str
@@ -95,7 +93,6 @@ class Case:
     stops: str | None = None
     warns: str = ""
     cuts: int | None = 6
-    depth: float = 1.0
 
     @property
     def name(self) -> str:
@@ -164,9 +161,8 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         row["rejected_steps"] = int(values["rejected"].sum())
         wrong = wrong or _too_large(row, values)
         if setup.stepper.pairs:
-            deep = _depth(row, values, _allowed(setup, values, approaches), case.depth)
-            # What stops may have sunk too deep.
-            wrong = wrong or (deep if not case.stops else "")
+            deep = _depth(row, values, _allowed(setup, values, approaches))
+            wrong = wrong or deep
     if setup is not None and not error and not wrong:
         wrong = setup.check()
     comm.barrier()
@@ -251,11 +247,11 @@ def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> A
     return start - _ROUNDING * abs(start) - np.maximum(depth, np.sqrt(2 * energy / weakest))
 
 
-def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any, times: float) -> str:
-    """Say whether a gap is less than some times what it may be; complete the row."""
+def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
+    """Say whether a gap is less than it may be; complete the row."""
     gap = np.nan_to_num(values["min_gap"], nan=np.inf)
     row["least_allowed_gap"] = allowed[gap.argmin()]
-    deep = np.flatnonzero(gap < times * allowed) if np.isfinite(times) else []
+    deep = np.flatnonzero(gap < allowed)
     return f"gap {gap[deep[0]]:.3g} < {allowed[deep[0]]:.3g} in row {deep[0]}" if len(deep) else ""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from stress import endurance, meetings
+from stress import endurance, meetings, rows
 from stress.impact import impact
 from stress.rows import Case, run
 from stress.run import CASES
@@ -23,7 +23,9 @@ CHEAP = [
     "cube in a plate: depth = 0.1",
     "cube in a plate, penalty: depth = 0.02",
     "cubes on both sides: plate = 0.02",
-    "slivers: angle = 1",
+    "slivers, hexahedron: angle = 1",
+    "slivers, tetrahedron: angle = 0.1",
+    "disconnected surface: slot = 0.0",
     "collapsed edge: rest = 0.0",
     "bar twisted: degrees = 720",
     "ball on plate, turned: rotation = 1 rad about (1, 2, 3)",
@@ -82,9 +84,10 @@ def test_step_that_is_cut_is_counted(comm):
     assert outcome.wrong == "" and outcome.row["rejected_steps"] == 1
 
 
-def test_node_that_is_too_deep_is_found(comm):
-    case = next(case for case in CASES if case.name == "slivers: angle = 1")
-    assert "gap -0" in run(replace(case, depth=1.0), comm).wrong
+def test_node_that_is_too_deep_is_found(comm, monkeypatch):
+    monkeypatch.setattr(rows, "_approach", lambda stepper: 0.0)
+    (case,) = (case for case in CASES if case.name == "slivers, hexahedron: angle = 1")
+    assert "gap -0" in run(case, comm).wrong
 
 
 def test_number_that_is_none_is_found(comm, monkeypatch):
@@ -94,7 +97,7 @@ def test_number_that_is_none_is_found(comm, monkeypatch):
 
 
 def test_table_has_a_line_for_each_sweep():
-    rows = [
+    table = [
         {"scene": "s", "parameter": "p", "value": value, "outcome": outcome, "message": message}
         | {"energy_error": 1e-14 * value, "momentum_error": "", "angular_momentum_error": ""}
         | {"rejected_steps": value, "min_gap": -0.01 * value, "least_allowed_gap": -0.1}
@@ -104,7 +107,7 @@ def test_table_has_a_line_for_each_sweep():
             (3, "stopped", "cell 7 is inverted, det F = -1"),
         )
     ]
-    assert summary(rows).splitlines()[2:] == [
+    assert summary(table).splitlines()[2:] == [
         "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - | 0.30 | 6 |"
     ]
 

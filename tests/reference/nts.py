@@ -65,6 +65,28 @@ def project(x_pair: Array, orientation: float) -> tuple[Array, float, Array, int
     return np.full(2, np.nan), np.nan, np.full(3, np.nan), 1
 
 
+def distance(x_pair: Array) -> float:
+    """Distance of the node to the segment, which ends at its edges.
+
+    Lines of constant ``r`` are straight: the nearest point of each is known,
+    and the nearest of many lines is found on finer and finer grids.
+    """
+    x_node, x_segment = x_pair[0], x_pair[1:]
+    begin, right, top = x_segment[:3]
+    end = x_segment[3] if len(x_segment) == 4 else right
+    low, high, nearest = 0.0, 1.0, np.inf
+    for _ in range(8):
+        r = np.linspace(low, high, 65)[:, None]
+        start, line = begin + r * (right - begin), (1 - r) * (top - begin) + r * (end - right)
+        square = np.maximum(np.sum(line**2, axis=1), np.finfo(float).tiny)
+        s = np.clip(np.sum((x_node - start) * line, axis=1) / square, 0, 1)
+        lengths = np.linalg.norm(x_node - start - s[:, None] * line, axis=1)
+        best, step = r[lengths.argmin(), 0], (high - low) / 64
+        nearest = min(nearest, lengths.min())
+        low, high = max(0.0, best - 2 * step), min(1.0, best + 2 * step)
+    return float(nearest)
+
+
 def _linearise(x_pair: Array, orientation: float) -> dict[str, Array]:
     """Return the quantities of (29)-(36) at the projection point.
 

@@ -134,6 +134,23 @@ def test_penetrating_nodes_are_active_first_then_those_that_push(comm):
     assert step.num_active == comm.allreduce(np.count_nonzero(state.active))
 
 
+@pytest.mark.parametrize("value", [np.nan, 1.0])
+def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeypatch, value):
+    # A node without a gap must not go through unnoticed.
+    step, x, _ = attempt(scenes.blocks(comm), "conserving")
+    kernel = step.neighbourhood.contact
+
+    def contact(*args):
+        gap_n, gap, *rest, status = kernel(*args)
+        return np.full_like(gap_n, value), np.full_like(gap, value), *rest, np.ones_like(status)
+
+    monkeypatch.setattr(step.neighbourhood, "contact", contact)
+    state = step.evaluate(x, None, 0)
+    assert step.num_active == 0
+    assert state.failed == (len(state.node) if np.isnan(value) else 0)
+    assert comm.allreduce(len(state.node)) >= 3
+
+
 def test_changes_of_the_set_are_counted(comm):
     scene = scenes.blocks(comm)
     step, x, _ = attempt(scene, "conserving", weight=0.0)

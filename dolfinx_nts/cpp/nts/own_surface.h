@@ -61,8 +61,7 @@ private:
     const Projection<S> p = project(pair, rest.orientation[j]);
     if (!p.converged)
       return false;
-    const Vec3 nearest = combine(S::phi(S::clamp(p.xi)), pair.segment);
-    if (norm(pair.node - nearest) > OwnRule::near * size)
+    if (distance(pair, p) > OwnRule::near * size)
       return true;
     return p.gap > OwnRule::front * size
            && dot(vector(N_node, i), p.normal) < 0;

@@ -112,4 +112,25 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   p.converged = false;
   return p;
 }
+
+/// @brief Distance of a node to a segment that ends at its edges.
+/// @param[in] pair Node and segment.
+/// @param[in] p Its projection, converged.
+template <class S>
+double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
+{
+  if (S::outside(p.xi) <= 0)
+    return std::abs(p.gap);
+  double nearest = INFINITY;
+  for (const auto& [begin, end] : S::edges)
+  {
+    const Vec3 edge = pair.segment[end] - pair.segment[begin];
+    const Vec3 r = pair.node - pair.segment[begin];
+    const double square = dot(edge, edge);
+    const double part
+        = square > 0 ? std::clamp(dot(r, edge) / square, 0., 1.) : 0;
+    nearest = std::min(nearest, norm(r - part * edge));
+  }
+  return nearest;
+}
 } // namespace nts

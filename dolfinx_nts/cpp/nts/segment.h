@@ -9,14 +9,19 @@
 ///
 /// A segment type offers `phi` (values), `dphi[alpha][i]` (first
 /// derivatives), `d2phi[i]` (the mixed second derivative: the only one that
-/// does not vanish), and the reference cell as `outside`, `clamp`, `centre`.
+/// does not vanish), and the reference cell as `outside`, `edges`, `centre`.
 namespace nts
 {
+/// Vertices at both ends of each edge; all edges are straight.
+template <std::size_t N>
+using Edges = std::array<std::array<std::size_t, 2>, N>;
+
 /// @brief Linear triangle on (0,0), (1,0), (0,1).
 struct Tri3
 {
   static constexpr std::size_t vertices = 3;
   static constexpr Vec2 centre = {1. / 3, 1. / 3};
+  static constexpr Edges<3> edges = {{{0, 1}, {1, 2}, {0, 2}}};
 
   static constexpr std::array<double, 3> phi(const Vec2& xi) noexcept
   {
@@ -35,19 +40,6 @@ struct Tri3
   {
     return std::max({-xi[0], -xi[1], xi[0] + xi[1] - 1});
   }
-
-  /// @brief A point of the reference cell near xi (xi itself if inside).
-  static constexpr Vec2 clamp(Vec2 xi) noexcept
-  {
-    const double excess = (xi[0] + xi[1] - 1) / 2;
-    if (excess > 0)
-      xi = {xi[0] - excess, xi[1] - excess};
-    if (xi[0] < 0)
-      return {0, std::clamp(xi[1], 0., 1.)};
-    if (xi[1] < 0)
-      return {std::clamp(xi[0], 0., 1.), 0};
-    return xi;
-  }
 };
 
 /// @brief Bilinear quadrilateral on [0,1]^2, vertices (0,0), (1,0), (0,1),
@@ -56,6 +48,7 @@ struct Quad4
 {
   static constexpr std::size_t vertices = 4;
   static constexpr Vec2 centre = {0.5, 0.5};
+  static constexpr Edges<4> edges = {{{0, 1}, {1, 3}, {2, 3}, {0, 2}}};
 
   static constexpr std::array<double, 4> phi(const Vec2& xi) noexcept
   {
@@ -78,12 +71,6 @@ struct Quad4
   static constexpr double outside(const Vec2& xi) noexcept
   {
     return std::max({-xi[0], -xi[1], xi[0] - 1, xi[1] - 1});
-  }
-
-  /// @brief The point of the reference cell nearest to xi.
-  static constexpr Vec2 clamp(const Vec2& xi) noexcept
-  {
-    return {std::clamp(xi[0], 0., 1.), std::clamp(xi[1], 0., 1.)};
   }
 };
 
