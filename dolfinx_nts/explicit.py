@@ -223,12 +223,12 @@ class CentralDifference(Stepper):
             self.u.x.array[:] = self._supports.applied(self.u.x.array)
             np.subtract(u, u_n, out=du)
             rate[given] = du[given] / dt
-            moved = np.abs(du).max(initial=0.0) + 0 * moved  # NaN stays
+            moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
         self.u.x.scatter_forward()
         if bulk.damping:
             bulk.rate.x.scatter_forward()
         # A maximum may pass over NaN.
-        most = np.array([math.sqrt(3) * moved if moved < math.inf else math.inf])
+        most = np.array([math.sqrt(3) * moved if math.isfinite(moved) else math.inf])
         self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
         moved = float(most[0])
         if not moved <= self._stability.smallest:

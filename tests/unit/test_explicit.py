@@ -293,6 +293,22 @@ def test_wrong_estimate_is_found_out_and_the_state_stays(comm, monkeypatch, refu
     assert agree(all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)))
 
 
+@pytest.mark.untrapped
+@pytest.mark.parametrize("name", ["displacement", "velocity"])
+def test_state_that_is_not_finite_is_refused_between_steps(comm, refused, agree, name):
+    stepper = nts.CentralDifference([Box(comm).body])
+    stepper.advance()
+    function = {"displacement": stepper.u, "velocity": stepper.v}[name]
+    if comm.rank == comm.size - 1:
+        function.x.array[0] = np.nan
+    before = [stepper.u.x.array.copy(), stepper.v.x.array.copy()]
+    with refused(ValueError, f"expected a finite {name}, given 1 dofs that are not"):
+        stepper.advance()
+    after = [stepper.u.x.array, stepper.v.x.array]
+    same = [np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True)]
+    assert agree(all(same))
+
+
 def test_body_at_rest_stays_there(comm):
     """Round-off is not taken for growing energy."""
     box = Box(comm)

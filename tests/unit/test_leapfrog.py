@@ -24,6 +24,7 @@ def test_drift_moves_by_the_velocity_in_the_middle(arrays):
     assert most == np.abs(du).max()
 
 
+@pytest.mark.untrapped
 @pytest.mark.parametrize("value", [np.nan, -np.nan, np.inf])
 def test_drift_tells_of_an_entry_that_is_not_finite(arrays, value):
     for part in (0, 1, 3):

@@ -25,7 +25,7 @@ inline std::vector<std::int32_t> inside(const Paired& pairs)
 {
   std::vector<std::int32_t> positions;
   for (std::size_t i = 0; i < pairs.gap.size(); ++i)
-    if (pairs.gap[i] < 0)
+    if (std::isless(pairs.gap[i], 0.)) // quiet where it is NaN
       positions.push_back(static_cast<std::int32_t>(i));
   return positions;
 }
