@@ -3,10 +3,6 @@
 The pairing of nodes and segments ends where a node is half a segment deep,
 for there it may belong to another side of the body. A node that gets there
 within a step has gone through the surface.
-
-A segment holds the gap of a node that presses on it. In a pit of the surface a
-node can slide from segment to segment, each time deeper below the next: it
-sinks, however small the steps.
 """
 
 import numpy as np
@@ -17,9 +13,8 @@ from dolfinx_nts.search import Neighbourhood
 __all__ = ["lost_nodes"]
 
 # Of the size of a segment. Depth from which a pressing node does not just
-# slide off the rim, or over an edge; way in which the path of a node is looked
-# at; difference of depths that is none.
-_SUNK, _LOOK, _SAME = 0.1, 0.25, 1e-6
+# slide off the rim; way in which the path of a node is looked at.
+_SUNK, _LOOK = 0.1, 0.25
 _MOST_LOOKS = 100
 
 
@@ -38,22 +33,23 @@ def lost_nodes(step: ContactStep) -> str:
     sunk, passed = step.comm.allreduce(counts)
     if passed:
         return f"nodes that pass through a surface: {passed}"
-    return f"nodes that sank into a surface: {sunk}" if sunk else ""
+    return f"nodes that sank into a surface and face no segment any more: {sunk}" if sunk else ""
 
 
 def _sunk(step: ContactStep, here: Neighbourhood) -> int:
-    """Nodes that pressed from within a body and now have no segment, or a higher one."""
-    old = step.pair.history
+    """Nodes that press from within a body and have no segment at the end.
+
+    Also those that kept theirs, because they changed it again and again: the
+    next step could not begin, however short.
+    """
+    old, pairing = step.pair.history, step.pairing
     before = here.find(old.key)
-    node = np.flatnonzero(old.active & (before >= 0)).astype(np.int32)
-    node = node[old.gap[node] < -_SUNK * here.size[before[node]]]
-    if not len(node):
-        return 0
-    segment, pairing = before[node], step.pairing
-    nodes, now = step.pair.nodes.nodes[node], pairing.segment[node]
-    after, gap = here.pair(step.x, nodes, now, pairing.reach)
-    deeper = (after != segment) & (gap < old.gap[node] - _SAME * here.size[segment])
-    return int(np.count_nonzero((after < 0) | deeper))
+    deep = old.active & (before >= 0) & (old.gap < -_SUNK * here.size[before])
+    deep |= step.active & (pairing.gap < -_SUNK * here.size[pairing.segment])
+    node = np.flatnonzero(deep).astype(np.int32)
+    nodes, segment = step.pair.nodes.nodes[node], pairing.segment[node]
+    after, _ = here.pair(step.x, nodes, segment, pairing.reach)
+    return int(np.count_nonzero(after < 0))
 
 
 def _passed(step: ContactStep, here: Neighbourhood) -> int:
