@@ -144,7 +144,7 @@ class _Overlapping:
         ends = np.array(space.comm.allgather(last))
         everywhere = [_exchanged(p, ends, space.comm) for p in pairs]
         contacts = _unique([p.nodes for p in everywhere])
-        _, ring, _ = rows.gather(_unique([p.nodes[:, 0] for p in everywhere]), ends)
+        _, ring, _ = rows.gather(contacts, ends)
         domain = _unique([contacts, ring])
         start, column, value = rows.gather(domain, ends)
         # The domain, then what its rows reach outside.

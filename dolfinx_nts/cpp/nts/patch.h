@@ -7,8 +7,8 @@
 /// around the contacts.
 ///
 /// A kept factorisation of the bulk knows nothing of contact. After it, the
-/// patch solves for what remains at the nodes of the active pairs and the
-/// neighbours of the contact nodes in the matrix, with the rows of
+/// patch solves for what remains at the nodes of the active pairs and their
+/// neighbours in the matrix, with the rows of
 ///
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
 ///
@@ -239,26 +239,19 @@ private:
         }
   }
 
-  /// @brief Number the nodes of pairs and the neighbours of contact nodes in K.
+  /// @brief Number the nodes of pairs and their neighbours in K.
   void number_nodes()
   {
-    const auto choose = [this](std::int32_t node)
-    {
-      constexpr std::int32_t chosen = 0;
-      const auto j = static_cast<std::size_t>(node);
-      if (j < _number.size() && _number[j] < 0)
-      {
-        _number[j] = chosen;
-        _nodes.push_back(node);
-      }
-    };
+    constexpr std::int32_t chosen = 0;
     for (const Pair& pair : _pairs)
-    {
-      std::ranges::for_each(pair.nodes, choose);
-      const std::int32_t node = pair.nodes[0];
-      for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
-        choose(_K.column[e]);
-    }
+      for (const std::int32_t node : pair.nodes)
+        for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
+          if (const std::int32_t j = _K.column[e]; number(j) < 0
+              && static_cast<std::size_t>(j) < _number.size())
+          {
+            _number[j] = chosen;
+            _nodes.push_back(j);
+          }
     std::ranges::sort(_nodes);
     for (std::size_t p = 0; p < _nodes.size(); ++p)
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
