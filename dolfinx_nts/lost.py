@@ -6,15 +6,22 @@ within a step has gone through the surface.
 """
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["lost_nodes"]
 
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
 # Of the size of a segment. Depth from which a pressing node does not just
 # slide off the rim; way in which the path of a node is looked at.
 _SUNK, _LOOK = 0.1, 0.25
+_DEEPEST = 0.5  # depth at which a node has no segment, as in `cpp/nts/pairing.h`
+# Of triangles and quadrilaterals.
+_EDGES = {3: [[0, 1], [1, 2], [0, 2]], 4: [[0, 1], [1, 3], [2, 3], [0, 2]]}
 _MOST_LOOKS = 100
 
 
@@ -43,13 +50,33 @@ def _sunk(step: ContactStep, here: Neighbourhood) -> int:
     next step could not begin, however short.
     """
     old, pairing = step.pair.history, step.pairing
-    before = here.find(old.key)
-    deep = old.active & (before >= 0) & (old.gap < -_SUNK * here.size[before])
-    deep |= step.active & (pairing.gap < -_SUNK * here.size[pairing.segment])
-    node = np.flatnonzero(deep).astype(np.int32)
-    nodes, segment = step.pair.nodes.nodes[node], pairing.segment[node]
-    after, _ = here.pair(step.x, nodes, segment, pairing.reach)
-    return int(np.count_nonzero(after < 0))
+    before, now = here.find(old.key), pairing.segment
+    deep = old.active & (before >= 0)
+    deep[deep] = old.gap[deep] < -_SUNK * here.size[before[deep]]
+    pressing = step.active.copy()
+    pressing[pressing] = pairing.gap[pressing] < -_SUNK * here.size[now[pressing]]
+    node = np.flatnonzero(deep | pressing).astype(np.int32)
+    if not len(node):
+        return 0
+    nodes = step.pair.nodes.nodes[node]
+    after, _ = here.pair(step.x, nodes, now[node], pairing.reach)
+    last = np.where(now >= 0, now, before)[node]
+    return int(np.count_nonzero((after < 0) & ~_beside(step, here, nodes, last)))
+
+
+def _beside(step: ContactStep, here: Neighbourhood, nodes: Ints, segment: Ints) -> Flags:
+    """Whether nodes have left a segment sideways, over a rim of the surface."""
+    edges = here.segments[:, _EDGES[here.segments.shape[1]]]
+    begin, end = np.moveaxis(step.x[edges[segment]], 2, 0)
+    way, r = end - begin, step.x[nodes, None] - begin
+    square = np.einsum("mei,mei->me", way, way)
+    part = np.einsum("mei,mei->me", r, way) / np.where(square > 0, square, 1)
+    distance = np.linalg.norm(r - np.clip(part, 0, 1)[..., None] * way, axis=2)
+    nearest = np.sort(edges[segment, distance.argmin(axis=1)])
+    shared = (np.sort(edges.reshape(-1, 2))[:, None] == nearest).all(axis=2).sum(axis=0) > 1
+    depth = -here.gap(step.x, nodes, segment)
+    beside: Flags = (depth < _DEEPEST * here.size[segment]) & ~shared
+    return beside
 
 
 def _passed(step: ContactStep, here: Neighbourhood) -> int:

@@ -89,8 +89,8 @@ def test_nearest_of_slivers_is_found(k, angle, rng):
     segments, orientation = bumpy_surface(k, n=4)
     segments[..., 0] += segments[..., 1] / np.tan(np.deg2rad(angle))
     # Near edges, where a node need not be over any segment.
-    starts, ends = segments[rng.integers(len(segments), size=60), :2].swapaxes(0, 1)
-    nodes = starts + rng.uniform(0, 1, (60, 1)) * (ends - starts)
+    starts, ends = segments[rng.integers(len(segments), size=90), :2].swapaxes(0, 1)
+    nodes = starts + rng.uniform(0, 1, (90, 1)) * (ends - starts)
     nodes += rng.uniform(-0.1, 0.1, nodes.shape)
     found = find(nodes, segments, orientation)[0]
     assert np.count_nonzero(found >= 0) > 20
@@ -164,23 +164,6 @@ def test_lowest_key_wins_a_tie(key, height):
     segments, orientation = two_squares()
     (segment,) = find([1.0, 0.4, height], segments, orientation, key=key)[0]
     assert segment == int(np.argmin(key))
-
-
-@pytest.mark.parametrize("key", [[0, 1], [1, 0]])
-@pytest.mark.parametrize("slope", [0.5, -0.5, 2.0, -2.0])
-def test_gap_is_continuous_where_a_node_passes_an_edge(key, slope):
-    # Past the edge, in the angle in which no projection lies inside, the
-    # segment changes half-way, where both gaps are equal.
-    segments, orientation = two_squares()
-    segments[1, [1, 3], 2] = slope
-    half, side = np.arctan(slope) / 2, -np.sign(slope)
-    for part in (-0.9, -0.5, -0.1, 0.1, 0.5, 0.9):
-        angle = half + part * half
-        node = [1 - side * 0.05 * np.sin(angle), 0.4, side * 0.05 * np.cos(angle)]
-        (segment,), _, (gap,), _ = find(node, segments, orientation, key=key)
-        gaps = [nts.project(np.vstack((node, x)), 1.0)[1] for x in segments]
-        assert segment == (0 if part < 0 else 1)
-        assert abs(gap - side * np.abs(gaps).max()) <= ROUNDING
 
 
 def test_node_beyond_the_rim_has_no_segment():

@@ -72,11 +72,9 @@ struct Anything
 /// @brief Find a node's segment.
 ///
 /// The current segment is kept while the node stays over it. Otherwise the
-/// nearest segment is taken. Where an edge or a vertex is nearest, several are
-/// equally near: then that whose plane is farthest from the node, so that the
-/// gap is continuous where the node goes from one to the other; at last that
-/// of the lowest key. A node that lies off the nearest segment (`overhang`,
-/// `depth`) has none.
+/// nearest segment is taken; the lowest key wins a tie, as at edges and
+/// vertices. A node that lies off the nearest segment (`overhang`, `depth`)
+/// has none.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous pairing, or -1.
 /// @param[in] reach Largest distance of interest [m].
@@ -119,16 +117,10 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
         if (!p.converged || !may_touch(i, p))
           return nearest + margin;
         const double away = distance<S>({node, surface.segment(i)}, p);
-        if (away > nearest + (best < 0 ? 0 : margin))
-          return nearest + margin;
-        bool wins = best < 0 || away < nearest - margin;
-        if (!wins)
-        {
-          const double more = std::abs(p.gap) - std::abs(best_projection.gap);
-          wins = std::abs(more) > margin ? more > 0
-                                         : surface.key[i] < surface.key[best];
-        }
-        if (wins)
+        const bool nearer = away <= nearest - (best < 0 ? 0 : margin);
+        const bool wins_tie = best >= 0 && away <= nearest + margin
+                              && surface.key[i] < surface.key[best];
+        if (nearer || wins_tie)
         {
           best = i;
           best_projection = p;
