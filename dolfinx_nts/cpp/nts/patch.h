@@ -3,6 +3,8 @@
 #include "elimination.h"
 #include "incomplete_factors.h"
 
+#include <numeric>
+
 /// @brief Patch preconditioner: solves with the projected tangent
 /// around the contacts.
 ///
@@ -16,14 +18,6 @@
 /// neither right-hand sides nor results have a part.
 namespace nts
 {
-/// @brief Rows of a sparse matrix with 3 x 3 blocks.
-struct BlockMatrix
-{
-  std::span<const std::int64_t> start;  ///< of each row, and the end
-  std::span<const std::int32_t> column; ///< of each block
-  std::span<const double> value;        ///< (blocks, 3, 3)
-};
-
 /// @brief See the head of this file.
 class Patch
 {
@@ -72,9 +66,7 @@ public:
 
     // Rows of (K + C) Z.
     BlockRow row(n);
-    std::vector<std::size_t> start = {0};
-    std::vector<std::int32_t> column;
-    std::vector<Block> value;
+    Rows right, both;
     for (std::size_t p = 0; p < n; ++p)
     {
       row.clear();
@@ -95,9 +87,7 @@ public:
             if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
               add_product(B, pair->right[b], row[j]);
         }
-      column.insert(column.end(), row.columns.begin(), row.columns.end());
-      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
-      start.push_back(value.size());
+      right.add(row);
     }
 
     // Z~^T times these.
@@ -106,13 +96,13 @@ public:
       row.clear();
       const auto add_row = [&](const Block& factor, std::size_t q)
       {
-        for (std::size_t e = start[q]; e < start[q + 1]; ++e)
-          add_product(factor, value[e], row[column[e]]);
+        for (std::int64_t e = right.start[q]; e < right.start[q + 1]; ++e)
+          add_product(factor, right.value[e], row[right.column[e]]);
       };
       const bool constrained = constrained_pair(pairs[p]);
       if (!constrained)
-        for (std::size_t e = start[p]; e < start[p + 1]; ++e)
-          nts::add(value[e], row[column[e]]);
+        for (std::int64_t e = right.start[p]; e < right.start[p + 1]; ++e)
+          nts::add(right.value[e], row[right.column[e]]);
       for (const auto& [pair, a] : pairs[p])
         if (const std::int32_t q = _number[pair->nodes[0]];
             pair->constrained && q >= 0)
@@ -120,9 +110,11 @@ public:
       if (constrained)
         add_product(pairs[p].front().first->given_up, stiffness(p),
                     row[static_cast<std::int32_t>(p)]);
-      _factors.add(row);
+      both.add(row);
     }
-    return _factors.factorise();
+    std::vector<std::int32_t> order(n);
+    std::iota(order.begin(), order.end(), 0);
+    return _factors.factorise(both.view(), order);
   }
 
   /// @brief Correct z = B r at the nodes of the patch.
@@ -158,7 +150,7 @@ public:
         if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
           add_product(pair.left[a], rest.data(), _x.data() + 3 * p);
     }
-    _factors.apply(_x);
+    _factors.apply(_x, _x);
     for (std::size_t p = 0; p < n; ++p)
       for (std::size_t c = 0; c < 3; ++c)
         z[3 * _nodes[p] + c] += _x[3 * p + c];
@@ -175,6 +167,28 @@ private:
     std::vector<Block> tangent;      // C, (nodes, nodes)
     std::vector<Block> right, left;  // Z_0a and (Z~^T)_a0
     Block given_up;                  // E E^T at the contact node
+  };
+
+  /// @brief Rows one after the other.
+  struct Rows
+  {
+    std::vector<std::int64_t> start = {0};
+    std::vector<std::int32_t> column;
+    std::vector<Block> value;
+
+    void add(const BlockRow& row)
+    {
+      column.insert(column.end(), row.columns.begin(), row.columns.end());
+      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
+      start.push_back(static_cast<std::int64_t>(value.size()));
+    }
+
+    BlockMatrix view() const
+    {
+      const double* first = value.empty() ? nullptr : value[0][0].data();
+      return {
+          .start = start, .column = column, .value = {first, 9 * value.size()}};
+    }
   };
 
   /// @brief Blocks of the projections of pair i.
@@ -268,7 +282,7 @@ private:
   std::vector<Pair> _pairs;
   std::vector<std::int32_t> _nodes;  // of each row
   std::vector<std::int32_t> _number; // of each node, -1 outside
-  IncompleteFactors _factors;
+  IncompleteFactors<double> _factors;
   std::vector<double> _x;
 };
 } // namespace nts
