@@ -42,7 +42,7 @@ LAYERS = [
     {"independent", "tangential"},
     {"contact_step", "report", "scene", "springs"},
     {"elimination", "block_rows"},
-    {"assembly", "patch"},
+    {"assembly", "kept_factors", "patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},
     {"newton"},
