@@ -91,6 +91,7 @@ class Bulk:
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self.num_dofs = 3 * V.dofmap.index_map.size_global
         self._rows: BlockRows | None = None
+        self._pattern: fem.Form  # has that of all matrices
         self._matrix: Any = None
         self._stiffness: Floats | None = None
         mesh = V.mesh
@@ -166,47 +167,60 @@ class Bulk:
         Collective.
         """
         if self._stiffness is None:
-            self.nearby_matrix()
+            self.assemble_nearby()
         assert self._stiffness is not None
         return self._stiffness
 
-    def nearby_matrix(self) -> Any:
-        """Matrix to be factorised and kept for many steps. Collective.
+    def assemble_nearby(self) -> None:
+        """Bring `rows` up to the matrix near the tangent at u. Collective.
 
-        Returns:
-            As of `tangent`.
+        It is to be factorised and kept for many steps.
         """
         if self._nearby is None:
-            return self.tangent()
-        return self._assemble(self._nearby, is_exact=False)
+            self._assemble_tangent()
+        else:
+            self._assemble(self._nearby, is_exact=False)
 
     def tangent(self) -> Any:
         """Tangent matrix at u, unit rows where u is given. Collective.
 
         Returns:
-            PETSc matrix of 3 x 3 blocks; `rows` has the same values.
+            As of `matrix`.
         """
+        self._assemble_tangent()
+        return self.matrix()
+
+    def matrix(self) -> Any:
+        """Copy of `rows` for PETSc, made when first asked for. Collective.
+
+        Returns:
+            PETSc matrix of 3 x 3 blocks, always the same one.
+        """
+        if self._matrix is None:
+            self._matrix = fem_petsc.create_matrix(self._pattern, "baij")
+        self.rows.insert(self._matrix)
+        return self._matrix
+
+    def _assemble_tangent(self) -> None:
         if not self._tangent:
             # Its kernels are the longest to compile, and few runs need them.
             self._tangent = _compile(self._derivatives)
-        return self._assemble(self._tangent, is_exact=True)
+        self._assemble(self._tangent, is_exact=True)
 
-    def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> Any:
+    def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
         if self._rows is None:
-            self._rows = BlockRows(fem.create_matrix(forms[0]))
-            self._matrix = fem_petsc.create_matrix(forms[0], "baij")
+            self._pattern = forms[0]
+            self._rows = BlockRows(fem.create_matrix(self._pattern))
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:
             fem.assemble_matrix(csr, form, self.bcs)
         csr.scatter_reverse()
-        self._rows.insert(self._matrix)
         mean = self._rows.diagonal().mean(axis=1)
         total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
         self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
-        return self._matrix
 
     def restore(self, point: Sequence[npt.NDArray[Any]]) -> None:
         """Make a former matrix again. Collective.
@@ -216,9 +230,9 @@ class Bulk:
         """
         with self.at(point):
             if point[0]:
-                self.tangent()
+                self._assemble_tangent()
             else:
-                self.nearby_matrix()
+                self.assemble_nearby()
 
     @contextmanager
     def at(self, point: Sequence[npt.NDArray[Any]]) -> Iterator[None]:
@@ -239,7 +253,10 @@ class Bulk:
         self.point = self._stiffness = None
 
     def rigid_modes(self) -> Any:
-        """Rigid motions of the present positions, a PETSc null space. Collective."""
+        """Rigid motions of the present positions, a PETSc null space. Collective.
+
+        For `matrix`, which must have been made.
+        """
         V = self.u.function_space
         n = self.num_owned // 3
         x = V.tabulate_dof_coordinates()[:n] + self.u.x.array[: 3 * n].reshape(n, 3)
@@ -258,7 +275,7 @@ class Bulk:
 
     @property
     def rows(self) -> BlockRows:
-        """Owned rows of the last tangent."""
+        """Owned rows of the last matrix."""
         assert self._rows is not None
         return self._rows
 

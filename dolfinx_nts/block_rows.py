@@ -56,7 +56,7 @@ class BlockRows:
         """Rows of any nodes. Collective.
 
         Args:
-            nodes: Global numbers, sorted, shape ``(m,)``.
+            nodes: Global numbers, shape ``(m,)``.
             ends: First number after those of each rank, shape ``(ranks,)``.
 
         Returns:
@@ -64,15 +64,24 @@ class BlockRows:
             columns, shape ``(b,)``; blocks, shape ``(9 b,)``.
         """
         comm = self.index_map.comm
-        asked = comm.alltoall(np.split(nodes, np.searchsorted(nodes, ends[:-1])))
+        order = np.argsort(nodes)
+        asked = comm.alltoall(np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))
         answers = []
         for wanted in asked:
-            row = wanted - self.index_map.local_range[0]
-            length = self.start[row + 1] - self.start[row]
-            begin = np.cumsum(length) - length
-            blocks = np.arange(length.sum()) + np.repeat(self.start[row] - begin, length)
+            length, blocks = _blocks(self.start, wanted - self.index_map.local_range[0])
             answers.append((length, self._global[blocks], self.value.reshape(-1, 9)[blocks]))
         parts = comm.alltoall(answers)
         length, column, value = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        start = np.concatenate([[0], np.cumsum(length)])
-        return start, column.astype(np.int64), value.ravel()
+        length, blocks = _blocks(_start(length), np.argsort(order))
+        return _start(length), column[blocks].astype(np.int64), value[blocks].ravel()
+
+
+def _blocks(start: Any, rows: Any) -> tuple[Any, Any]:
+    """Number of blocks of some rows, and where they lie."""
+    length = start[rows + 1] - start[rows]
+    begin = _start(length)
+    return length, np.arange(begin[-1]) + np.repeat(start[rows] - begin[:-1], length)
+
+
+def _start(length: Any) -> Any:
+    return np.concatenate([[0], np.cumsum(length)])

@@ -50,8 +50,9 @@ class EnergyMomentum(ImplicitStepper):
         update: Called before each step with the time at its end [s], to
             set the functions and constants in ``bcs`` and ``loads``.
         petsc_options: Options of the linear solver: ``ksp_...`` for the
-            Krylov method, such as ``pc_type`` for the preconditioner of
-            the bulk. Tolerances are set by Newton's method.
+            Krylov method; all others, such as ``pc_type``, for the
+            preconditioner of the bulk, which PETSc makes if there are
+            any. Tolerances are set by Newton's method.
 
     Attributes:
         bodies: The bodies.

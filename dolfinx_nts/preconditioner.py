@@ -10,6 +10,7 @@ import numpy.typing as npt
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.elimination import Elimination
+from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.patch import Patch
 
 __all__ = ["Operator", "Preconditioner"]
@@ -66,7 +67,9 @@ class Preconditioner:
 
     Args:
         operator: The operator.
-        prefix: Of the PETSc options of the bulk's factors.
+        prefix: Of the PETSc options of the bulk's factors. If there are
+            any, PETSc makes the factors; otherwise `KeptFactors`, until
+            stronger ones are needed.
 
     Attributes:
         is_strong: Whether the factors are complete, or multigrid.
@@ -81,7 +84,8 @@ class Preconditioner:
         self._operator = operator
         self._pc = PETSc.PC().create(operator.bulk.comm)
         self._pc.setOptionsPrefix(prefix)
-        self._matrix: Any = None
+        self._wants_own = not PETSc.Options(prefix).getAll()
+        self._own: KeptFactors | None = None
         self._scalar: Any = None
         self._patch: Patch | None = None
         self._kind = ""
@@ -92,7 +96,8 @@ class Preconditioner:
 
     def __str__(self) -> str:
         """Type of the factors, and what it is used with."""
-        return f"kept {self._pc.getType().upper()} of the bulk and a patch around the contacts"
+        factors = self._pc.getType().upper() if self._own is None else self._own
+        return f"kept {factors} of the bulk and a patch around the contacts"
 
     @property
     def num_patches(self) -> int:
@@ -101,27 +106,37 @@ class Preconditioner:
 
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
-        if self._matrix is None and not self.is_strong:
-            if self._operator.bulk.comm.size == 1:
-                self._use("ilu", {})
-            else:
-                self._use("asm", _ON_RANKS)
-        self._matrix = self._operator.bulk.nearby_matrix()
+        bulk = self._operator.bulk
+        bulk.assemble_nearby()
+        if self._wants_own and not self.is_strong:
+            if self._own is None:
+                self._own = KeptFactors(bulk.rows)
+            if not self._own.build():
+                self.strengthen()
+        if self._own is None:
+            self._factorise(bulk.matrix())
+        self.point = bulk.point
+        self.num_builds += 1
+
+    def _factorise(self, matrix: Any) -> None:
+        """Let PETSc factorise."""
         if self.is_strong:
             # What a first factorisation chose would last.
             self._pc.reset()
+        elif matrix.comm.size == 1:
+            self._use("ilu", {})
+        else:
+            self._use("asm", _ON_RANKS)
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
-            self._scalar = self._matrix.convert("aij", self._scalar or PETSc.Mat())
+            self._scalar = matrix.convert("aij", self._scalar or PETSc.Mat())
             if self._pc.getType() == "gamg":
                 self._scalar.setBlockSize(3)
                 self._scalar.setNearNullSpace(self._operator.bulk.rigid_modes())
             self._pc.setOperators(self._scalar)
         else:
-            self._pc.setOperators(self._matrix)
+            self._pc.setOperators(matrix)
         self._pc.setUp()
-        self.point = self._operator.bulk.point
-        self.num_builds += 1
 
     def exchange(self, archive: Archive) -> None:
         """Exchange where factors and patch were made. Collective."""
@@ -144,7 +159,8 @@ class Preconditioner:
         strong: bool,
     ) -> None:
         bulk = self._operator.bulk
-        self._matrix, self.is_strong, self.point = None, False, None
+        self._pc.reset()
+        self.is_strong, self.point = False, None
         bulk.forget()
         if point is not None:
             with bulk.at(point):
@@ -157,7 +173,7 @@ class Preconditioner:
 
     def strengthen(self) -> None:
         """Change to a complete factorisation or multigrid. Collective."""
-        self.is_strong = True
+        self.is_strong, self._own = True, None
         if self._operator.bulk.num_dofs <= _DIRECT_UP_TO:
             self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
         else:
@@ -189,7 +205,10 @@ class Preconditioner:
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Factors of the bulk, then the patch; called by PETSc."""
-        self._pc.apply(r, z)
+        if self._own is None:
+            self._pc.apply(r, z)
+        else:
+            self._own.apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
         if self._operator.elimination.empty:
             return
         assert self._patch is not None

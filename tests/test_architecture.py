@@ -43,7 +43,7 @@ LAYERS = [
     {"normal_springs"},
     {"contact_step", "report", "scene", "springs"},
     {"elimination", "block_rows", "stability"},
-    {"assembly", "patch"},
+    {"assembly", "kept_factors", "patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},
     {"newton"},

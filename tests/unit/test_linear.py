@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from test_incomplete_factors import definition, dense, rounding
 
 import dolfinx_nts as nts
 import scenes
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Snapshot
+from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -98,6 +101,7 @@ def test_petsc_options_change_the_solver_and_not_the_solution(comm):
             stepper.advance()
         ends.append(stepper.x[: stepper.u.function_space.dofmap.index_map.size_local])
         iterations.append(stepper._solver.num_iterations)
+        assert ("single precision" in str(stepper._solver)) == ("pc_type" not in options)
         assert stepper._solver._ksp.getType() == options.get("ksp_type", "fgmres")
     assert iterations[1] > 1.5 * iterations[0]
     for end in ends[1:]:
@@ -120,6 +124,57 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     solver = limited.stepper._solver
     assert solver._preconditioner.is_strong and solver.num_direct > 0
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
+
+
+def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
+    reference, singular = scenes.blocks(comm), scenes.blocks(comm)
+    reference.stepper.advance()
+    factors = singular.stepper._solver._preconditioner
+    build = _kernels.IncompleteFactors.factorise
+
+    def factorise(kernel, start, column, value, order):
+        lost = value if comm.rank else 0 * value
+        return build(kernel, start, column, lost, order)
+
+    monkeypatch.setattr(_kernels.IncompleteFactors, "factorise", factorise)
+    singular.stepper.advance()
+    assert agree(factors.is_strong and factors.num_builds == 1)
+    np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
+
+
+def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
+    bulk = scenes.blocks(comm).stepper._bulk
+    bulk.assemble_nearby()
+    factors = KeptFactors(bulk.rows)
+    assert factors.build()
+    nodes = bulk.rows.matrix.index_map(1)
+    here = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
+    matrix = bulk.matrix().convert("aij")
+    begin, column, value = (
+        np.concatenate(a) for a in zip(*comm.allgather(_csr(matrix)), strict=True)
+    )
+    A = np.zeros((bulk.num_dofs, bulk.num_dofs))
+    A[begin, column] = value
+    pattern = np.zeros((bulk.num_dofs // 3, bulk.num_dofs // 3), dtype=bool)
+    pattern[begin // 3, column // 3] = True
+    order = here[factors._order]
+    n = len(order)
+    A = A.reshape(-1, 3, bulk.num_dofs // 3, 3).transpose(0, 2, 1, 3)[np.ix_(order, order)]
+    L, U = definition(A, pattern[np.ix_(order, order)])
+    r = comm.bcast(rng.normal(size=(bulk.num_dofs // 3, 3)))
+    expected = np.linalg.solve(dense(L) @ dense(U), r[order].ravel()).reshape(-1, 3)
+    z = np.full((nodes.size_local, 3), np.nan)
+    factors.apply(r[here[: len(z)]], z)
+    inside = factors._order < len(z)
+    error = np.abs(z[factors._order[inside]] - expected[inside])
+    assert np.all(error < rounding(L, U, expected).reshape(n, 3)[inside])
+
+
+def _csr(matrix):
+    """Row, column and value of each entry of this rank."""
+    start, column, value = matrix.getValuesCSR()
+    first, last = matrix.getOwnershipRange()
+    return np.repeat(np.arange(first, last), np.diff(start)), column, value
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])

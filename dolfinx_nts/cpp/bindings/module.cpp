@@ -5,6 +5,7 @@ namespace nts::bindings
 void kinematics(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
+void factors(nanobind::module_& m);
 void patch(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void springs(nanobind::module_& m);
@@ -16,6 +17,7 @@ NB_MODULE(_kernels, m)
   nts::bindings::kinematics(m);
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
+  nts::bindings::factors(m);
   nts::bindings::patch(m);
   nts::bindings::leapfrog(m);
   nts::bindings::springs(m);

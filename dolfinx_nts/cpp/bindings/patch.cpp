@@ -1,5 +1,5 @@
 #include "nts/patch.h"
-#include "array.h"
+#include "block_matrix.h"
 
 #include <optional>
 
@@ -15,24 +15,10 @@ public:
       : _start(std::move(start)), _column(std::move(column)),
         _value(std::move(value))
   {
-    check("start", _start, {any});
-    check("column", _column, {any});
-    check("value", _value, {9 * _column.size()});
-    if (_start.size() == 0)
-      throw nb::value_error("start: expected at least one entry");
-    if (_start.data()[0] != 0
-        || static_cast<std::size_t>(_start.data()[_start.size() - 1])
-               != _column.size())
-      throw nb::value_error("start: expected rows that hold all columns");
+    _patch.emplace(block_matrix(_start, _column, _value));
     for (const std::int32_t column : view(_column))
-    {
-      if (column < 0)
-        throw nb::value_error("column: expected no negative entry");
       _num_columns
           = std::max(_num_columns, static_cast<std::size_t>(column) + 1);
-    }
-    _patch.emplace(BlockMatrix{
-        .start = view(_start), .column = view(_column), .value = view(_value)});
   }
 
   void add(const In<std::int32_t>& dofs, const In<std::int32_t>& rank,

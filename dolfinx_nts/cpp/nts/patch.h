@@ -3,6 +3,8 @@
 #include "elimination.h"
 #include "incomplete_factors.h"
 
+#include <numeric>
+
 /// @brief Patch preconditioner: solves with the projected tangent
 /// around the contacts.
 ///
@@ -16,14 +18,6 @@
 /// neither right-hand sides nor results have a part.
 namespace nts
 {
-/// @brief Rows of a sparse matrix with 3 x 3 blocks.
-struct BlockMatrix
-{
-  std::span<const std::int64_t> start;  ///< of each row, and the end
-  std::span<const std::int32_t> column; ///< of each block
-  std::span<const double> value;        ///< (blocks, 3, 3)
-};
-
 /// @brief See the head of this file.
 class Patch
 {
@@ -64,7 +58,6 @@ public:
       _number[node] = -1;
     _pairs.clear();
     _nodes.clear();
-    _factors.clear();
     _exists = false;
   }
 
@@ -113,6 +106,7 @@ public:
         add_row(p, constrained_rows.emplace_back(n));
       }
     BlockRow row(n);
+    Rows rows;
     for (std::size_t p = 0; p < n; ++p)
     {
       row.clear();
@@ -130,9 +124,11 @@ public:
       if (constrained)
         add_product(pairs[p].front().first->given_up, stiffness(p),
                     row[static_cast<std::int32_t>(p)]);
-      _factors.add(row);
+      rows.add(row);
     }
-    return _exists = _factors.factorise();
+    std::vector<std::int32_t> order(n);
+    std::iota(order.begin(), order.end(), 0);
+    return _exists = _factors.factorise(rows.view(), order);
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the patch.
@@ -178,7 +174,7 @@ public:
         if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
           add_product(pair.left[a], rest.data(), _x.data() + 3 * p);
     }
-    _factors.apply(_x);
+    _factors.apply(_x, _x);
     for (std::size_t p = 0; p < n; ++p)
       for (std::size_t c = 0; c < 3; ++c)
         z[3 * _nodes[p] + c] += _x[3 * p + c];
@@ -195,6 +191,28 @@ private:
     std::vector<Block> tangent;      // C, (nodes, nodes)
     std::vector<Block> right, left;  // Z_0a and (Z~^T)_a0
     Block given_up;                  // E E^T at the contact node
+  };
+
+  /// @brief Rows one after the other.
+  struct Rows
+  {
+    std::vector<std::int64_t> start = {0};
+    std::vector<std::int32_t> column;
+    std::vector<Block> value;
+
+    void add(const BlockRow& row)
+    {
+      column.insert(column.end(), row.columns.begin(), row.columns.end());
+      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
+      start.push_back(static_cast<std::int64_t>(value.size()));
+    }
+
+    BlockMatrix view() const
+    {
+      const double* first = value.empty() ? nullptr : value[0][0].data();
+      return {
+          .start = start, .column = column, .value = {first, 9 * value.size()}};
+    }
   };
 
   /// @brief Blocks of the projections of pair i.
@@ -246,8 +264,8 @@ private:
     for (const Pair& pair : _pairs)
       for (const std::int32_t node : pair.nodes)
         for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
-          if (const std::int32_t j = _K.column[e]; number(j) < 0
-              && static_cast<std::size_t>(j) < _number.size())
+          if (const std::int32_t j = _K.column[e];
+              number(j) < 0 && static_cast<std::size_t>(j) < _number.size())
           {
             _number[j] = chosen;
             _nodes.push_back(j);
@@ -290,7 +308,7 @@ private:
   std::vector<Pair> _pairs;
   std::vector<std::int32_t> _nodes;  // of each row
   std::vector<std::int32_t> _number; // of each node, -1 outside
-  IncompleteFactors _factors;
+  IncompleteFactors<double> _factors;
   bool _exists = false; // the factors
   std::vector<double> _x;
 };

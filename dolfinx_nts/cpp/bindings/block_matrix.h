@@ -1,0 +1,28 @@
+#pragma once
+
+#include "array.h"
+#include "nts/incomplete_factors.h"
+
+namespace nts::bindings
+{
+/// @brief View of rows of 3 x 3 blocks; raise ValueError unless they are.
+inline BlockMatrix block_matrix(const In<std::int64_t>& start,
+                                const In<std::int32_t>& column,
+                                const Doubles& value)
+{
+  check("start", start, {any});
+  check("column", column, {any});
+  check("value", value, {9 * column.size()});
+  const BlockMatrix result
+      = {.start = view(start), .column = view(column), .value = view(value)};
+  if (result.start.empty())
+    throw nb::value_error("start: expected at least one entry");
+  if (result.start.front() != 0
+      || static_cast<std::size_t>(result.start.back()) != column.size()
+      || !std::ranges::is_sorted(result.start))
+    throw nb::value_error("start: expected rows that hold all columns");
+  if (std::ranges::any_of(result.column, [](auto j) { return j < 0; }))
+    throw nb::value_error("column: expected no negative entry");
+  return result;
+}
+} // namespace nts::bindings

@@ -1,0 +1,49 @@
+#include "block_matrix.h"
+
+namespace nts::bindings
+{
+namespace
+{
+using Factors = IncompleteFactors<float>;
+
+bool factorise(Factors& factors, const In<std::int64_t>& start,
+               const In<std::int32_t>& column, const Doubles& value,
+               const In<std::int32_t>& order)
+{
+  const BlockMatrix A = block_matrix(start, column, value);
+  const std::size_t n = start.size() - 1;
+  check("order", order, {n});
+  std::vector<bool> found(n, false);
+  for (const std::int32_t row : view(order))
+  {
+    if (row < 0 || static_cast<std::size_t>(row) >= n || found[row])
+      throw nb::value_error("order: expected each row once");
+    found[row] = true;
+  }
+  return factors.factorise(A, view(order));
+}
+
+void apply(Factors& factors, const Doubles& b, Out<double> x)
+{
+  check("b", b, {factors.size(), 3});
+  check("x", x, {any, 3});
+  if (x.shape(0) > factors.size())
+    throw nb::value_error("x: expected no more rows than the matrix has");
+  factors.apply(view(b), view(x));
+}
+} // namespace
+
+void factors(nb::module_& m)
+{
+  nb::class_<Factors>(m, "IncompleteFactors",
+                      "Incomplete factors of a matrix of 3 x 3 blocks in "
+                      "single precision, see nts/incomplete_factors.h")
+      .def(nb::init<>())
+      .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
+           nb::arg("value"), nb::arg("order"),
+           "Factorise rows, columns beyond them left out; false if singular: "
+           "(n + 1,), (b,), (9 b,), (n,) rows in the order of elimination")
+      .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
+           "Solve for x at the first m rows: (n, 3), (m, 3)");
+}
+} // namespace nts::bindings
