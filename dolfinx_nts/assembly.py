@@ -14,7 +14,6 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -314,8 +313,5 @@ def contact_residual(
     total: Floats = np.zeros((num_owned // 3, 3))
     for step, state in zip(steps, states, strict=True):
         if step.num_active:
-            here = step.neighbourhood
-            local = here.with_room(total)
-            _kernels.add_at(state.dofs, state.residual, local)
-            total = here.to_owners(local)
+            step.neighbourhood.add_to_owners(total, state.dofs, state.residual)
     return total.ravel()

@@ -19,7 +19,7 @@ from dolfinx_nts.arguments import instances
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import compile_form
 from dolfinx_nts.materials import Dust, Hyperelastic
-from dolfinx_nts.surfaces import check_space, check_tag
+from dolfinx_nts.spaces import check_space, check_tag
 
 __all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies", "common_space"]
 

@@ -25,7 +25,7 @@ from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.spaces import check_space, check_tag
 
-__all__ = ["Surface", "area_vectors", "check_space", "check_tag"]
+__all__ = ["Surface", "area_vectors"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]

@@ -104,18 +104,6 @@ def test_columns_without_three_numbers_are_refused(rng):
         _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
 
 
-@kinds
-def test_values_of_pairs_are_added_at_their_nodes(k, rng):
-    dofs, *_ = pairs(k, rng)
-    values, total = rng.normal(size=(len(dofs), 3 * (1 + k))), rng.normal(size=(NODES, 3))
-    expected = total.copy()
-    np.add.at(expected, dofs.ravel(), values.reshape(-1, 3))
-    _kernels.add_at(dofs, values, total)
-    np.testing.assert_allclose(total, expected, rtol=0, atol=ROUNDING)
-    with pytest.raises(ValueError, match="rows of x"):
-        _kernels.add_at(dofs + NODES, values, total)
-
-
 def test_dofs_outside_the_vector_are_refused(rng):
     dofs, rank, normal, gradients, _, _ = pairs(3, rng)
     with pytest.raises(ValueError, match="rows of x"):

@@ -79,13 +79,6 @@ auto balance_batch(const Doubles& normal, const Doubles& rest,
           columns.shape(1) * columns.shape(2), view(lambda));
   return lambda;
 }
-
-void add_at_batch(const Dofs& dofs, const Doubles& values, Out<double> total)
-{
-  check_dofs(dofs, total);
-  check("values", values, {dofs.shape(0), 3 * dofs.shape(1)});
-  add_at(view(dofs), view(values), view(total));
-}
 } // namespace
 
 void elimination(nb::module_& m)
@@ -104,8 +97,5 @@ void elimination(nb::module_& m)
         nb::arg("columns"),
         "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "
         "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
-  m.def("add_at", &add_at_batch, nb::arg("dofs"), nb::arg("values"),
-        nb::arg("total").noconvert(),
-        "Add values of pairs at their nodes: (m, 1+k), (m, 3(1+k)), (n, 3)");
 }
 } // namespace nts::bindings

@@ -63,19 +63,6 @@ inline void balance(std::span<const double> normal,
   }
 }
 
-/// @brief Add what pairs have at their nodes.
-/// @param[in] dofs Nodes, (m,).
-/// @param[in] values Values, (m, 3).
-/// @param[in,out] total Nodal vectors, (n, 3).
-inline void add_at(std::span<const std::int32_t> dofs,
-                   std::span<const double> values,
-                   std::span<double> total) noexcept
-{
-  for (std::size_t i = 0; i < dofs.size(); ++i)
-    for (std::size_t c = 0; c < 3; ++c)
-      total[3 * dofs[i] + c] += values[3 * i + c];
-}
-
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Active pairs.
 /// @param[in] values Wanted G^T x, (m, 3), or empty for none.

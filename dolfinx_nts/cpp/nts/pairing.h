@@ -108,26 +108,27 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
   std::int32_t best = -1;
   Projection<S> best_projection;
   double nearest = reach;
-  tree().nearest(
-      node, reach,
-      [&](std::int32_t i) noexcept
-      {
-        const double margin = tie * surface.size[i];
-        const Projection<S> p = project_on(i);
-        if (!p.converged || !may_touch(i, p))
-          return nearest + margin;
-        const double away = distance<S>({node, surface.segment(i)}, p);
-        const bool nearer = away <= nearest - (best < 0 ? 0 : margin);
-        const bool wins_tie = best >= 0 && away <= nearest + margin
-                              && surface.key[i] < surface.key[best];
-        if (nearer || wins_tie)
-        {
-          best = i;
-          best_projection = p;
-          nearest = away;
-        }
-        return nearest + margin; // ties must be seen
-      });
+  tree().nearest(node, reach,
+                 [&](std::int32_t i) noexcept
+                 {
+                   const double margin = tie * surface.size[i];
+                   const Projection<S> p = project_on(i);
+                   if (!p.converged || !may_touch(i, p))
+                     return nearest + margin;
+                   const double away
+                       = distance<S>({node, surface.segment(i)}, p);
+                   const bool nearer
+                       = away <= nearest - (best < 0 ? 0 : margin);
+                   const bool wins_tie = best >= 0 && away <= nearest + margin
+                                         && surface.key[i] < surface.key[best];
+                   if (nearer || wins_tie)
+                   {
+                     best = i;
+                     best_projection = p;
+                     nearest = away;
+                   }
+                   return nearest + margin; // ties must be seen
+                 });
   if (best < 0 || !over(best_projection, best, PairingRule::overhang))
     return {};
   return {best, best_projection.xi, best_projection.gap,
