@@ -1,0 +1,81 @@
+"""Nodes that a step would lose: those that sank into a surface, and those beside it."""
+
+from types import SimpleNamespace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import compat
+from dolfinx_nts.lost import lost_nodes
+from dolfinx_nts.search import Neighbourhood
+
+pytestmark = pytest.mark.serial
+
+# Two squares over 0 < y < 1: the second rises by 2 from their common edge at x = 1.
+FLAT = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+STEEP = [[2.0, 0, 2], [2, 1, 2]]
+SEGMENTS = {
+    "quadrilateral": [[1, 2, 3, 4], [2, 5, 4, 6]],
+    "triangle": [[1, 2, 3], [4, 2, 3], [2, 5, 4], [6, 5, 4]],
+}
+SUNK = "nodes that sank into a surface and face no segment any more: 1"
+
+
+def step_of(facets, before, after, held):
+    """A step that moves a node from (x, z) to another at y = 0.4; ``held``: at t_n, at the end."""
+    segments = np.array(SEGMENTS[facets], dtype=np.int32)
+    orientation = np.resize([1.0, -1.0] if facets == "triangle" else [1.0], len(segments))
+    none = np.empty(0, dtype=np.int64)
+    here = Neighbourhood(
+        compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32)),
+        segments,
+        orientation,
+        np.arange(len(segments)),
+        np.full(len(segments), np.sqrt(2)),
+        np.ones(len(segments)),
+    )
+    x_n, x = (np.array([[at[0], 0.4, at[1]], *FLAT, *STEEP]) for at in (before, after))
+    node = np.zeros(1, dtype=np.int32)
+    none_yet = np.full(1, -1, dtype=np.int32)
+    segment_n, gap_n = here.pair(x_n, node, none_yet, 2.0)
+    segment, gap = here.pair(x, node, segment_n, 2.0)
+    if held[1] and segment[0] < 0:
+        # Kept, as by a node that has changed its segment again and again.
+        segment, gap = segment_n, here.gap(x, node, segment_n)
+    history = SimpleNamespace(key=segment_n.astype(np.int64), active=np.array(held[:1]), gap=gap_n)
+    return SimpleNamespace(
+        neighbourhood=here,
+        pair=SimpleNamespace(history=history, nodes=SimpleNamespace(nodes=node)),
+        pairing=SimpleNamespace(x_n=x_n, reach=2.0, segment_n=segment_n, segment=segment, gap=gap),
+        comm=MPI.COMM_SELF,
+        x=x,
+        active=np.array(held[1:]),
+    )
+
+
+@pytest.mark.parametrize("facets", SEGMENTS)
+@pytest.mark.parametrize(
+    ("before", "after", "held", "message"),
+    [
+        ((0.4, -0.3), (0.4, -0.9), (True, False), SUNK),  # half a segment deep
+        ((0.4, -0.3), (0.4, -0.5), (True, True), ""),
+        ((0.9, -0.3), (1.3, -0.3), (True, False), SUNK),  # below the edge of a pit
+        ((0.9, -0.3), (1.3, -0.3), (False, True), SUNK),
+        ((0.9, -0.3), (1.3, -0.3), (False, False), ""),  # nothing presses
+        ((0.9, -0.1), (1.3, -0.1), (True, False), ""),  # a depth with which nodes may come
+        ((0.1, -0.3), (-0.3, -0.3), (True, False), ""),  # over the rim
+        ((0.1, -0.3), (-0.3, -0.3), (False, True), ""),
+        ((0.1, -0.3), (-0.3, -0.9), (True, False), SUNK),  # too deep beside it
+    ],
+)
+def test_nodes_that_sank_are_told_from_nodes_beside_the_surface(
+    facets, before, after, held, message
+):
+    assert lost_nodes(step_of(facets, before, after, held)) == message
+
+
+def test_node_that_goes_through_a_surface_is_found():
+    step = step_of("quadrilateral", (0.4, 0.2), (0.4, -0.9), (False, False))
+    assert lost_nodes(step) == "nodes that pass through a surface: 1"
