@@ -313,5 +313,6 @@ def contact_residual(
     total: Floats = np.zeros((num_owned // 3, 3))
     for step, state in zip(steps, states, strict=True):
         if step.num_active:
-            step.neighbourhood.add_to_owners(total, state.dofs, state.residual)
+            forces = state.residual.reshape(*state.dofs.shape, 3)
+            step.neighbourhood.add_to_owners(total, state.dofs, forces)
     return total.ravel()

@@ -87,7 +87,7 @@ def test_step_that_is_cut_is_counted(comm):
 def test_node_that_is_too_deep_is_found(comm, monkeypatch):
     monkeypatch.setattr(rows, "_approach", lambda stepper: 0.0)
     (case,) = (case for case in CASES if case.name == "slivers, hexahedron: angle = 1")
-    assert "gap -0" in run(case, comm).wrong
+    assert run(case, comm).wrong.startswith("gap -")
 
 
 def test_number_that_is_none_is_found(comm, monkeypatch):
