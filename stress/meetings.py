@@ -201,7 +201,13 @@ CASES = [
     ),
     *(
         _fall("cube on a plate", "cells of plate : of cube", f"{s}:{n}", *_size(s, n), stops=stops)
-        for s, n, stops in ((1, 6, None), (2, 4, None), (16, 1, PIERCED), (12, 3, None))
+        for s, n, stops in (
+            (1, 6, None),
+            (2, 4, None),
+            (16, 1, PIERCED),
+            (24, 1, PIERCED),
+            (12, 3, None),
+        )
     ),
     *(
         _fall(

@@ -19,7 +19,7 @@ CHEAP = [
     "ball on plate: wall = 0.025",
     "stiff ball on plate, h = 0.1: speed = 50.0",
     "stiff ball on plate, steps as they are, h = 0.1: speed = 50.0",
-    "cube on a plate: cells of plate : of cube = 16:1",
+    "cube on a plate: cells of plate : of cube = 24:1",
     "cube in a plate: depth = 0.1",
     "cube in a plate, penalty: depth = 0.02",
     "cubes on both sides: plate = 0.02",
