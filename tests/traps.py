@@ -6,7 +6,8 @@ A division by zero and an overflow are trapped in all that runs in a test, an
 invalid operation in the kernels and, as `FloatingPointError`, in NumPy. (To
 compare with NaN, the gap of a node that faces nothing, is invalid as well, and
 NumPy may do so.) Where PETSc builds a preconditioner, multigrid for instance,
-which divides by zero, nothing is trapped. The values are those of x86.
+and where VTK and Matplotlib draw, which divide by zero, nothing is trapped. The
+values are those of x86.
 """
 
 import ctypes
@@ -19,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, plotting
 from dolfinx_nts.preconditioner import Preconditioner
 
 __all__ = ["WANTED", "trapped"]
@@ -58,10 +59,10 @@ def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
     """Function of which nothing is trapped."""
 
     @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
+    def call(*arguments: Any, **named: Any) -> Any:
         former = _set(0)
         try:
-            return function(*arguments)
+            return function(*arguments, **named)
         finally:
             _set(former)
 
@@ -85,6 +86,8 @@ def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 if WANTED:
     Preconditioner.build = untrapped(Preconditioner.build)
+    for name in plotting.__all__:
+        setattr(plotting, name, untrapped(getattr(plotting, name)))
     for name in dir(_kernels):
         if not isinstance(kernel := getattr(_kernels, name), type) and callable(kernel):
             setattr(_kernels, name, strict(kernel))
