@@ -252,8 +252,10 @@ def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
     """Say whether a gap is less than it may be; complete the row."""
     gap = np.nan_to_num(values["min_gap"], nan=np.inf)
     row["least_allowed_gap"] = allowed[gap.argmin()]
-    deep = np.flatnonzero(gap < allowed)
-    return f"gap {gap[deep[0]]:.3g} < {allowed[deep[0]]:.3g} in row {deep[0]}" if len(deep) else ""
+    deepest = (gap - allowed).argmin()
+    if gap[deepest] >= allowed[deepest]:
+        return ""
+    return f"gap {gap[deepest]:.3g} < {allowed[deepest]:.3g} in row {deepest}"
 
 
 def _not_announced(case: Case, error: str) -> str:

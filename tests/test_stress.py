@@ -20,6 +20,8 @@ CHEAP = [
     "stiff ball on plate, h = 0.1: speed = 50.0",
     "stiff ball on plate, steps as they are, h = 0.1: speed = 50.0",
     "cube on a plate: cells of plate : of cube = 24:1",
+    # On two ranks rounding lets it finish.
+    pytest.param("cube on a plate: cells of plate : of cube = 16:1", marks=pytest.mark.serial),
     "cube in a plate: depth = 0.1",
     "cube in a plate, penalty: depth = 0.02",
     "cubes on both sides: plate = 0.02",
@@ -87,7 +89,7 @@ def test_step_that_is_cut_is_counted(comm):
 def test_node_that_is_too_deep_is_found(comm, monkeypatch):
     monkeypatch.setattr(rows, "_approach", lambda stepper: 0.0)
     (case,) = (case for case in CASES if case.name == "slivers, hexahedron: angle = 1")
-    assert run(case, comm).wrong.startswith("gap -")
+    assert "gap -0" in run(case, comm).wrong
 
 
 def test_number_that_is_none_is_found(comm, monkeypatch):
