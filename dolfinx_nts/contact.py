@@ -14,6 +14,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
@@ -287,8 +288,8 @@ class ContactPair:
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
             return np.zeros(len(self.nodes.nodes), dtype=bool)
         gap = self.gap(x)
-        # A node deeper than half a segment belongs to another side.
-        inside = (gap < 0) & (gap > -0.5 * self.segment_size)
+        # A node deeper than that belongs to another side.
+        inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.segment_size)
         flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
         return flags
 

@@ -7,7 +7,9 @@ within a step has gone through the surface.
 
 import numpy as np
 import numpy.typing as npt
+from basix import CellType, topology
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.search import Neighbourhood
 
@@ -19,9 +21,11 @@ Ints = npt.NDArray[np.int32]
 # Of the size of a segment. Depth from which a pressing node does not just
 # slide off the rim; way in which the path of a node is looked at.
 _SUNK, _LOOK = 0.1, 0.25
-_DEEPEST = 0.5  # depth at which a node has no segment, as in `cpp/nts/pairing.h`
-# Of triangles and quadrilaterals.
-_EDGES = {3: [[0, 1], [1, 2], [0, 2]], 4: [[0, 1], [1, 3], [2, 3], [0, 2]]}
+# Ends of the edges, by the number of vertices.
+_EDGES = {
+    len(topology(cell)[0]): topology(cell)[1]
+    for cell in (CellType.triangle, CellType.quadrilateral)
+}
 _MOST_LOOKS = 100
 
 
@@ -75,7 +79,7 @@ def _beside(step: ContactStep, here: Neighbourhood, nodes: Ints, segment: Ints) 
     nearest = np.sort(edges[segment, distance.argmin(axis=1)])
     shared = (np.sort(edges.reshape(-1, 2))[:, None] == nearest).all(axis=2).sum(axis=0) > 1
     depth = -here.gap(step.x, nodes, segment)
-    beside: Flags = (depth < _DEEPEST * here.size[segment]) & ~shared
+    beside: Flags = (depth < _kernels.DEEPEST * here.size[segment]) & ~shared
     return beside
 
 

@@ -5,6 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
@@ -45,9 +46,9 @@ class Pairing:
         dx = x_trial - x_n
         way = float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
         self.way: float = comm.allreduce(way, op=MPI.MAX)
-        # Both surfaces may move, Newton iterates overshoot, and a node up
-        # to half a segment deep still belongs to its segment.
-        self.reach = 3 * self.way + 0.5 * pair.segment_size
+        # Both surfaces may move, Newton iterates overshoot, and nodes up to
+        # some depth still belong to their segments.
+        self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
         here, _ = pair.search.update(x_n, self.reach)
         self.here, self._nodes = here, pair.nodes.nodes

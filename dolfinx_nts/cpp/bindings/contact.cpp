@@ -184,6 +184,8 @@ void contact(nb::module_& m)
         "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
         "(m, 2, 3(1+k)), hessian (m, 2, 3(1+k), 3(1+k)), frame_n and frame "
         "(m, 2, 3)");
+  // Depth, of a segment, at which a node has none any more.
+  m.attr("DEEPEST") = PairingRule::depth;
   m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"), nb::arg("current"),
         nb::arg("reach"), nb::arg("x_segment"), nb::arg("orientation"),
         nb::arg("key"),
