@@ -11,7 +11,7 @@ from dolfinx_nts import _kernels
 
 pytestmark = pytest.mark.serial
 
-ROUNDING = 1e6 * np.finfo(float).eps
+SINGLE = 100 * np.finfo(np.float32).eps
 FAR = 4  # nodes at the end that only neighbour each other
 
 
@@ -52,8 +52,25 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     z = rng.normal(size=(NODES, 3))  # any guess
     patch.correct(r.reshape(-1, 3), z)
     # Only the rows of the contact nodes in z are left to the projection.
-    residual = Zt @ (K + C) @ Z @ z.ravel() - r
-    assert np.abs(residual).max() < ROUNDING * np.abs(r).max()
+    A = Zt @ (K + C) @ Z
+    residual = A @ z.ravel() - r
+    assert np.linalg.norm(residual) < SINGLE * np.linalg.norm(A, 2) * np.linalg.norm(z)
+
+
+@pytest.mark.parametrize(("force", "stiffness"), [(1e-99, 1e-60), (1e99, 1e60), (1e-60, 1e60)])
+def test_units_do_not_matter(force, stiffness, rng):
+    (start, column, value), _ = matrix(rng)
+    *rest, tangent = pairs(4, rng)
+    r, guess = rng.normal(size=(2, NODES, 3))
+    results = []
+    for f, k in ((1.0, 1.0), (force, stiffness)):
+        patch = _kernels.Patch(start, column, k * value)
+        patch.add(*rest, k * tangent)
+        assert patch.build()
+        z = f / k * guess
+        patch.correct(f * r, z)
+        results.append(z * (k / f))
+    np.testing.assert_allclose(*results, atol=SINGLE * np.abs(results[0]).max())
 
 
 @kinds

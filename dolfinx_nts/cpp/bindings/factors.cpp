@@ -4,7 +4,7 @@ namespace nts::bindings
 {
 namespace
 {
-using Factors = IncompleteFactors<float>;
+using Factors = IncompleteFactors;
 
 bool factorise(Factors& factors, const In<std::int64_t>& start,
                const In<std::int32_t>& column, const Doubles& value,

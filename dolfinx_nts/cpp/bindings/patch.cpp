@@ -16,9 +16,6 @@ public:
         _value(std::move(value))
   {
     _patch.emplace(block_matrix(_start, _column, _value));
-    for (const std::int32_t column : view(_column))
-      _num_columns
-          = std::max(_num_columns, static_cast<std::size_t>(column) + 1);
   }
 
   void add(const In<std::int32_t>& dofs, const In<std::int32_t>& rank,
@@ -55,7 +52,7 @@ public:
   {
     check("r", r, {num_rows(), 3});
     check("z", z, {any, 3});
-    if (z.shape(0) < std::max(_num_columns, num_rows()))
+    if (z.shape(0) < _patch->num_columns())
       throw nb::value_error("z: expected a row for each column of the matrix "
                             "and each row");
     _patch->correct(view(r), view(z));
@@ -69,7 +66,6 @@ private:
   In<std::int64_t> _start;
   In<std::int32_t> _column;
   Doubles _value;
-  std::size_t _num_columns = 0;
   std::optional<Patch> _patch;
 };
 } // namespace

@@ -1,101 +1,16 @@
 #pragma once
 
-#include "small.h"
+#include "blocks.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <cstring>
-#include <limits>
-#include <span>
 #include <utility>
-#include <vector>
 
-/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks.
 namespace nts
 {
-using Block = Matrix<3, 3>;
-
-/// @brief C += A B.
-inline void add_product(const Block& A, const Block& B, Block& C) noexcept
-{
-  // A copy: the compiler need not fear that writing to C changes B.
-  const Block factor = B;
-  for (std::size_t i = 0; i < 3; ++i)
-  {
-    const Vec3 a = A[i];
-    for (std::size_t j = 0; j < 3; ++j)
-      C[i][j]
-          += a[0] * factor[0][j] + a[1] * factor[1][j] + a[2] * factor[2][j];
-  }
-}
-
-/// @brief y += A x.
-inline void add_product(const Block& A, const double* x, double* y) noexcept
-{
-  for (std::size_t i = 0; i < 3; ++i)
-    y[i] += inner<3>(A[i].data(), x);
-}
-
-/// @brief C += A.
-inline void add(const Block& A, Block& C) noexcept
-{
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j)
-      C[i][j] += A[i][j];
-}
-
-/// @brief Rows of a sparse matrix with 3 x 3 blocks.
-struct BlockMatrix
-{
-  std::span<const std::int64_t> start;  ///< of each row, and the end
-  std::span<const std::int32_t> column; ///< of each block
-  std::span<const double> value;        ///< (blocks, 3, 3)
-};
-
-inline constexpr Block identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-
-/// @brief A row that is filled block by block in any order.
-class BlockRow
-{
-public:
-  explicit BlockRow(std::size_t size) : _place(size, -1) {}
-
-  Block& operator[](std::int32_t column)
-  {
-    std::int32_t& place = _place[column];
-    if (place < 0)
-    {
-      place = static_cast<std::int32_t>(columns.size());
-      columns.push_back(column);
-      blocks.push_back({});
-    }
-    return blocks[place];
-  }
-
-  void clear() noexcept
-  {
-    for (const std::int32_t column : columns)
-      _place[column] = -1;
-    columns.clear();
-    blocks.clear();
-  }
-
-  std::vector<std::int32_t> columns;
-  std::vector<Block> blocks;
-
-private:
-  std::vector<std::int32_t> _place;
-};
-
-/// @brief Incomplete LU factors in the pattern of the matrix, ILU(0).
+/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks, in the
+/// pattern of the matrix, ILU(0), and in single precision.
 ///
 /// They lie in the order in which solving reads them: rows of L forward, then
 /// rows of U backward, each with the inverse of its diagonal block at the end.
-/// @tparam Real Type in which they are kept and solved with. Solving waits for
-/// memory, so that `float` nearly halves its time, and a preconditioner need
-/// not be exact. Rows are eliminated in double precision.
-template <class Real>
 class IncompleteFactors
 {
 public:
@@ -112,7 +27,7 @@ public:
       place[order[i]] = static_cast<std::int32_t>(i);
     allocate(A, place);
     std::vector<std::pair<std::int32_t, const double*>> entries;
-    std::vector<Block> row;
+    std::vector<Columns> row;
     for (std::size_t i = 0; i < n; ++i)
     {
       entries.clear();
@@ -120,12 +35,11 @@ public:
         if (static_cast<std::size_t>(A.column[e]) < n)
           entries.push_back({place[A.column[e]], A.value.data() + 9 * e});
       std::ranges::sort(entries);
-      row.resize(entries.size());
-      for (std::size_t c = 0; c < row.size(); ++c)
+      row.clear();
+      for (const auto& [column, value] : entries)
       {
-        at[entries[c].first] = static_cast<std::int32_t>(c);
-        for (std::size_t r = 0; r < 9; ++r)
-          row[c][r / 3][r % 3] = _scale * entries[c].second[r];
+        at[column] = static_cast<std::int32_t>(row.size());
+        row.push_back(Columns::of(value, _scale));
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
       if (!(diagonal < row.size()
@@ -136,22 +50,20 @@ public:
         // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
         const auto k = static_cast<std::size_t>(entries[c].first);
         const std::size_t end = _begin[2 * n - k] - 1;
-        Block L = {};
-        add_product(row[c], get(end), L);
-        put(_begin[i] + c, entries[c].first, L);
-        for (double& entry : std::span(L.front().data(), 9))
-          entry = -entry;
+        const Columns L = row[c] * _factors[end];
+        _factors.put(_begin[i] + c, entries[c].first, L);
         for (std::size_t u = _begin[2 * n - 1 - k]; u < end; ++u)
-          if (const std::int32_t target = at[_column[u]]; target >= 0)
-            add_product(L, get(u), row[target]);
+          if (const std::int32_t target = at[_factors.node(u)]; target >= 0)
+            row[target] -= L * _factors[u];
       }
-      Block inverse = identity;
-      if (!solve(row[diagonal], inverse))
+      Block pivot = row[diagonal].block(), inverse = identity;
+      if (!solve(pivot, inverse))
         return fail();
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
-        put(u++, entries[c].first, row[c]);
-      put(u, entries[diagonal].first, inverse);
+        _factors.put(u++, entries[c].first, row[c]);
+      _factors.put(u, entries[diagonal].first,
+                   Columns::of(inverse.front().data(), 1));
       for (const auto& [column, value] : entries)
         at[column] = -1;
     }
@@ -163,11 +75,6 @@ public:
   /// @param[out] x Values of the first rows, all or fewer; may be b.
   void apply(std::span<const double> b, std::span<double> x)
   {
-    // Numbers have the size of 1 here, whatever the units. What would come near
-    // to denormal numbers, which are slow, is left out: far from where waves
-    // have got, solutions fall off without end.
-    constexpr Real eps = std::numeric_limits<Real>::epsilon(),
-                   tiny = std::numeric_limits<Real>::min() / (eps * eps);
     double largest = 0;
     for (const double entry : b)
       largest = std::max(largest, std::abs(entry));
@@ -178,22 +85,22 @@ public:
     const auto set = [&](std::size_t i, const Column& y)
     {
       for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * i + c] = std::abs(y[c]) < tiny ? 0 : y[c];
+        _x[3 * i + c] = without_dust(y[c]);
     };
     for (std::size_t i = 0; i < n; ++i)
     {
       Column y = {};
       for (std::size_t c = 0; c < 3; ++c)
-        y[c] = static_cast<Real>(scale * b[3 * _order[i] + c]);
-      set(i, y - products(e, _begin[i + 1]));
+        y[c] = static_cast<float>(scale * b[3 * _order[i] + c]);
+      set(i, y - _factors.product(e, _begin[i + 1], _x.data()));
     }
     const double back = _scale / scale;
     for (std::size_t i = n; i-- > 0;)
     {
-      const Column sum = products(e, _begin[2 * n - i] - 1);
+      const Column sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
       for (std::size_t c = 0; c < 3; ++c)
         _x[3 * i + c] -= sum[c];
-      set(i, products(e, _begin[2 * n - i]));
+      set(i, _factors.product(e, _begin[2 * n - i], _x.data()));
       if (const auto node = static_cast<std::size_t>(_order[i]);
           3 * node < x.size())
         for (std::size_t c = 0; c < 3; ++c)
@@ -205,9 +112,6 @@ public:
   std::size_t size() const noexcept { return _order.size(); }
 
 private:
-  /// A column of a block and one entry that does not count.
-  using Column __attribute__((vector_size(4 * sizeof(Real)))) = Real;
-
   /// @brief Count the blocks of each row, and take the scale of the matrix.
   void allocate(const BlockMatrix& A, std::span<const std::int32_t> place)
   {
@@ -230,8 +134,7 @@ private:
     for (std::size_t i = 0; i < 2 * n; ++i)
       _begin[i + 1] += _begin[i];
     _scale = power_of_two(largest);
-    _column.resize(_begin.back());
-    _factor.resize(9 * _begin.back() + 1); // the last column is read as four
+    _factors.resize(_begin.back());
   }
 
   bool fail()
@@ -240,53 +143,10 @@ private:
     return false;
   }
 
-  /// @brief What brings a number to the size of 1 without rounding.
-  static double power_of_two(double size) noexcept
-  {
-    return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;
-  }
-
-  /// @brief Keep a block, column by column.
-  void put(std::size_t e, std::int32_t column, const Block& A) noexcept
-  {
-    _column[e] = column;
-    for (std::size_t r = 0; r < 3; ++r)
-      for (std::size_t c = 0; c < 3; ++c)
-        _factor[9 * e + 3 * c + r] = static_cast<Real>(A[r][c]);
-  }
-
-  Block get(std::size_t e) const noexcept
-  {
-    Block A;
-    for (std::size_t r = 0; r < 3; ++r)
-      for (std::size_t c = 0; c < 3; ++c)
-        A[r][c] = static_cast<double>(_factor[9 * e + 3 * c + r]);
-    return A;
-  }
-
-  /// @brief Sum of the next blocks, up to `end`, times their part of x.
-  Column products(std::size_t& e, std::size_t end) const noexcept
-  {
-    Column sum[3] = {};
-    const Real* block = _factor.data() + 9 * e;
-    for (; e < end; ++e, block += 9)
-    {
-      const Real* x = _x.data() + 3 * _column[e];
-      for (std::size_t c = 0; c < 3; ++c)
-      {
-        Column column;
-        std::memcpy(&column, block + 3 * c, sizeof(column));
-        sum[c] += column * x[c];
-      }
-    }
-    return sum[0] + sum[1] + sum[2];
-  }
-
   double _scale = 1; // of the matrix
   std::vector<std::int32_t> _order;
   std::vector<std::size_t> _begin; // of rows of L, then of U from the last
-  std::vector<std::int32_t> _column;
-  std::vector<Real> _factor;
-  std::vector<Real> _x; // in the order
+  PackedRows _factors;
+  std::vector<float> _x; // in the order
 };
 } // namespace nts

@@ -15,7 +15,8 @@
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
 ///
 /// there; E E^T, scaled, fills the directions that are given up, in which
-/// neither right-hand sides nor results have a part.
+/// neither right-hand sides nor results have a part. Rows and factors are in
+/// single precision.
 namespace nts
 {
 /// @brief See the head of this file.
@@ -24,9 +25,16 @@ class Patch
 public:
   /// @param[in] K Bulk tangent; columns beyond its rows are of nodes that
   /// the patch does not change.
-  explicit Patch(const BlockMatrix& K) : _K(K), _number(K.start.size() - 1, -1)
+  explicit Patch(const BlockMatrix& K) : _K(K)
   {
+    std::size_t columns = K.start.size() - 1;
+    for (const std::int32_t column : K.column)
+      columns = std::max(columns, static_cast<std::size_t>(column) + 1);
+    _number.assign(columns, -1);
   }
+
+  /// @brief Nodes of the columns of K, at least those of its rows.
+  std::size_t num_columns() const noexcept { return _number.size(); }
 
   /// @brief Add the active pairs of a contact pair, all nodes rows of K.
   template <class S>
@@ -58,6 +66,7 @@ public:
       _number[node] = -1;
     _pairs.clear();
     _nodes.clear();
+    _size = 0;
     _exists = false;
   }
 
@@ -66,34 +75,46 @@ public:
   bool build()
   {
     number_nodes();
-    const std::size_t n = _nodes.size();
+    const std::size_t n = _size;
     // Pairs of each node, and its position in them.
     std::vector<std::vector<std::pair<const Pair*, std::size_t>>> pairs(n);
     for (const Pair& pair : _pairs)
       for (std::size_t a = 0; a < pair.nodes.size(); ++a)
-        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
-          pairs[p].push_back({&pair, a});
+        pairs[_number[pair.nodes[a]]].push_back({&pair, a});
+    double largest = 0;
+    for (std::size_t p = 0; p < n; ++p)
+      largest = std::max(largest, stiffness(p)[0][0]);
+    _scale = power_of_two(largest);
 
-    // Rows of (K + C) Z.
+    // Rows of K + C, which `correct` needs, and of (K + C) Z in the patch.
+    _rows.clear();
+    _ends.clear();
+    BlockRow whole(_nodes.size());
     const auto add_row = [&](std::size_t p, BlockRow& row)
     {
+      whole.clear();
       for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
            ++e)
-        if (const std::int32_t j = number(_K.column[e]); j >= 0)
-          std::copy_n(_K.value.data() + 9 * e, 9, row[j].front().data());
+        std::copy_n(_K.value.data() + 9 * e, 9,
+                    whole[_number[_K.column[e]]].front().data());
       for (const auto& [pair, a] : pairs[p])
         for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-          if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
-            nts::add(pair->tangent[pair->nodes.size() * a + b], row[j]);
-      const std::size_t size = row.columns.size();
-      for (std::size_t e = 0; e < size; ++e)
-        if (const Pair* pair = constrained_pair(pairs[row.columns[e]]))
-        {
-          const Block B = std::exchange(row.blocks[e], {});
+          nts::add(pair->tangent[pair->nodes.size() * a + b],
+                   whole[_number[pair->nodes[b]]]);
+      for (std::size_t e = 0; e < whole.columns.size(); ++e)
+      {
+        const std::int32_t q = whole.columns[e];
+        const Block& B = whole.blocks[e];
+        _rows.push(q, Columns::of(B.front().data(), _scale));
+        if (static_cast<std::size_t>(q) >= n)
+          continue;
+        if (const Pair* pair = constrained_pair(pairs[q]))
           for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-            if (const std::int32_t j = _number[pair->nodes[b]]; j >= 0)
-              add_product(B, pair->right[b], row[j]);
-        }
+            add_product(B, pair->right[b], row[_number[pair->nodes[b]]]);
+        else
+          nts::add(B, row[q]);
+      }
+      _ends.push_back({p, _rows.size()});
     };
 
     // Z~^T times these adds rows of constrained nodes to those of their pairs.
@@ -114,10 +135,10 @@ public:
       if (!constrained)
         add_row(p, row);
       for (const auto& [pair, a] : pairs[p])
-        if (const std::int32_t q = _number[pair->nodes[0]];
-            pair->constrained && q >= 0)
+        if (pair->constrained)
         {
-          const BlockRow& other = constrained_rows[place[q]];
+          const BlockRow& other
+              = constrained_rows[place[_number[pair->nodes[0]]]];
           for (std::size_t e = 0; e < other.columns.size(); ++e)
             add_product(pair->left[a], other.blocks[e], row[other.columns[e]]);
         }
@@ -146,42 +167,44 @@ public:
       }
     if (!_exists)
       return;
-    const std::size_t n = _nodes.size();
-    _x.assign(3 * n, 0.0);
-    for (std::size_t p = 0; p < n; ++p)
-      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
-           ++e)
-        for (std::size_t c = 0; c < 3; ++c)
-          _x[3 * p + c] += inner<3>(_K.value.data() + 9 * e + 3 * c,
-                                    z.data() + 3 * _K.column[e]);
-    for (const Pair& pair : _pairs)
-      for (std::size_t a = 0, k = pair.nodes.size(); a < k; ++a)
-        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
-          for (std::size_t b = 0; b < k; ++b)
-            add_product(pair.tangent[k * a + b], z.data() + 3 * pair.nodes[b],
-                        _x.data() + 3 * p);
-    for (std::size_t p = 0; p < n; ++p)
+    double largest = 0;
+    for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * p + c] = r[3 * _nodes[p] + c] - _x[3 * p + c];
+        largest = std::max(largest, std::abs(z[3 * node + c]));
+    const double scale = power_of_two(largest), back = 1 / (scale * _scale);
+    _z.resize(3 * _nodes.size());
+    for (std::size_t p = 0; p < _nodes.size(); ++p)
+      for (std::size_t c = 0; c < 3; ++c)
+        _z[3 * p + c]
+            = without_dust(static_cast<float>(scale * z[3 * _nodes[p] + c]));
+    _x.resize(3 * _size);
+    std::size_t e = 0;
+    for (const auto& [p, end] : _ends)
+    {
+      const Column product = _rows.product(e, end, _z.data());
+      for (std::size_t c = 0; c < 3; ++c)
+        _x[3 * p + c]
+            = r[3 * _nodes[p] + c] - back * static_cast<double>(product[c]);
+    }
     for (const Pair& pair : _pairs)
     {
-      const std::int32_t s = _number[pair.nodes[0]];
-      if (!pair.constrained || s < 0)
+      if (!pair.constrained)
         continue;
-      const Vec3 rest = {_x[3 * s], _x[3 * s + 1], _x[3 * s + 2]};
-      std::fill_n(_x.begin() + 3 * s, 3, 0.0);
+      const std::size_t s = 3 * _number[pair.nodes[0]];
+      const Vec3 rest = {_x[s], _x[s + 1], _x[s + 2]};
+      std::fill_n(_x.begin() + s, 3, 0.0);
       for (std::size_t a = 0; a < pair.nodes.size(); ++a)
-        if (const std::int32_t p = _number[pair.nodes[a]]; p >= 0)
-          add_product(pair.left[a], rest.data(), _x.data() + 3 * p);
+        add_product(pair.left[a], rest.data(),
+                    _x.data() + 3 * _number[pair.nodes[a]]);
     }
     _factors.apply(_x, _x);
-    for (std::size_t p = 0; p < n; ++p)
+    for (std::size_t p = 0; p < _size; ++p)
       for (std::size_t c = 0; c < 3; ++c)
         z[3 * _nodes[p] + c] += _x[3 * p + c];
   }
 
   /// @brief Number of nodes in the patch.
-  std::size_t size() const noexcept { return _nodes.size(); }
+  std::size_t size() const noexcept { return _size; }
 
 private:
   struct Pair
@@ -257,29 +280,41 @@ private:
         }
   }
 
-  /// @brief Number the nodes of pairs and their neighbours in K.
+  /// @brief Number the nodes of pairs and their neighbours among the rows of
+  /// K, and then the nodes outside that their rows reach.
   void number_nodes()
   {
     constexpr std::int32_t chosen = 0;
+    const auto choose = [&](std::int32_t node)
+    {
+      if (_number[node] >= 0)
+        return;
+      _number[node] = chosen;
+      _nodes.push_back(node);
+    };
+    const auto columns = [&](std::int32_t node)
+    {
+      const auto first = static_cast<std::size_t>(_K.start[node]);
+      return _K.column.subspan(
+          first, static_cast<std::size_t>(_K.start[node + 1]) - first);
+    };
+    const auto is_row = [&](std::int32_t node)
+    { return static_cast<std::size_t>(node) + 1 < _K.start.size(); };
     for (const Pair& pair : _pairs)
       for (const std::int32_t node : pair.nodes)
-        for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
-          if (const std::int32_t j = _K.column[e];
-              number(j) < 0 && static_cast<std::size_t>(j) < _number.size())
-          {
-            _number[j] = chosen;
-            _nodes.push_back(j);
-          }
+      {
+        choose(node);
+        for (const std::int32_t column : columns(node))
+          if (is_row(column))
+            choose(column);
+      }
     std::ranges::sort(_nodes);
+    _size = _nodes.size();
+    for (std::size_t p = 0; p < _size; ++p)
+      for (const std::int32_t column : columns(_nodes[p]))
+        choose(column);
     for (std::size_t p = 0; p < _nodes.size(); ++p)
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
-  }
-
-  /// @brief Place of a column in the patch, -1 outside.
-  std::int32_t number(std::int32_t column) const noexcept
-  {
-    const auto j = static_cast<std::size_t>(column);
-    return j < _number.size() ? _number[j] : -1;
   }
 
   /// @brief The pair that constrains a node, if any.
@@ -306,10 +341,15 @@ private:
 
   BlockMatrix _K;
   std::vector<Pair> _pairs;
-  std::vector<std::int32_t> _nodes;  // of each row
-  std::vector<std::int32_t> _number; // of each node, -1 outside
-  IncompleteFactors<double> _factors;
+  std::vector<std::int32_t> _nodes;  // of the patch, then those outside
+  std::vector<std::int32_t> _number; // of each node, -1 where there is none
+  std::size_t _size = 0;             // of the patch
+  PackedRows _rows;                  // of K + C, times _scale
+  double _scale = 1;
+  std::vector<std::pair<std::size_t, std::size_t>> _ends; // of row p in them
+  IncompleteFactors _factors;
   bool _exists = false; // the factors
+  std::vector<float> _z;
   std::vector<double> _x;
 };
 } // namespace nts
