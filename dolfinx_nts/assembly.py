@@ -14,6 +14,7 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from dolfinx_nts import reductions
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -98,7 +99,7 @@ class Bulk:
         self.num_cells = self._all_cells = int(index_map.size_local)
         cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         h = mesh.h(3, cells)
-        self.cell_size = float(mesh.comm.allreduce(h.min(initial=np.inf), op=MPI.MIN))
+        self.cell_size = float(reductions.least(mesh.comm, h.min(initial=np.inf)))
         size = np.zeros(self._vector.array.size // 3)
         np.maximum.at(size, V.dofmap.list, h[:, None])
         self.nodal_size: Floats = size[: self.num_owned // 3]
@@ -216,7 +217,7 @@ class Bulk:
             fem.assemble_matrix(csr, form, self.bcs)
         csr.scatter_reverse()
         mean = self._rows.diagonal().mean(axis=1)
-        total, count = self.comm.allreduce(np.array([np.abs(mean).sum(), len(mean)]))
+        total, count = reductions.total(self.comm, np.array([np.abs(mean).sum(), len(mean)]))
         self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]

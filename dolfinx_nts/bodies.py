@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
+from dolfinx_nts import reductions
 from dolfinx_nts.arguments import instances
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import compile_form
@@ -160,7 +161,7 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
     count = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     for body in bodies:
         count[body.cells] += 1
-    free, shared = mesh.comm.allreduce(np.array([np.sum(count == 0), np.sum(count > 1)]))
+    free, shared = reductions.total(mesh.comm, np.array([np.sum(count == 0), np.sum(count > 1)]))
     if free or shared:
         raise ValueError(
             "expected every cell in exactly one body, "

@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.fingerprint import fingerprint
 from dolfinx_nts.ranks import gathered, on_root, scattered
@@ -131,7 +132,7 @@ class _Reader(Archive):
         self._is_same_partition = True
         there = self.local("partition", None)
         same = there is not None and np.array_equal(there[0], _partition(stepper))
-        self._is_same_partition = self.comm.allreduce(same, op=MPI.LAND)
+        self._is_same_partition = reductions.everywhere(self.comm, same)
 
     def same(self, name: str, value: T) -> T:
         kept = on_root(self.comm, lambda: self._find(name))

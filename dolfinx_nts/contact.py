@@ -9,12 +9,10 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
@@ -161,7 +159,7 @@ class ContactPair:
         if isinstance(self.segments, Surface):
             there = stiffness[self.segments.nodes].max(initial=0.0)
             comm = self.nodes.V.mesh.comm
-            softer = np.minimum(softer, comm.allreduce(float(there), op=MPI.MAX))
+            softer = np.minimum(softer, reductions.largest(comm, float(there)))
         self.fix_stiffness(softer)
 
     def fix_stiffness(self, stiffness: Floats) -> None:
@@ -190,8 +188,8 @@ class ContactPair:
     def _range(self, stiffness: Floats) -> tuple[float, float]:
         """Least and greatest value on all ranks."""
         comm = self.nodes.V.mesh.comm
-        least = comm.allreduce(float(stiffness.min(initial=np.inf)), op=MPI.MIN)
-        return least, comm.allreduce(float(stiffness.max(initial=0.0)), op=MPI.MAX)
+        least = reductions.least(comm, float(stiffness.min(initial=np.inf)))
+        return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))
 
     def __repr__(self) -> str:
         """Arguments, one line. Local."""
@@ -329,9 +327,9 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")
     comm = nodes.V.mesh.comm
-    shared = comm.allreduce(len(np.intersect1d(nodes.nodes, segments.nodes)))
+    shared = reductions.total(comm, len(np.intersect1d(nodes.nodes, segments.nodes)))
     same = np.array_equal(nodes.segments, segments.segments)
-    same = comm.allreduce(same, op=MPI.LAND)
+    same = reductions.everywhere(comm, same)
     if shared and not same:
         raise ValueError(
             "expected surfaces without common nodes in a contact pair, or the same surface "

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.active_set import ActiveSet
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
@@ -97,7 +97,7 @@ class ContactStep:
             assert isinstance(here, Neighbourhood)
             urgency = 2 * history.active + (np.fmin(pairing.gap_n, pairing.gap_trial) < 0)
             eligible &= independent(here, pair.nodes, pairing.met, eligible, urgency)
-        self.may_touch = bool(self.comm.allreduce(int(may_touch.sum())))
+        self.may_touch = bool(reductions.total(self.comm, int(may_touch.sum())))
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self.active = history.active & eligible
         self.lambda_N = np.where(self.active, history.lambda_N, 0.0)
@@ -149,7 +149,7 @@ class ContactStep:
             changed += changes
         self.active[node], self.lambda_N[node] = active, lambda_N
         num_active = int(np.count_nonzero(active))
-        self.num_active = self.comm.allreduce(num_active)
+        self.num_active = reductions.total(self.comm, num_active)
         self.touched |= self.num_active > 0
         if iteration == 0:
             # Without a previous iteration the set of active pairs is new.
@@ -267,7 +267,7 @@ class ContactStep:
                 -new.dissipation.sum(),
             ]
         )
-        return ContactWork(*(float(part) for part in self.comm.allreduce(parts)))
+        return ContactWork(*(float(part) for part in reductions.total(self.comm, parts)))
 
     def _lost_energy(self, node: Ints) -> float:
         """Energy of normal springs at nodes that have no pair any more [J]."""

@@ -25,6 +25,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts import reductions
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.forms import assembled, compile_form
 from dolfinx_nts.stepper import Stepper
@@ -199,7 +200,7 @@ class Diagnostics:
                 continue
             gap = pair.gap(x, reach)
             here = float(gap[~np.isnan(gap)].min(initial=least))
-            least = self._comm.allreduce(here, op=MPI.MIN)
+            least = reductions.least(self._comm, here)
         return least if least < np.inf else np.nan
 
     def _distances(self, x: Floats) -> Floats:
@@ -215,7 +216,7 @@ class Diagnostics:
                 if isinstance(surface, Surface):
                     some = x[surface.nodes]
                     part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
-        self._comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+        least = reductions.least(self._comm, least)
         lower, upper = least[:, :, 0], -least[:, :, 1]
         apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
         has_box = np.isfinite(least).all(axis=(1, 2, 3))
@@ -278,4 +279,4 @@ class Diagnostics:
         return mean
 
     def _sum(self, values: Any) -> Any:
-        return self._comm.allreduce(values)
+        return reductions.total(self._comm, values)

@@ -22,7 +22,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
@@ -162,9 +162,9 @@ class Coupling:
             return False
         fixed = b"".join(p.eliminable.tobytes() for p in elimination.pairs)
         pairing = elimination.pairing, fixed
-        if self._comm.allreduce(pairing != self._pairing, op=MPI.LOR):
+        if reductions.anywhere(self._comm, pairing != self._pairing):
             self._pairing = pairing
-            self._is_coupled = self._comm.allreduce(_coupled(elimination.pairs), op=MPI.LOR)
+            self._is_coupled = reductions.anywhere(self._comm, _coupled(elimination.pairs))
         return self._is_coupled
 
 

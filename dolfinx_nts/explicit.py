@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
@@ -109,7 +109,7 @@ class CentralDifference(Stepper):
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
         self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
-        mass = float(self._comm.allreduce(self.mass.sum()))
+        mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs, mass)
         self.stable_step, default = self._stability.room(self.x)
         self.dt = default if dt is None else dt
@@ -228,9 +228,8 @@ class CentralDifference(Stepper):
         if bulk.damping:
             bulk.rate.x.scatter_forward()
         # A maximum may pass over NaN.
-        most = np.array([math.sqrt(3) * moved if math.isfinite(moved) else math.inf])
-        self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
-        moved = float(most[0])
+        moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
+        moved = reductions.largest(self._comm, moved)
         if not moved <= self._stability.smallest:
             self.u.x.array[:] = self.u_n.x.array
             super()._check_state()
@@ -249,7 +248,7 @@ class CentralDifference(Stepper):
         sums[3] = dt**2 / 8 * (self._power - power)
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
             sums[4:] += (springs.num_segments, len(new.node), *springs.work(old, new, du))
-        self._comm.Allreduce(MPI.IN_PLACE, sums)
+        sums = reductions.total(self._comm, sums)
         load, damping, support, defect, in_reach, active, *contact = sums.tolist()
         contact_work = ContactWork(*contact)
         self._stability.count((load, support), damping + contact_work.friction)
@@ -282,7 +281,7 @@ class CentralDifference(Stepper):
         energy = np.vdot(self.mass, np.einsum("ni,ni->n", v, v)) / 2
         energy += self._bulk.strain_energy()
         energy += sum(state.stored for state in self._contact_forces)
-        return float(self._comm.allreduce(energy))
+        return float(reductions.total(self._comm, energy))
 
     def _watch(self, v: Floats) -> None:
         """Refuse the step if it is too long for the cells, or energy grows."""

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts import reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import finite, instances
 from dolfinx_nts.bodies import Body, bulk_form
@@ -171,7 +172,7 @@ class GeneralizedAlpha(ImplicitStepper):
             if norm <= 1e-15 * start:
                 break
             product = free * self._momentum_of(p)
-            step = norm**2 / float(self._comm.allreduce(p @ product))
+            step = norm**2 / float(reductions.total(self._comm, p @ product))
             a += step * p
             r -= step * product
             before, norm = norm, self._norm(r)
@@ -190,4 +191,4 @@ class GeneralizedAlpha(ImplicitStepper):
         after = v[:n] @ self.nodal_momentum().ravel()
         self.a.x.array[:] = a
         gained = (after - before) / 2 - rate @ (u - u_n)[:n]
-        self.inertia_defect = float(comm.allreduce(gained))
+        self.inertia_defect = float(reductions.total(comm, gained))

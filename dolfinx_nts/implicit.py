@@ -15,14 +15,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import newton
+from dolfinx_nts import newton, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
@@ -192,7 +190,7 @@ class ImplicitStepper(Stepper):
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         in_reach = sum(len(step.neighbourhood.size) for step in steps)
-        sums = self._comm.allreduce(np.array([loaded, -lost, solution.R @ du, in_reach]))
+        sums = reductions.total(self._comm, np.array([loaded, -lost, solution.R @ du, in_reach]))
         load_work, damping_work, solver_work = (float(value) for value in sums[:3])
         v_n = self.v.x.array[:n].copy()
         self._mean_velocity = moved / dt
@@ -258,7 +256,7 @@ class ImplicitStepper(Stepper):
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""
-        return float(np.sqrt(self._comm.allreduce(values @ values)))
+        return float(np.sqrt(reductions.total(self._comm, values @ values)))
 
     def _starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried, in turn."""
@@ -282,12 +280,12 @@ class ImplicitStepper(Stepper):
     ) -> float:
         """Work of the reactions in a step with increment du [J]. Collective."""
         fixed = self._bulk.fixed
-        if not self._comm.allreduce(bool(du[fixed].any()), op=MPI.LOR):
+        if not reductions.anywhere(self._comm, bool(du[fixed].any())):
             return 0.0
         # States keep the forces on given displacements apart.
         everywhere = [replace(state, residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
-        return float(self._comm.allreduce(reaction[fixed] @ du[fixed]))
+        return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
 
     def _state_was_set(self) -> None:
         self._mean_velocity = self.v.x.array.copy()

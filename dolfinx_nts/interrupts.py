@@ -7,6 +7,8 @@ from typing import Any
 
 from mpi4py import MPI
 
+from dolfinx_nts import reductions
+
 __all__ = ["Interrupts"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -42,7 +44,7 @@ class Interrupts:
 
     def received(self) -> int:
         """Number of a signal that any rank has got, 0 if none. Collective."""
-        return int(self._comm.allreduce(self._signum, op=MPI.MAX))
+        return int(reductions.largest(self._comm, self._signum))
 
     def take_effect(self, signum: int) -> None:
         """Do what the signal would have done: raise, or end the process."""

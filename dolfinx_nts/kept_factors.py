@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.block_rows import BlockRows
 
 __all__ = ["KeptFactors"]
@@ -61,7 +61,7 @@ class KeptFactors:
             natural = np.arange(len(start) - 1, dtype=np.int32)
             self._order = natural if self._alone else _reverse_cuthill_mckee(start, column)
         exist: bool = self._factors.factorise(start, column, value, self._order)
-        return bool(rows.index_map.comm.allreduce(exist, op=MPI.LAND))
+        return bool(reductions.everywhere(rows.index_map.comm, exist))
 
     def apply(self, r: Floats, z: Floats) -> None:
         """Solve for z. Collective.

@@ -11,12 +11,12 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact_rows import ContactState
@@ -213,7 +213,7 @@ class LinearSolver:
             total: Floats = R.reshape(-1, 3).copy()
             # Close to the constraints their part is below what rtol leaves.
             force = 3 * self._bulk.nodal_stiffness()[:, None] * particular
-            sums = self._bulk.comm.allreduce(np.array([np.vdot(force, force), R @ R]))
+            sums = reductions.total(self._bulk.comm, np.array([np.vdot(force, force), R @ R]))
             if sums[0] > (_NEGLIGIBLE * rtol) ** 2 * sums[1]:
                 total += self._bulk.action(particular)
             r = -elimination.act(parts, total)
@@ -239,7 +239,7 @@ class LinearSolver:
         stiffness, inertia = self._bulk.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
         # Without inertia any number of cells; nodes may have no stiffness either.
         ratio = stiffness / np.maximum(inertia, np.maximum(1e-30 * stiffness, 1e-300))
-        greatest = self._bulk.comm.allreduce(ratio.max(initial=0.0), op=MPI.MAX)
+        greatest = reductions.largest(self._bulk.comm, ratio.max(initial=0.0))
         return float(np.sqrt(2 * greatest))
 
     def _solve_direct(

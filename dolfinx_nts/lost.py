@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from basix import CellType, topology
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.search import Neighbourhood
 
@@ -41,7 +41,7 @@ def lost_nodes(step: ContactStep) -> str:
     if not isinstance(here, Neighbourhood):
         return ""
     counts = np.array([_sunk(step, here), _passed(step, here)])
-    sunk, passed = step.comm.allreduce(counts)
+    sunk, passed = reductions.total(step.comm, counts)
     if passed:
         return f"nodes that pass through a surface: {passed}"
     return f"nodes that sank into a surface and face no segment any more: {sunk}" if sunk else ""

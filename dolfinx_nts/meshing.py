@@ -18,7 +18,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
-from dolfinx_nts import compat
+from dolfinx_nts import compat, reductions
 from dolfinx_nts.parts import (
     add_bowl,
     add_box,
@@ -123,7 +123,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     mesh.topology.create_connectivity(3, 2)
     owned = facets.values[facets.indices < mesh.topology.index_map(2).size_local]
     for tag, expected in num_facets.items():
-        given = comm.allreduce(np.count_nonzero(owned == tag))
+        given = reductions.total(comm, np.count_nonzero(owned == tag))
         if given != expected:
             raise ValueError(
                 f"physical surface {tag}: expected {expected} facets of cells, given {given}"

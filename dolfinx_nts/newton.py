@@ -4,11 +4,10 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -126,7 +125,7 @@ def solve(
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
         counts.append(not excess <= _GAP_TOLERANCE * size)
-        sums = bulk.comm.allreduce(np.array([R @ R, R_contact @ R_contact, *counts]))
+        sums = reductions.total(bulk.comm, np.array([R @ R, R_contact @ R_contact, *counts]))
         norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
         changed, failed, violated = (int(value) for value in sums[2:])
         norms.append(norm)
@@ -161,7 +160,7 @@ def solve(
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
-        du_norm = bulk.comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
+        du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
         if du_norm > 0.5 * size:
             # A step of more than half a cell is not to be trusted.
@@ -185,7 +184,7 @@ def _round_off(bulk: Bulk) -> float:
     """
     u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
     forces = np.finfo(np.float64).eps * bulk.nodal_stiffness() * (bulk.nodal_size + u)
-    return float(np.sqrt(bulk.comm.allreduce(forces @ forces)))
+    return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

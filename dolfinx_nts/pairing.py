@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.search import Neighbourhood
@@ -45,7 +45,7 @@ class Pairing:
         comm: MPI.Comm = pair.nodes.V.mesh.comm
         dx = x_trial - x_n
         way = float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
-        self.way: float = comm.allreduce(way, op=MPI.MAX)
+        self.way: float = reductions.largest(comm, way)
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size

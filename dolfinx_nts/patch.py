@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.elimination import ActivePairs, Elimination
@@ -55,7 +55,7 @@ class Patch:
         """
         self._elimination = elimination
         is_new = version != self._version or elimination.pairing != self._pairing
-        if not self._comm.allreduce(is_new, op=MPI.LOR):
+        if not reductions.anywhere(self._comm, is_new):
             return
         self._version, self._pairing = version, elimination.pairing
         self._pairs = [_GlobalPairs.of(pairs) for pairs in elimination.pairs]

@@ -9,6 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
+
 __all__ = ["Pivoting"]
 
 Flags = npt.NDArray[np.bool_]
@@ -49,7 +51,7 @@ class Pivoting:
             Flags, shape ``(m,)``; and the violators on this rank.
         """
         here = int(np.count_nonzero(violates))
-        count = self._comm.allreduce(here)
+        count = reductions.total(self._comm, here)
         if count < self._fewest:
             self._fewest, self._patience = count, _PATIENCE
         elif count and count >= self._last:
@@ -59,6 +61,6 @@ class Pivoting:
             if iteration % _PERIOD:
                 return np.zeros_like(violates), here
             last = np.iinfo(np.int64).max
-            lowest = self._comm.allreduce(ids[violates].min(initial=last), op=MPI.MIN)
+            lowest = reductions.least(self._comm, ids[violates].min(initial=last))
             violates = violates & (ids == lowest)
         return violates, here

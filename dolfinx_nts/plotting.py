@@ -16,6 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts import reductions
 from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
 from dolfinx_nts.elements import Element
@@ -156,9 +157,9 @@ def contact(
     values = nodal.x.array.reshape(-1, 3)[surface.segments, 0]
     ids = V.dofmap.index_map.local_to_global(surface.segments.ravel())
     parts = comm.gather((ids.reshape(values.shape), stepper.x[surface.segments], values))
-    force = comm.allreduce(touching.history.force.sum(axis=0))
+    force = reductions.total(comm, touching.history.force.sum(axis=0))
     least = float(np.nanmin(gap, initial=np.inf))
-    closest = comm.allreduce(least, op=MPI.MIN)
+    closest = reductions.least(comm, least)
     if colour == "gap" and limits is None and closest < touching.segment_size:
         limits = (closest, touching.segment_size)
     at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
@@ -53,7 +54,7 @@ class Rest:
 
         def belongs(surface: Surface, body: Body) -> bool:
             inside = np.isin(surface.nodes, self._nodes[body])
-            return bool(comm.allreduce(int(inside.sum())))
+            return bool(reductions.total(comm, int(inside.sum())))
 
         def loaded(load: Load, body: Body) -> bool:
             if hasattr(load, "surface"):
@@ -94,7 +95,7 @@ class Rest:
             # Its displacement may have been set since its balance was looked at.
             known = body in self.bodies and not np.any(displaced[nodes])
             flags.append((still, known))
-        counts = comm.allreduce(np.array(flags, dtype=np.int64)) == comm.size
+        counts = reductions.total(comm, np.array(flags, dtype=np.int64)) == comm.size
         states = zip(self._all, counts.tolist(), strict=True)
         candidates = {body: known for body, (still, known) in states if still}
         if new := [body for body, known in candidates.items() if not known]:
@@ -123,7 +124,7 @@ class Rest:
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]
         return {
             body
-            for body, n in zip(bodies, bulk.comm.allreduce(np.array(bad)), strict=True)
+            for body, n in zip(bodies, reductions.total(bulk.comm, np.array(bad)), strict=True)
             if not n
         }
 

@@ -13,12 +13,12 @@ matrix is not symmetric.
 from collections.abc import Sequence
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
@@ -61,7 +61,7 @@ class SaddleSystem:
         # Constraints that given displacements make dependent stay solvable;
         # multipliers converge with Newton's iteration, so nothing is lost.
         compliance = _DEPENDENT / float(self._bulk.nodal_stiffness().max(initial=1e-300))
-        compliance = comm.allreduce(compliance, op=MPI.MIN)
+        compliance = reductions.least(comm, compliance)
         first, last = K.getOwnershipRange()
         counts = [int(state.rank.sum()) for state in states]
         num_local = np.array(comm.allgather((last - first, sum(counts))))

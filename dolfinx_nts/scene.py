@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
+from dolfinx_nts import reductions
 from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import Body, common_space
 from dolfinx_nts.contact import ContactPair
@@ -200,7 +201,7 @@ def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
         nodes = np.flatnonzero(marker.array[: index_map.size_local])
         touching[i, np.setdiff1d(last[nodes], -1)] = True
         last[nodes] = i
-    touching = bodies[0].V.mesh.comm.allreduce(touching.astype(np.int32)) > 0
+    touching = reductions.total(bodies[0].V.mesh.comm, touching.astype(np.int32)) > 0
     group = np.arange(len(bodies))
     for i, j in np.argwhere(touching):
         group[group == group[i]] = group[j]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import common, la
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface
 
@@ -292,7 +292,7 @@ class Search:
                     _largest_norm(x_vertices - self._covered[1]),
                 ]
             )
-            self._nodes.V.mesh.comm.Allreduce(MPI.IN_PLACE, moved, op=MPI.MAX)
+            moved = reductions.largest(self._nodes.V.mesh.comm, moved)
             if moved.sum() + reach <= self._covered[2]:
                 return self._neighbourhood, False
         # Half as much again saves exchanges and costs a few segments.

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
@@ -64,9 +64,9 @@ class ContactSprings:
         compliance: Floats = 1 / mass[pair.nodes.nodes]
         if isinstance(pair.segments, Surface):
             counts = np.array([len(pair.nodes.nodes), len(pair.segments.nodes)], dtype=float)
-            counts = self._comm.allreduce(counts)
+            counts = reductions.total(self._comm, counts)
             lightest = mass[pair.segments.nodes].min(initial=np.inf)
-            lightest = self._comm.allreduce(lightest, op=MPI.MIN)
+            lightest = reductions.least(self._comm, lightest)
             compliance += max(1.0, counts[0] / counts[1]) / lightest
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
@@ -149,7 +149,7 @@ class ContactSprings:
         for stiffness in (normal, tangential):
             if stiffness is not None:
                 highest = max(highest, (stiffness / self._reduced_mass).max(initial=0.0))
-        return float(self._comm.allreduce(highest, op=MPI.MAX))
+        return float(reductions.largest(self._comm, highest))
 
     def settle(self, squared_frequency: float) -> None:
         """Settle stiffnesses that the user left open.
@@ -238,7 +238,7 @@ class ContactSprings:
         here, _ = self.pair.search.update(x, reach)
         x = here.with_ghosts(x[: here.index_map.size_local])
         self._look_at(here, here.near(x, self.pair.nodes.nodes, reach))
-        self._travelled, self._idle = 0.0, not self._comm.allreduce(len(self._candidates))
+        self._travelled, self._idle = 0.0, not reductions.total(self._comm, len(self._candidates))
 
     def _look_at(self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints) -> None:
         """Look at some nodes, given by their positions in the surface's, from now on."""

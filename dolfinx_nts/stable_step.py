@@ -18,7 +18,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.elements import Element
 from dolfinx_nts.lumping import nodal_parts
@@ -140,8 +140,7 @@ class Cells:
         length = _kernels.cell_lengths(x, self._nodes)
         time = (length / self._speed).min(initial=np.inf)
         limits = np.array([time, length.min(initial=np.inf)])
-        self._comm.Allreduce(MPI.IN_PLACE, limits, op=MPI.MIN)
-        least, shortest = (float(limit) for limit in limits)
+        least, shortest = (float(limit) for limit in reductions.least(self._comm, limits))
         # A cell without any length has no frequency that a number can hold.
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
 

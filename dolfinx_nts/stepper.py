@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 
+from dolfinx_nts import reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.arguments import finite, instances, positive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
@@ -335,7 +336,7 @@ class Stepper(ABC):
             np.count_nonzero(~np.isfinite(function.x.array[: 3 * self._num_owned]))
             for function in (self.u, self.v)
         ]
-        bad = self._comm.allreduce(np.array(bad))
-        for name, count in zip(("displacement", "velocity"), bad, strict=True):
+        counts = reductions.total(self._comm, np.array(bad))
+        for name, count in zip(("displacement", "velocity"), counts, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import reductions
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.search import Search
 from dolfinx_nts.stepper import Stepper
@@ -54,9 +55,9 @@ class SunkVertices:
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
         for i, search in self._turned.items():
             pair = self._stepper.pairs[i]
-            if not comm.allreduce(bool(pair.history.active.any()), op=MPI.LOR):
+            if not reductions.anywhere(comm, bool(pair.history.active.any())):
                 continue
-            depth = comm.allreduce(_depth(pair, search, self._stepper.x), op=MPI.MAX)
+            depth = reductions.largest(comm, _depth(pair, search, self._stepper.x))
             limit = _DEEP * pair.nodes.size
             if depth > limit >= self.deepest[i] and comm.rank == 0:
                 _logger.warning(

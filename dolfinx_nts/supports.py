@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_nts import compat
+from dolfinx_nts import compat, reductions
 from dolfinx_nts.arguments import instances
 
 __all__ = ["Supports"]
@@ -47,7 +47,7 @@ class Supports:
         # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
         owned = dofs[dofs < 3 * V.dofmap.index_map.size_local]
         self.fixed, count = np.unique(owned, return_counts=True)
-        self._shared = self._comm.allreduce(bool((count > 1).any()), op=MPI.LOR)
+        self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
 
     def check(self) -> None:
         """Raise unless the present values are finite and do not conflict.

@@ -11,14 +11,13 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
+from dolfinx_nts import reductions
 from dolfinx_nts.arguments import as_call
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import assembled
@@ -90,7 +89,7 @@ class Surface:
         # Without ghost cells a facet between two ranks has one cell here.
         between = np.isin(local, mesh.topology.interprocess_facets())
         between |= np.fromiter((len(c) != 1 for c in cells), dtype=bool, count=len(cells))
-        if inner := mesh.comm.allreduce(int(np.count_nonzero(between & owned))):
+        if inner := reductions.total(mesh.comm, int(np.count_nonzero(between & owned))):
             raise ValueError(
                 f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
             )
@@ -129,7 +128,7 @@ class Surface:
         self.key = self._number()
         x = X[self.segments]
         edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
-        self.size = float(mesh.comm.allreduce(edges.max(initial=0.0), op=MPI.MAX))
+        self.size = float(reductions.largest(mesh.comm, edges.max(initial=0.0)))
 
     def __repr__(self) -> str:
         """Tag, and sizes on this rank. Local."""
@@ -170,7 +169,7 @@ class Surface:
         Raises:
             ValueError: No rank has a facet.
         """
-        if not V.mesh.comm.allreduce(len(facets)):
+        if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError("expected facets of the boundary, given none")
         ordered = np.sort(facets).astype(np.int32)
         return cls(V, meshtags(V.mesh, 2, ordered, np.ones_like(ordered)), 1)
@@ -254,7 +253,7 @@ class Surface:
         area = np.linalg.norm(np.cross(a, b), axis=-1)
         good = np.minimum(length_a, length_b) > _POINT * self.size
         sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
-        return float(self.V.mesh.comm.allreduce(sine.min(initial=1.0), op=MPI.MIN))
+        return float(reductions.least(self.V.mesh.comm, sine.min(initial=1.0)))
 
     def _number(self) -> GlobalInts:
         """Rank of each owned segment among all, by its input node numbers."""
