@@ -170,18 +170,15 @@ class ContactStep:
         if not self.num_active or self._set is None:
             return
         rows, here = self._evaluated, self.neighbourhood
-        flags = self.active[rows.node] & rows.eliminable
+        held = self.active[rows.node] & rows.eliminable
         if self._tangential is not None:
-            flags &= ~self._tangential.sticks(rows.node, flags)
-        held = slice(None) if flags.all() else np.flatnonzero(flags)
-        nodes, normal = rows.dofs[held, 0], rows.normal[held]
-        excess = here.gap(here.with_ghosts(x), nodes, rows.segment[held])
+            held &= ~self._tangential.sticks(rows.node, held)
+        gap = here.gap(here.with_ghosts(x), rows.dofs[:, 0], rows.segment)
         if self._holds:
-            excess -= rows.gap_n[held]
-        way = excess / np.einsum("mi,mi->m", normal, rows.gradients[held, 0, :3])
+            gap -= rows.gap_n
         # Nodes far from where the normals hold are left to the linear system.
-        way[~(np.abs(way) <= _CLOSE * self.pair.segment_size)] = 0.0
-        u[nodes] -= way[:, None] * normal
+        farthest = _CLOSE * self.pair.segment_size
+        _kernels.close_gaps(rows.dofs, held, gap, rows.normal, rows.gradients, farthest, u)
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.

@@ -99,6 +99,21 @@ def test_multipliers_balance_forces_along_the_normals(rng, c):
     np.testing.assert_allclose(np.einsum("mi,mi->m", normal, total)[1:], 0, atol=ROUNDING)
 
 
+@kinds
+def test_nodes_move_along_their_normals_to_zero_gap(k, rng):
+    dofs, _, normal, gradients, _, _ = pairs(k, rng)
+    gap = np.array([0.1, -0.2, 0.1, 5.0, np.nan])
+    moves = np.array([True, True, False, True, True])
+    x = np.zeros((NODES, 3))
+    _kernels.close_gaps(dofs, moves, gap, normal, gradients, 1.0, x)
+    # To first order in the displacements of the nodes themselves.
+    change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[dofs[:, 0]])
+    np.testing.assert_allclose(gap[:2] + change[:2], 0, atol=ROUNDING)
+    assert np.abs(np.cross(x[dofs[:2, 0]], normal[:2])).max() < ROUNDING
+    # Held back, too far, without a gap; and all that are no contact nodes.
+    np.testing.assert_array_equal(x[2:], 0)
+
+
 def test_columns_without_three_numbers_are_refused(rng):
     with pytest.raises(ValueError, match="three numbers of each pair"):
         _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))

@@ -79,6 +79,19 @@ auto balance_batch(const Doubles& normal, const Doubles& rest,
           columns.shape(1) * columns.shape(2), view(lambda));
   return lambda;
 }
+
+void close_gaps_batch(const Dofs& dofs, const In<bool>& moves,
+                      const Doubles& gap, const Doubles& normal,
+                      const Doubles& gradients, double farthest, Out<double> x)
+{
+  const std::size_t m = dofs.shape(0), n = 3 * (1 + check_dofs(dofs, x));
+  check("moves", moves, {m});
+  check("gap", gap, {m});
+  check("normal", normal, {m, 3});
+  check("gradients", gradients, {m, 3, n});
+  close_gaps(view(dofs), view(moves), view(gap), view(normal), view(gradients),
+             n, farthest, view(x));
+}
 } // namespace
 
 void elimination(nb::module_& m)
@@ -97,5 +110,10 @@ void elimination(nb::module_& m)
         nb::arg("columns"),
         "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "
         "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
+  m.def("close_gaps", &close_gaps_batch, nb::arg("dofs"), nb::arg("moves"),
+        nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
+        nb::arg("farthest"), nb::arg("x").noconvert(),
+        "Move nodes along their normals to zero gap, unless that is farther: "
+        "(m, 1+k), (m,), (m,), (m, 3), (m, 3, 3(1+k)), scalar, (n, 3)");
 }
 } // namespace nts::bindings

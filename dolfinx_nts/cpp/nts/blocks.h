@@ -8,6 +8,7 @@
 #include <cstring>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 /// @brief 3 x 3 blocks of sparse matrices.
@@ -54,37 +55,54 @@ struct BlockMatrix
   std::span<const double> value;        ///< (blocks, 3, 3)
 };
 
-/// @brief A row that is filled block by block in any order.
-class BlockRow
+/// @brief Rows that are filled one after the other, each in any order.
+class BlockRows
 {
 public:
-  explicit BlockRow(std::size_t size) : _place(size, -1) {}
+  /// @param[in] columns Number of columns.
+  explicit BlockRows(std::size_t columns) : _place(columns, -1) {}
 
+  /// @brief Block of the last row, which no `end_row` has ended; zero if new.
   Block& operator[](std::int32_t column)
   {
-    std::int32_t& place = _place[column];
-    if (place < 0)
+    std::int64_t& place = _place[column];
+    if (place < _start.back())
     {
-      place = static_cast<std::int32_t>(columns.size());
-      columns.push_back(column);
-      blocks.push_back({});
+      place = static_cast<std::int64_t>(_column.size());
+      _column.push_back(column);
+      _value.push_back({});
     }
-    return blocks[place];
+    return _value[place];
   }
 
-  void clear() noexcept
+  void end_row()
   {
-    for (const std::int32_t column : columns)
-      _place[column] = -1;
-    columns.clear();
-    blocks.clear();
+    _start.push_back(static_cast<std::int64_t>(_column.size()));
   }
 
-  std::vector<std::int32_t> columns;
-  std::vector<Block> blocks;
+  std::size_t size() const noexcept { return _start.size() - 1; }
+
+  /// @brief Columns and blocks of a row.
+  auto row(std::size_t i) const noexcept
+  {
+    const auto first = static_cast<std::size_t>(_start[i]),
+               count = static_cast<std::size_t>(_start[i + 1]) - first;
+    return std::pair(std::span(_column).subspan(first, count),
+                     std::span(_value).subspan(first, count));
+  }
+
+  BlockMatrix view() const noexcept
+  {
+    const double* first = _value.empty() ? nullptr : _value[0][0].data();
+    return {.start = _start,
+            .column = _column,
+            .value = {first, 9 * _value.size()}};
+  }
 
 private:
-  std::vector<std::int32_t> _place;
+  std::vector<std::int64_t> _start = {0}, _place;
+  std::vector<std::int32_t> _column;
+  std::vector<Block> _value;
 };
 
 /// A column of a block in single precision and one entry that does not count.
@@ -152,16 +170,6 @@ public:
       std::memcpy(_entry.data() + 9 * e + 3 * c, &A.column[c],
                   3 * sizeof(float));
   }
-
-  void push(std::int32_t node, const Columns& A)
-  {
-    resize(size() + 1);
-    put(size() - 1, node, A);
-  }
-
-  void clear() { resize(0); }
-
-  std::size_t size() const noexcept { return _node.size(); }
 
   std::int32_t node(std::size_t e) const noexcept { return _node[e]; }
 

@@ -34,7 +34,8 @@ public:
       for (std::int64_t e = A.start[order[i]]; e < A.start[order[i] + 1]; ++e)
         if (static_cast<std::size_t>(A.column[e]) < n)
           entries.push_back({place[A.column[e]], A.value.data() + 9 * e});
-      std::ranges::sort(entries);
+      if (!std::ranges::is_sorted(entries))
+        std::ranges::sort(entries);
       row.clear();
       for (const auto& [column, value] : entries)
       {

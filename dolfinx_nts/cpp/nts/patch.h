@@ -75,81 +75,15 @@ public:
   bool build()
   {
     number_nodes();
-    const std::size_t n = _size;
-    // Pairs of each node, and its position in them.
-    std::vector<std::vector<std::pair<const Pair*, std::size_t>>> pairs(n);
+    std::vector<Parts> parts(_size);
     for (const Pair& pair : _pairs)
       for (std::size_t a = 0; a < pair.nodes.size(); ++a)
-        pairs[_number[pair.nodes[a]]].push_back({&pair, a});
-    double largest = 0;
-    for (std::size_t p = 0; p < n; ++p)
-      largest = std::max(largest, stiffness(p)[0][0]);
-    _scale = power_of_two(largest);
-
-    // Rows of K + C, which `correct` needs, and of (K + C) Z in the patch.
-    _rows.clear();
-    _ends.clear();
-    BlockRow whole(_nodes.size());
-    const auto add_row = [&](std::size_t p, BlockRow& row)
-    {
-      whole.clear();
-      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
-           ++e)
-        std::copy_n(_K.value.data() + 9 * e, 9,
-                    whole[_number[_K.column[e]]].front().data());
-      for (const auto& [pair, a] : pairs[p])
-        for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-          nts::add(pair->tangent[pair->nodes.size() * a + b],
-                   whole[_number[pair->nodes[b]]]);
-      for (std::size_t e = 0; e < whole.columns.size(); ++e)
-      {
-        const std::int32_t q = whole.columns[e];
-        const Block& B = whole.blocks[e];
-        _rows.push(q, Columns::of(B.front().data(), _scale));
-        if (static_cast<std::size_t>(q) >= n)
-          continue;
-        if (const Pair* pair = constrained_pair(pairs[q]))
-          for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-            add_product(B, pair->right[b], row[_number[pair->nodes[b]]]);
-        else
-          nts::add(B, row[q]);
-      }
-      _ends.push_back({p, _rows.size()});
-    };
-
-    // Z~^T times these adds rows of constrained nodes to those of their pairs.
-    std::vector<BlockRow> constrained_rows;
-    std::vector<std::size_t> place(n, 0); // of a constrained node in them
-    for (std::size_t p = 0; p < n; ++p)
-      if (constrained_pair(pairs[p]))
-      {
-        place[p] = constrained_rows.size();
-        add_row(p, constrained_rows.emplace_back(n));
-      }
-    BlockRow row(n);
-    Rows rows;
-    for (std::size_t p = 0; p < n; ++p)
-    {
-      row.clear();
-      const bool constrained = constrained_pair(pairs[p]);
-      if (!constrained)
-        add_row(p, row);
-      for (const auto& [pair, a] : pairs[p])
-        if (pair->constrained)
-        {
-          const BlockRow& other
-              = constrained_rows[place[_number[pair->nodes[0]]]];
-          for (std::size_t e = 0; e < other.columns.size(); ++e)
-            add_product(pair->left[a], other.blocks[e], row[other.columns[e]]);
-        }
-      if (constrained)
-        add_product(pairs[p].front().first->given_up, stiffness(p),
-                    row[static_cast<std::int32_t>(p)]);
-      rows.add(row);
-    }
-    std::vector<std::int32_t> order(n);
+        parts[_number[pair.nodes[a]]].push_back({&pair, a});
+    const BlockRows all = rows(parts);
+    pack(all);
+    std::vector<std::int32_t> order(_size);
     std::iota(order.begin(), order.end(), 0);
-    return _exists = _factors.factorise(rows.view(), order);
+    return _exists = _factors.factorise(projected(all, parts).view(), order);
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the patch.
@@ -179,9 +113,9 @@ public:
             = without_dust(static_cast<float>(scale * z[3 * _nodes[p] + c]));
     _x.resize(3 * _size);
     std::size_t e = 0;
-    for (const auto& [p, end] : _ends)
+    for (std::size_t p = 0; p < _size; ++p)
     {
-      const Column product = _rows.product(e, end, _z.data());
+      const Column product = _rows.product(e, _ends[p], _z.data());
       for (std::size_t c = 0; c < 3; ++c)
         _x[3 * p + c]
             = r[3 * _nodes[p] + c] - back * static_cast<double>(product[c]);
@@ -216,27 +150,8 @@ private:
     Block given_up;                  // E E^T at the contact node
   };
 
-  /// @brief Rows one after the other.
-  struct Rows
-  {
-    std::vector<std::int64_t> start = {0};
-    std::vector<std::int32_t> column;
-    std::vector<Block> value;
-
-    void add(const BlockRow& row)
-    {
-      column.insert(column.end(), row.columns.begin(), row.columns.end());
-      value.insert(value.end(), row.blocks.begin(), row.blocks.end());
-      start.push_back(static_cast<std::int64_t>(value.size()));
-    }
-
-    BlockMatrix view() const
-    {
-      const double* first = value.empty() ? nullptr : value[0][0].data();
-      return {
-          .start = start, .column = column, .value = {first, 9 * value.size()}};
-    }
-  };
+  /// Pairs that a node takes part in, and its position in each.
+  using Parts = std::vector<std::pair<const Pair*, std::size_t>>;
 
   /// @brief Blocks of the projections of pair i.
   template <class S>
@@ -317,14 +232,90 @@ private:
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
 
-  /// @brief The pair that constrains a node, if any.
-  static const Pair* constrained_pair(
-      const std::vector<std::pair<const Pair*, std::size_t>>& pairs) noexcept
+  /// @brief Rows of K + C in the patch, with all their columns.
+  BlockRows rows(const std::vector<Parts>& parts) const
   {
-    for (const auto& [pair, a] : pairs)
-      if (a == 0 && pair->constrained)
-        return pair;
-    return nullptr;
+    BlockRows result(_nodes.size());
+    for (std::size_t p = 0; p < _size; ++p)
+    {
+      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
+           ++e)
+        std::copy_n(_K.value.data() + 9 * e, 9,
+                    result[_number[_K.column[e]]].front().data());
+      for (const auto& [pair, a] : parts[p])
+        for (std::size_t b = 0; b < pair->nodes.size(); ++b)
+          nts::add(pair->tangent[pair->nodes.size() * a + b],
+                   result[_number[pair->nodes[b]]]);
+      result.end_row();
+    }
+    return result;
+  }
+
+  /// @brief Keep rows for products.
+  void pack(const BlockRows& rows)
+  {
+    double largest = 0;
+    for (std::size_t p = 0; p < _size; ++p)
+      largest = std::max(largest, stiffness(p)[0][0]);
+    _scale = power_of_two(largest);
+    const BlockMatrix A = rows.view();
+    _ends.assign(A.start.begin() + 1, A.start.end());
+    _rows.resize(A.column.size());
+    for (std::size_t e = 0; e < A.column.size(); ++e)
+      _rows.put(e, A.column[e], Columns::of(A.value.data() + 9 * e, _scale));
+  }
+
+  /// @brief Z~^T rows Z + E E^T in the patch.
+  BlockRows projected(const BlockRows& rows,
+                      const std::vector<Parts>& parts) const
+  {
+    std::vector<const Pair*> constrainer(_size, nullptr); // of each node
+    for (const Pair& pair : _pairs)
+      if (pair.constrained)
+        constrainer[_number[pair.nodes[0]]] = &pair;
+
+    const auto add_row = [&](std::size_t p, BlockRows& result)
+    {
+      const auto [columns, blocks] = rows.row(p);
+      for (std::size_t e = 0; e < columns.size(); ++e)
+        if (static_cast<std::size_t>(columns[e]) >= _size)
+          continue;
+        else if (const Pair* pair = constrainer[columns[e]])
+          for (std::size_t b = 0; b < pair->nodes.size(); ++b)
+            add_product(blocks[e], pair->right[b],
+                        result[_number[pair->nodes[b]]]);
+        else
+          nts::add(blocks[e], result[columns[e]]);
+    };
+    // Z~^T adds rows of constrained nodes to those of their pairs.
+    BlockRows constrained(_size);
+    std::vector<std::size_t> place(_size, 0); // in them
+    for (std::size_t p = 0; p < _size; ++p)
+      if (constrainer[p])
+      {
+        place[p] = constrained.size();
+        add_row(p, constrained);
+        constrained.end_row();
+      }
+    BlockRows result(_size);
+    for (std::size_t p = 0; p < _size; ++p)
+    {
+      if (!constrainer[p])
+        add_row(p, result);
+      for (const auto& [pair, a] : parts[p])
+        if (pair->constrained)
+        {
+          const auto [columns, blocks]
+              = constrained.row(place[_number[pair->nodes[0]]]);
+          for (std::size_t e = 0; e < columns.size(); ++e)
+            add_product(pair->left[a], blocks[e], result[columns[e]]);
+        }
+      if (constrainer[p])
+        add_product(constrainer[p]->given_up, stiffness(p),
+                    result[static_cast<std::int32_t>(p)]);
+      result.end_row();
+    }
+    return result;
   }
 
   /// @brief Mean entry on the diagonal of K at a node, on the diagonal.
@@ -345,8 +336,8 @@ private:
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the patch
   PackedRows _rows;                  // of K + C, times _scale
+  std::vector<std::size_t> _ends;    // of each
   double _scale = 1;
-  std::vector<std::pair<std::size_t, std::size_t>> _ends; // of row p in them
   IncompleteFactors _factors;
   bool _exists = false; // the factors
   std::vector<float> _z;
