@@ -14,8 +14,7 @@ the balance of normal forces at the nodes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -37,8 +36,7 @@ Ints = npt.NDArray[np.int32]
 _NONE = np.empty(0)
 
 
-@dataclass(frozen=True)
-class ActivePairs:
+class ActivePairs(NamedTuple):
     """Active pairs of one contact pair, see `ContactState`.
 
     Attributes:
@@ -72,13 +70,19 @@ class ActivePairs:
         )
         if not state.active.all():
             active = np.flatnonzero(state.active)
-            arrays = tuple(array[active] for array in arrays)
+            arrays = tuple(array.take(active, axis=0) for array in arrays)
         return cls(here, *arrays)
 
     def global_dofs(self) -> npt.NDArray[np.int64]:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
         nodes = self.here.index_map.local_to_global(self.dofs.ravel())
         return np.asarray(nodes).reshape(self.dofs.shape)
+
+    @property
+    def constrained(self) -> Ints:
+        """Nodes with constraints."""
+        nodes: Ints = self.dofs[self.rank > 0, 0]
+        return nodes
 
 
 class Elimination:
@@ -105,7 +109,6 @@ class Elimination:
             for step, state in zip(steps, states, strict=True)
             if step.num_active
         ]
-        self._node = [p.dofs[p.rank > 0, 0] for p in self.pairs]
         parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
         self.pairing = b"".join(part.tobytes() for part in parts)
 
@@ -125,10 +128,10 @@ class Elimination:
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
         parts = [p.here.with_ghosts(x) for p in self.pairs]
-        for p, node, value, part in zip(self.pairs, self._node, values, parts, strict=True):
+        for p, value, part in zip(self.pairs, values, parts, strict=True):
             _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, value, part)
             if part is not x:
-                x[node] = part[node]
+                x[p.constrained] = part[p.constrained]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
@@ -176,7 +179,7 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     for p in pairs:
         constrained = p.rank > 0
         marks: Floats = np.zeros((p.here.num_local, 3))
-        marks[p.dofs[constrained, 0], 0] = 1  # each node is in one pair of a contact pair
+        marks[p.constrained, 0] = 1  # each node is in one pair of a contact pair
         marks[p.dofs[~constrained, 0], 1] = 1
         marks[p.dofs[:, 1:].ravel(), 1] = 1
         marks = p.here.to_owners(marks)
