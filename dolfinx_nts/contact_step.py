@@ -290,17 +290,16 @@ class ContactStep:
             lost = int(np.count_nonzero(self.active[far]))
             self._release(far)
             node, segment, moved = node[near], segment[near], moved[near]
-        nodes = self.pair.nodes.nodes[node]
-        dofs = here.dofs(nodes, segment)
-        values = here.contact(self._scheme, self.pairing.x_n, x, nodes, segment)
+        dofs = here.dofs(self.pair.nodes.nodes[node], segment)
+        values = here.contact(self._scheme, self.pairing.x_n, x, dofs, segment)
         free = None if self._free is None else self._free[dofs].reshape(values[2].shape)
         rows = Rows(node, segment, dofs, free, values)
         if self.pair.is_convective:
             assert isinstance(here, Neighbourhood)
-            slip = here.convective_slip(self.pairing.x_n, x, nodes, segment)
+            slip = here.convective_slip(self.pairing.x_n, x, dofs, segment)
             rows.add_slip(ConvectiveSlip(slip))
         elif self.pair.friction is not None:
-            rows.add_slip(Slip(here.slip(self.pairing.x_n, x, nodes, segment)))
+            rows.add_slip(Slip(here.slip(self.pairing.x_n, x, dofs, segment)))
         self.pairing.gap[node] = rows.gap
         if self._set is not None:
             rows.excess[:, 0] = rows.gap - rows.gap_n if self._holds else rows.gap

@@ -100,16 +100,16 @@ class ObstacleNeighbourhood:
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given facets, shape ``(m,)`` [m]."""
-        return self.contact("static", x, x, nodes, segment)[1]
+        return self.contact("static", x, x, nodes[:, None], segment)[1]
 
     def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gradient of the gap of nodes, shape ``(m, 3)``."""
-        return self.contact("static", x, x, nodes, segment)[3]
+        return self.contact("static", x, x, nodes[:, None], segment)[3]
 
-    def contact(self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+    def contact(self, scheme: str, x_n: Floats, x: Floats, dofs: Ints, segment: Ints) -> Contact:
         """Contact of nodes, see `Obstacle.contact`."""
-        return self.obstacle.contact(scheme, x_n[nodes], x[nodes], segment)
+        return self.obstacle.contact(scheme, x_n[dofs[:, 0]], x[dofs[:, 0]], segment)
 
-    def slip(self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints) -> Contact:
+    def slip(self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints) -> Contact:
         """Slip of nodes, see `Obstacle.slip`."""
-        return self.obstacle.slip(x_n[nodes], x[nodes], segment)
+        return self.obstacle.slip(x_n[dofs[:, 0]], x[dofs[:, 0]], segment)

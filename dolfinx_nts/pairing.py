@@ -8,7 +8,7 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.search import Neighbourhood, largest_norm
 
 __all__ = ["Pairing"]
 
@@ -43,9 +43,7 @@ class Pairing:
     def __init__(self, pair: ContactPair, x_n: Floats, x_trial: Floats) -> None:
         """Find the segments in reach, those at t_n and those of the ballistic state."""
         comm: MPI.Comm = pair.nodes.V.mesh.comm
-        dx = x_trial - x_n
-        way = float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
-        self.way: float = reductions.largest(comm, way)
+        self.way: float = reductions.largest(comm, largest_norm(x_trial - x_n))
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size

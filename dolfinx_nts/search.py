@@ -19,7 +19,7 @@ from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface
 
-__all__ = ["Neighbourhood", "Search"]
+__all__ = ["Neighbourhood", "Search", "largest_norm"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -76,7 +76,7 @@ class Neighbourhood:
     def dofs(self, nodes: Ints, segment: Ints) -> Ints:
         """Nodes of pairs in the index map, shape ``(m, 1+k)``. Local."""
         dofs = np.empty((len(nodes), 1 + self.segments.shape[1]), dtype=np.int32)
-        dofs[:, 0], dofs[:, 1:] = nodes, self.segments[segment]
+        dofs[:, 0], dofs[:, 1:] = nodes, self.segments.take(segment, axis=0)
         return dofs
 
     def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
@@ -144,14 +144,15 @@ class Neighbourhood:
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
-        return _kernels.project(x[self.dofs(nodes, segment)], self.orientation[segment])[1]
+        x = x.take(self.dofs(nodes, segment), axis=0)
+        return _kernels.project(x, self.orientation.take(segment))[1]
 
     def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gradient of the gap of pairs, shape ``(m, d)``. Local."""
         return _kernels.gap_gradient(x[self.dofs(nodes, segment)], self.orientation[segment])
 
     def contact(
-        self, scheme: str, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+        self, scheme: str, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
     ) -> tuple[npt.NDArray[Any], ...]:
         """Contact of pairs between two states. Local.
 
@@ -159,31 +160,36 @@ class Neighbourhood:
             scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
             x_n: Positions with ghosts at t_n, shape ``(l, 3)`` [m].
             x: The same at t_{n+1}.
-            nodes: Contact nodes, shape ``(m,)``.
-            segment: Their segments, shape ``(m,)``.
+            dofs: Nodes of the pairs, as `dofs` returns them.
+            segment: Segments of the pairs, shape ``(m,)``.
 
         Returns:
             gap_n and gap ``(m,)``, force and gradient ``(m, d)``, tangent
             ``(m, d, d)``, turn and status ``(m,)``; d = 3(1+k).
         """
-        dofs = self.dofs(nodes, segment)
         kernel = getattr(_kernels, f"contact_{scheme}")
-        values: tuple[npt.NDArray[Any], ...] = kernel(x_n[dofs], x[dofs], self.orientation[segment])
+        values: tuple[npt.NDArray[Any], ...] = kernel(*self._of_pairs(x_n, x, dofs, segment))
         return values
 
     def slip(
-        self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
     ) -> tuple[npt.NDArray[Any], ...]:
         """Slip of pairs between two states, see `cpp/nts/slip.h`. Local."""
-        dofs, orientation = self.dofs(nodes, segment), self.orientation[segment]
-        return *_kernels.slip(x_n[dofs], x[dofs], orientation), orientation
+        pairs = self._of_pairs(x_n, x, dofs, segment)
+        return *_kernels.slip(*pairs), pairs[2]
 
     def convective_slip(
-        self, x_n: Floats, x: Floats, nodes: Ints, segment: Ints
+        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
     ) -> tuple[npt.NDArray[Any], ...]:
         """The same by coordinates, see `cpp/nts/convective_slip.h`. Local."""
-        dofs, orientation = self.dofs(nodes, segment), self.orientation[segment]
-        return *_kernels.convective_slip(x_n[dofs], x[dofs], orientation), orientation
+        pairs = self._of_pairs(x_n, x, dofs, segment)
+        return *_kernels.convective_slip(*pairs), pairs[2]
+
+    def _of_pairs(
+        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
+    ) -> tuple[Floats, Floats, Floats]:
+        orientation = self.orientation.take(segment)
+        return x_n.take(dofs, axis=0), x.take(dofs, axis=0), orientation
 
     def with_room(self, owned: Floats) -> Floats:
         """Owned values, then zeros for the ghosts; the same array without. Local."""
@@ -288,8 +294,8 @@ class Search:
             # A node and a vertex of different ranks may approach each other.
             moved = np.array(
                 [
-                    _largest_norm(x_nodes - self._covered[0]),
-                    _largest_norm(x_vertices - self._covered[1]),
+                    largest_norm(x_nodes - self._covered[0]),
+                    largest_norm(x_vertices - self._covered[1]),
                 ]
             )
             moved = reductions.largest(self._nodes.V.mesh.comm, moved)
@@ -362,8 +368,9 @@ class Search:
         )
 
 
-def _largest_norm(dx: Floats) -> float:
-    return float(np.sqrt(np.einsum("ij,ij->i", dx, dx).max(initial=0.0)))
+def largest_norm(x: Floats) -> float:
+    """Largest Euclidean norm of rows of three numbers, 0 without rows."""
+    return float(np.sqrt((np.square(x) @ np.ones(3)).max(initial=0.0)))
 
 
 def _box(x: Floats, reach: float) -> Floats:

@@ -196,7 +196,7 @@ class ContactSprings:
         if pair.friction is not None:
             lambda_N = self._stiffness[inside] * gap[inside]
             x_n = here.with_ghosts(x_n[: here.index_map.size_local])
-            slipped = self._rub(x_n, x, node, segments, lambda_N, energy, force)
+            slipped = self._rub(x_n, x, node, dofs, segments, lambda_N, energy, force)
 
         def history() -> ContactHistory:
             history, paired = ContactHistory.none(len(self._reduced_mass)), segment >= 0
@@ -270,6 +270,7 @@ class ContactSprings:
         x_n: Floats,
         x: Floats,
         node: Ints,
+        dofs: Ints,
         segments: Ints,
         lambda_N: Floats,
         energy: Floats,
@@ -279,7 +280,7 @@ class ContactSprings:
         pair = self.pair
         assert pair.friction is not None and pair.eps_T is not None
         old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._neighbourhood.slip(x_n, x, pair.nodes.nodes[node], segments))
+        slip = Slip(self._neighbourhood.slip(x_n, x, dofs, segments))
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
         slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))

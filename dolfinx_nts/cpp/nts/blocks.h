@@ -18,93 +18,6 @@ using Block = Matrix<3, 3>;
 
 inline constexpr Block identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
-/// @brief C += A B.
-inline void add_product(const Block& A, const Block& B, Block& C) noexcept
-{
-  // A copy: the compiler need not fear that writing to C changes B.
-  const Block factor = B;
-  for (std::size_t i = 0; i < 3; ++i)
-  {
-    const Vec3 a = A[i];
-    for (std::size_t j = 0; j < 3; ++j)
-      C[i][j]
-          += a[0] * factor[0][j] + a[1] * factor[1][j] + a[2] * factor[2][j];
-  }
-}
-
-/// @brief y += A x.
-inline void add_product(const Block& A, const double* x, double* y) noexcept
-{
-  for (std::size_t i = 0; i < 3; ++i)
-    y[i] += inner<3>(A[i].data(), x);
-}
-
-/// @brief C += A.
-inline void add(const Block& A, Block& C) noexcept
-{
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j)
-      C[i][j] += A[i][j];
-}
-
-/// @brief Rows of a sparse matrix with 3 x 3 blocks.
-struct BlockMatrix
-{
-  std::span<const std::int64_t> start;  ///< of each row, and the end
-  std::span<const std::int32_t> column; ///< of each block
-  std::span<const double> value;        ///< (blocks, 3, 3)
-};
-
-/// @brief Rows that are filled one after the other, each in any order.
-class BlockRows
-{
-public:
-  /// @param[in] columns Number of columns.
-  explicit BlockRows(std::size_t columns) : _place(columns, -1) {}
-
-  /// @brief Block of the last row, which no `end_row` has ended; zero if new.
-  Block& operator[](std::int32_t column)
-  {
-    std::int64_t& place = _place[column];
-    if (place < _start.back())
-    {
-      place = static_cast<std::int64_t>(_column.size());
-      _column.push_back(column);
-      _value.push_back({});
-    }
-    return _value[place];
-  }
-
-  void end_row()
-  {
-    _start.push_back(static_cast<std::int64_t>(_column.size()));
-  }
-
-  std::size_t size() const noexcept { return _start.size() - 1; }
-
-  /// @brief Columns and blocks of a row.
-  auto row(std::size_t i) const noexcept
-  {
-    const auto first = static_cast<std::size_t>(_start[i]),
-               count = static_cast<std::size_t>(_start[i + 1]) - first;
-    return std::pair(std::span(_column).subspan(first, count),
-                     std::span(_value).subspan(first, count));
-  }
-
-  BlockMatrix view() const noexcept
-  {
-    const double* first = _value.empty() ? nullptr : _value[0][0].data();
-    return {.start = _start,
-            .column = _column,
-            .value = {first, 9 * _value.size()}};
-  }
-
-private:
-  std::vector<std::int64_t> _start = {0}, _place;
-  std::vector<std::int32_t> _column;
-  std::vector<Block> _value;
-};
-
 /// A column of a block in single precision and one entry that does not count.
 using Column __attribute__((vector_size(4 * sizeof(float)))) = float;
 
@@ -121,6 +34,11 @@ struct Columns
       for (std::size_t r = 0; r < 3; ++r)
         result.column[c][r] = static_cast<float>(scale * A[3 * r + c]);
     return result;
+  }
+
+  static Columns of(const Block& A, double scale = 1) noexcept
+  {
+    return of(A.front().data(), scale);
   }
 
   Block block() const noexcept
@@ -141,12 +59,121 @@ struct Columns
     return result;
   }
 
+  Columns operator*(const Columns& B) const noexcept
+  {
+    Columns result;
+    for (std::size_t c = 0; c < 3; ++c)
+      result.column[c] = column[0] * B.column[c][0] + column[1] * B.column[c][1]
+                         + column[2] * B.column[c][2];
+    return result;
+  }
+
+  Columns operator*(float factor) const noexcept
+  {
+    return {{column[0] * factor, column[1] * factor, column[2] * factor}};
+  }
+
+  Columns& operator+=(const Columns& other) noexcept
+  {
+    for (std::size_t c = 0; c < 3; ++c)
+      column[c] += other.column[c];
+    return *this;
+  }
+
   Columns& operator-=(const Columns& other) noexcept
   {
     for (std::size_t c = 0; c < 3; ++c)
       column[c] -= other.column[c];
     return *this;
   }
+};
+
+/// @brief y += A x.
+inline void add_product(const Columns& A, const double* x, double* y) noexcept
+{
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t r = 0; r < 3; ++r)
+      y[r] += static_cast<double>(A.column[c][r]) * x[c];
+}
+
+/// @brief Rows of a sparse matrix with 3 x 3 blocks.
+struct BlockMatrix
+{
+  std::span<const std::int64_t> start;  ///< of each row, and the end
+  std::span<const std::int32_t> column; ///< of each block
+  std::span<const double> value;        ///< (blocks, 3, 3)
+
+  /// @brief A block, row by row.
+  const double* operator[](std::size_t e) const noexcept
+  {
+    return value.data() + 9 * e;
+  }
+
+  /// @brief Columns of a row.
+  std::span<const std::int32_t> row(std::size_t i) const noexcept
+  {
+    const auto first = static_cast<std::size_t>(start[i]);
+    return column.subspan(first,
+                          static_cast<std::size_t>(start[i + 1]) - first);
+  }
+
+  Columns block(std::size_t e, double scale) const noexcept
+  {
+    return Columns::of((*this)[e], scale);
+  }
+
+  /// @brief Largest entry on the diagonal of a block.
+  double diagonal(std::size_t e) const noexcept
+  {
+    const double* A = (*this)[e];
+    return std::max({std::abs(A[0]), std::abs(A[4]), std::abs(A[8])});
+  }
+};
+
+/// @brief Rows in single precision that are filled one after the other, each in
+/// any order.
+class BlockRows
+{
+public:
+  /// @param[in] columns Number of columns.
+  explicit BlockRows(std::size_t columns) : _place(columns, -1) {}
+
+  /// @brief Block of the last row, which no `end_row` has ended; zero if new.
+  Columns& operator[](std::int32_t j)
+  {
+    std::int64_t& place = _place[j];
+    if (place < start.back())
+    {
+      place = static_cast<std::int64_t>(column.size());
+      column.push_back(j);
+      value.push_back({});
+    }
+    return value[place];
+  }
+
+  void end_row() { start.push_back(static_cast<std::int64_t>(column.size())); }
+
+  std::size_t size() const noexcept { return start.size() - 1; }
+
+  Columns block(std::size_t e, double scale) const noexcept
+  {
+    return value[e] * static_cast<float>(scale);
+  }
+
+  /// @brief Largest entry on the diagonal of a block.
+  double diagonal(std::size_t e) const noexcept
+  {
+    const Columns& A = value[e];
+    return std::max({std::abs(A.column[0][0]), std::abs(A.column[1][1]),
+                     std::abs(A.column[2][2])});
+  }
+
+  std::vector<std::int64_t> start = {0}; ///< of each row, and the end
+  std::vector<std::int32_t> column;      ///< of each block
+  std::vector<Columns> value;
+
+private:
+  std::vector<std::int64_t> _place;
 };
 
 /// @brief Blocks of rows in single precision, for products that read them one

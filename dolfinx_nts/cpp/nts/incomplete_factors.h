@@ -15,10 +15,12 @@ class IncompleteFactors
 {
 public:
   /// @brief Factorise.
-  /// @param[in] A Rows; columns beyond them are left out.
+  /// @param[in] A Rows, `BlockMatrix` or `BlockRows`; columns beyond them are
+  /// left out.
   /// @param[in] order The rows in the order of elimination.
   /// @return False if a block on the diagonal is singular.
-  bool factorise(const BlockMatrix& A, std::span<const std::int32_t> order)
+  template <class Matrix>
+  bool factorise(const Matrix& A, std::span<const std::int32_t> order)
   {
     const std::size_t n = order.size();
     _order.assign(order.begin(), order.end());
@@ -26,21 +28,21 @@ public:
     for (std::size_t i = 0; i < n; ++i)
       place[order[i]] = static_cast<std::int32_t>(i);
     allocate(A, place);
-    std::vector<std::pair<std::int32_t, const double*>> entries;
+    std::vector<std::pair<std::int32_t, std::int64_t>> entries;
     std::vector<Columns> row;
     for (std::size_t i = 0; i < n; ++i)
     {
       entries.clear();
       for (std::int64_t e = A.start[order[i]]; e < A.start[order[i] + 1]; ++e)
         if (static_cast<std::size_t>(A.column[e]) < n)
-          entries.push_back({place[A.column[e]], A.value.data() + 9 * e});
+          entries.push_back({place[A.column[e]], e});
       if (!std::ranges::is_sorted(entries))
         std::ranges::sort(entries);
       row.clear();
-      for (const auto& [column, value] : entries)
+      for (const auto& [column, e] : entries)
       {
         at[column] = static_cast<std::int32_t>(row.size());
-        row.push_back(Columns::of(value, _scale));
+        row.push_back(A.block(e, _scale));
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
       if (!(diagonal < row.size()
@@ -63,9 +65,8 @@ public:
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
         _factors.put(u++, entries[c].first, row[c]);
-      _factors.put(u, entries[diagonal].first,
-                   Columns::of(inverse.front().data(), 1));
-      for (const auto& [column, value] : entries)
+      _factors.put(u, entries[diagonal].first, Columns::of(inverse));
+      for (const auto& [column, e] : entries)
         at[column] = -1;
     }
     return true;
@@ -114,7 +115,8 @@ public:
 
 private:
   /// @brief Count the blocks of each row, and take the scale of the matrix.
-  void allocate(const BlockMatrix& A, std::span<const std::int32_t> place)
+  template <class Matrix>
+  void allocate(const Matrix& A, std::span<const std::int32_t> place)
   {
     const std::size_t n = place.size();
     _begin.assign(2 * n + 1, 0);
@@ -128,8 +130,8 @@ private:
         {
           const bool lower = place[column] < place[node];
           ++_begin[lower ? i + 1 : 2 * n - i];
-          for (std::size_t d = 0; column == node && d < 3; ++d)
-            largest = std::max(largest, std::abs(A.value[9 * e + 4 * d]));
+          if (column == node)
+            largest = std::max(largest, A.diagonal(e));
         }
     }
     for (std::size_t i = 0; i < 2 * n; ++i)

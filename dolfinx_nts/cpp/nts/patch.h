@@ -79,11 +79,15 @@ public:
     for (const Pair& pair : _pairs)
       for (std::size_t a = 0; a < pair.nodes.size(); ++a)
         parts[_number[pair.nodes[a]]].push_back({&pair, a});
+    double largest = 0;
+    for (std::size_t p = 0; p < _size; ++p)
+      largest = std::max(largest, stiffness(p));
+    _scale = power_of_two(largest);
     const BlockRows all = rows(parts);
     pack(all);
     std::vector<std::int32_t> order(_size);
     std::iota(order.begin(), order.end(), 0);
-    return _exists = _factors.factorise(projected(all, parts).view(), order);
+    return _exists = _factors.factorise(projected(all, parts), order);
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the patch.
@@ -105,7 +109,7 @@ public:
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < 3; ++c)
         largest = std::max(largest, std::abs(z[3 * node + c]));
-    const double scale = power_of_two(largest), back = 1 / (scale * _scale);
+    const double scale = power_of_two(largest);
     _z.resize(3 * _nodes.size());
     for (std::size_t p = 0; p < _nodes.size(); ++p)
       for (std::size_t c = 0; c < 3; ++c)
@@ -117,8 +121,8 @@ public:
     {
       const Column product = _rows.product(e, _ends[p], _z.data());
       for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * p + c]
-            = r[3 * _nodes[p] + c] - back * static_cast<double>(product[c]);
+        _x[3 * p + c] = _scale * r[3 * _nodes[p] + c]
+                        - static_cast<double>(product[c]) / scale;
     }
     for (const Pair& pair : _pairs)
     {
@@ -144,10 +148,10 @@ private:
   struct Pair
   {
     bool constrained;
-    std::vector<std::int32_t> nodes; // contact node first
-    std::vector<Block> tangent;      // C, (nodes, nodes)
-    std::vector<Block> right, left;  // Z_0a and (Z~^T)_a0
-    Block given_up;                  // E E^T at the contact node
+    std::vector<std::int32_t> nodes;  // contact node first
+    std::vector<Block> tangent;       // C, (nodes, nodes)
+    std::vector<Columns> right, left; // Z_0a and (Z~^T)_a0
+    Columns given_up;                 // E E^T at the contact node
   };
 
   /// Pairs that a node takes part in, and its position in each.
@@ -175,24 +179,28 @@ private:
     Block GE_inverse = identity, EF_inverse = identity;
     solve(GE, GE_inverse);
     solve(EF, EF_inverse);
-    pair.given_up = {};
-    pair.right.assign(pair.nodes.size(), {});
-    pair.left.assign(pair.nodes.size(), {});
-    pair.right[0] = pair.left[0] = identity;
+    pair.right.clear();
+    pair.left.clear();
+    for (std::size_t K = 0; K < pair.nodes.size(); ++K)
+    {
+      Block right = K == 0 ? identity : Block{}, left = right;
+      for (std::size_t a = 0; a < constraints; ++a)
+        for (std::size_t b = 0; b < constraints; ++b)
+          for (std::size_t c = 0; c < 3; ++c)
+            for (std::size_t d = 0; d < 3; ++d)
+            {
+              right[c][d] -= E[a][c] * GE_inverse[a][b] * G[n * b + 3 * K + d];
+              left[c][d] -= F[n * a + 3 * K + c] * EF_inverse[a][b] * E[b][d];
+            }
+      pair.right.push_back(Columns::of(right));
+      pair.left.push_back(Columns::of(left));
+    }
+    Block given_up = {};
     for (std::size_t a = 0; a < constraints; ++a)
       for (std::size_t c = 0; c < 3; ++c)
         for (std::size_t d = 0; d < 3; ++d)
-        {
-          pair.given_up[c][d] += E[a][c] * E[a][d];
-          for (std::size_t b = 0; b < constraints; ++b)
-            for (std::size_t K = 0; K < pair.nodes.size(); ++K)
-            {
-              pair.right[K][c][d]
-                  -= E[a][c] * GE_inverse[a][b] * G[n * b + 3 * K + d];
-              pair.left[K][c][d]
-                  -= F[n * a + 3 * K + c] * EF_inverse[a][b] * E[b][d];
-            }
-        }
+          given_up[c][d] += E[a][c] * E[a][d];
+    pair.given_up = Columns::of(given_up);
   }
 
   /// @brief Number the nodes of pairs and their neighbours among the rows of
@@ -207,32 +215,26 @@ private:
       _number[node] = chosen;
       _nodes.push_back(node);
     };
-    const auto columns = [&](std::int32_t node)
-    {
-      const auto first = static_cast<std::size_t>(_K.start[node]);
-      return _K.column.subspan(
-          first, static_cast<std::size_t>(_K.start[node + 1]) - first);
-    };
     const auto is_row = [&](std::int32_t node)
     { return static_cast<std::size_t>(node) + 1 < _K.start.size(); };
     for (const Pair& pair : _pairs)
       for (const std::int32_t node : pair.nodes)
       {
         choose(node);
-        for (const std::int32_t column : columns(node))
+        for (const std::int32_t column : _K.row(node))
           if (is_row(column))
             choose(column);
       }
     std::ranges::sort(_nodes);
     _size = _nodes.size();
     for (std::size_t p = 0; p < _size; ++p)
-      for (const std::int32_t column : columns(_nodes[p]))
+      for (const std::int32_t column : _K.row(_nodes[p]))
         choose(column);
     for (std::size_t p = 0; p < _nodes.size(); ++p)
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
 
-  /// @brief Rows of K + C in the patch, with all their columns.
+  /// @brief Rows of K + C in the patch, with all their columns, scaled.
   BlockRows rows(const std::vector<Parts>& parts) const
   {
     BlockRows result(_nodes.size());
@@ -240,12 +242,11 @@ private:
     {
       for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
            ++e)
-        std::copy_n(_K.value.data() + 9 * e, 9,
-                    result[_number[_K.column[e]]].front().data());
+        result[_number[_K.column[e]]] = _K.block(e, _scale);
       for (const auto& [pair, a] : parts[p])
         for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-          nts::add(pair->tangent[pair->nodes.size() * a + b],
-                   result[_number[pair->nodes[b]]]);
+          result[_number[pair->nodes[b]]]
+              += Columns::of(pair->tangent[pair->nodes.size() * a + b], _scale);
       result.end_row();
     }
     return result;
@@ -254,15 +255,10 @@ private:
   /// @brief Keep rows for products.
   void pack(const BlockRows& rows)
   {
-    double largest = 0;
-    for (std::size_t p = 0; p < _size; ++p)
-      largest = std::max(largest, stiffness(p)[0][0]);
-    _scale = power_of_two(largest);
-    const BlockMatrix A = rows.view();
-    _ends.assign(A.start.begin() + 1, A.start.end());
-    _rows.resize(A.column.size());
-    for (std::size_t e = 0; e < A.column.size(); ++e)
-      _rows.put(e, A.column[e], Columns::of(A.value.data() + 9 * e, _scale));
+    _ends.assign(rows.start.begin() + 1, rows.start.end());
+    _rows.resize(rows.column.size());
+    for (std::size_t e = 0; e < rows.column.size(); ++e)
+      _rows.put(e, rows.column[e], rows.value[e]);
   }
 
   /// @brief Z~^T rows Z + E E^T in the patch.
@@ -276,16 +272,17 @@ private:
 
     const auto add_row = [&](std::size_t p, BlockRows& result)
     {
-      const auto [columns, blocks] = rows.row(p);
-      for (std::size_t e = 0; e < columns.size(); ++e)
-        if (static_cast<std::size_t>(columns[e]) >= _size)
+      for (std::int64_t e = rows.start[p]; e < rows.start[p + 1]; ++e)
+      {
+        const std::int32_t q = rows.column[e];
+        if (static_cast<std::size_t>(q) >= _size)
           continue;
-        else if (const Pair* pair = constrainer[columns[e]])
+        if (const Pair* pair = constrainer[q])
           for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-            add_product(blocks[e], pair->right[b],
-                        result[_number[pair->nodes[b]]]);
+            result[_number[pair->nodes[b]]] += rows.value[e] * pair->right[b];
         else
-          nts::add(blocks[e], result[columns[e]]);
+          result[q] += rows.value[e];
+      }
     };
     // Z~^T adds rows of constrained nodes to those of their pairs.
     BlockRows constrained(_size);
@@ -305,29 +302,30 @@ private:
       for (const auto& [pair, a] : parts[p])
         if (pair->constrained)
         {
-          const auto [columns, blocks]
-              = constrained.row(place[_number[pair->nodes[0]]]);
-          for (std::size_t e = 0; e < columns.size(); ++e)
-            add_product(pair->left[a], blocks[e], result[columns[e]]);
+          const std::size_t i = place[_number[pair->nodes[0]]];
+          for (std::int64_t e = constrained.start[i];
+               e < constrained.start[i + 1]; ++e)
+            result[constrained.column[e]]
+                += pair->left[a] * constrained.value[e];
         }
       if (constrainer[p])
-        add_product(constrainer[p]->given_up, stiffness(p),
-                    result[static_cast<std::int32_t>(p)]);
+        result[static_cast<std::int32_t>(p)]
+            += constrainer[p]->given_up
+               * static_cast<float>(_scale * stiffness(p));
       result.end_row();
     }
     return result;
   }
 
-  /// @brief Mean entry on the diagonal of K at a node, on the diagonal.
-  Block stiffness(std::size_t p) const noexcept
+  /// @brief Mean size of the entries on the diagonal of K at a node.
+  double stiffness(std::size_t p) const noexcept
   {
-    Block result = {};
+    double sum = 0;
     for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1]; ++e)
       if (_K.column[e] == _nodes[p])
-        for (std::size_t c = 0; c < 3; ++c)
-          for (std::size_t d = 0; d < 3; ++d)
-            result[c][c] += std::abs(_K.value[9 * e + 4 * d]) / 3;
-    return result;
+        for (std::size_t d = 0; d < 3; ++d)
+          sum += std::abs(_K[e][4 * d]);
+    return sum / 3;
   }
 
   BlockMatrix _K;
@@ -335,7 +333,7 @@ private:
   std::vector<std::int32_t> _nodes;  // of the patch, then those outside
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the patch
-  PackedRows _rows;                  // of K + C, times _scale
+  PackedRows _rows;                  // of K + C, times _scale as the factors
   std::vector<std::size_t> _ends;    // of each
   double _scale = 1;
   IncompleteFactors _factors;
