@@ -68,7 +68,7 @@ def act(
 ) -> None: ...
 def balance(normal: _Floats, rest: _Floats, columns: _Floats) -> _Floats: ...
 def close_gaps(
-    dofs: _Ints,
+    nodes: _Ints,
     moves: npt.NDArray[np.bool_],
     gap: _Floats,
     normal: _Floats,

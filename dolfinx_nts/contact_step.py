@@ -173,12 +173,13 @@ class ContactStep:
         held = self.active[rows.node] & rows.eliminable
         if self._tangential is not None:
             held &= ~self._tangential.sticks(rows.node, held)
-        gap = here.gap(here.with_ghosts(x), rows.dofs[:, 0], rows.segment)
+        nodes = rows.dofs[:, 0]
+        gap = here.gap(here.with_ghosts(x), nodes, rows.segment)
         if self._holds:
             gap -= rows.gap_n
         # Nodes far from where the normals hold are left to the linear system.
         farthest = _CLOSE * self.pair.segment_size
-        _kernels.close_gaps(rows.dofs, held, gap, rows.normal, rows.gradients, farthest, u)
+        _kernels.close_gaps(nodes, held, gap, rows.normal, rows.gradients, farthest, u)
 
     def add_multipliers(self, state: ContactState, increments: Floats) -> None:
         """Add increments of the multipliers, pair by pair. Local.

@@ -105,7 +105,7 @@ def test_nodes_move_along_their_normals_to_zero_gap(k, rng):
     gap = np.array([0.1, -0.2, 0.1, 5.0, np.nan])
     moves = np.array([True, True, False, True, True])
     x = np.zeros((NODES, 3))
-    _kernels.close_gaps(dofs, moves, gap, normal, gradients, 1.0, x)
+    _kernels.close_gaps(dofs[:, 0], moves, gap, normal, gradients, 1.0, x)
     # To first order in the displacements of the nodes themselves.
     change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[dofs[:, 0]])
     np.testing.assert_allclose(gap[:2] + change[:2], 0, atol=ROUNDING)

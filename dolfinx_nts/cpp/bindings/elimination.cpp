@@ -7,14 +7,21 @@ namespace
 {
 using Dofs = In<std::int32_t>;
 
+/// @brief Raise ValueError unless all are rows of x.
+void check_rows(const char* name, const Dofs& nodes, const Out<double>& x)
+{
+  for (const std::int32_t node : view(nodes))
+    if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
+      throw nb::value_error(
+          (std::string(name) + ": expected rows of x").c_str());
+}
+
 /// @brief Check the shapes of x and dofs, and that every dof is a row of x.
 std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
 {
   check("dofs", dofs, {any, any});
   check("x", x, {any, 3});
-  for (const std::int32_t dof : view(dofs))
-    if (dof < 0 || static_cast<std::size_t>(dof) >= x.shape(0))
-      throw nb::value_error("dofs: expected rows of x");
+  check_rows("dofs", dofs, x);
   return dofs.shape(1) - 1;
 }
 
@@ -80,17 +87,22 @@ auto balance_batch(const Doubles& normal, const Doubles& rest,
   return lambda;
 }
 
-void close_gaps_batch(const Dofs& dofs, const In<bool>& moves,
+void close_gaps_batch(const Dofs& nodes, const In<bool>& moves,
                       const Doubles& gap, const Doubles& normal,
                       const Doubles& gradients, double farthest, Out<double> x)
 {
-  const std::size_t m = dofs.shape(0), n = 3 * (1 + check_dofs(dofs, x));
+  const std::size_t m = nodes.size();
+  check("nodes", nodes, {m});
   check("moves", moves, {m});
   check("gap", gap, {m});
   check("normal", normal, {m, 3});
-  check("gradients", gradients, {m, 3, n});
-  close_gaps(view(dofs), view(moves), view(gap), view(normal), view(gradients),
-             n, farthest, view(x));
+  check("gradients", gradients, {m, any, any});
+  check("x", x, {any, 3});
+  check_rows("nodes", nodes, x);
+  if (gradients.shape(1) == 0 || gradients.shape(2) < 3)
+    throw nb::value_error("gradients: expected three numbers of each pair");
+  close_gaps(view(nodes), view(moves), view(gap), view(normal), view(gradients),
+             gradients.shape(1) * gradients.shape(2), farthest, view(x));
 }
 } // namespace
 
@@ -110,10 +122,12 @@ void elimination(nb::module_& m)
         nb::arg("columns"),
         "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "
         "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
-  m.def("close_gaps", &close_gaps_batch, nb::arg("dofs"), nb::arg("moves"),
-        nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
-        nb::arg("farthest"), nb::arg("x").noconvert(),
-        "Move nodes along their normals to zero gap, unless that is farther: "
-        "(m, 1+k), (m,), (m,), (m, 3), (m, 3, 3(1+k)), scalar, (n, 3)");
+  m.def(
+      "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
+      nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
+      nb::arg("farthest"), nb::arg("x").noconvert(),
+      "Move nodes along their normals to zero gap, unless that is farther: "
+      "(m,), (m,), (m,), (m, 3), (m, c, d) of which [:, 0, :3] count, scalar, "
+      "(n, 3)");
 }
 } // namespace nts::bindings

@@ -65,13 +65,13 @@ inline void balance(std::span<const double> normal,
 
 /// @brief Move contact nodes along their normals, as far as closes their gaps
 /// to first order; those that would go farther than `farthest` stay.
-/// @param[in] dofs Nodes of the pairs, (m, stride / 3), contact node first.
-/// @param[in] moves Whether the node of a pair moves, (m,).
+/// @param[in] nodes Contact nodes, (m,).
+/// @param[in] moves Whether each moves, (m,).
 /// @param[in] gap What is to become zero, (m,).
 /// @param[in] normal Normals n, (m, 3).
-/// @param[in] gradients Of the gaps, (m, 3, stride): the first three.
+/// @param[in] gradients Of the gaps, (m, stride): the first three.
 /// @param[in,out] x Nodal vectors, (n, 3).
-inline void close_gaps(std::span<const std::int32_t> dofs,
+inline void close_gaps(std::span<const std::int32_t> nodes,
                        std::span<const bool> moves, std::span<const double> gap,
                        std::span<const double> normal,
                        std::span<const double> gradients, std::size_t stride,
@@ -82,10 +82,10 @@ inline void close_gaps(std::span<const std::int32_t> dofs,
     if (!moves[i])
       continue;
     const double* n = normal.data() + 3 * i;
-    const double way = gap[i] / inner<3>(n, gradients.data() + 3 * stride * i);
+    const double way = gap[i] / inner<3>(n, gradients.data() + stride * i);
     if (std::abs(way) <= farthest)
       for (std::size_t c = 0; c < 3; ++c)
-        x[3 * dofs[stride / 3 * i] + c] -= way * n[c];
+        x[3 * nodes[i] + c] -= way * n[c];
   }
 }
 
