@@ -4,8 +4,7 @@ Arrays over the pairs of one contact pair on one rank; d stands for the
 3(1+k) coordinates of a pair, its node first.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +18,7 @@ Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class ContactState:
+class ContactState(NamedTuple):
     """Pairs that may transmit force, evaluated between x_n and x.
 
     ``d`` stands for the 3(1+k) coordinates of a pair; rows and columns of

@@ -73,9 +73,12 @@ class ActivePairs(NamedTuple):
             arrays = tuple(array.take(active, axis=0) for array in arrays)
         return cls(here, *arrays)
 
-    def global_dofs(self) -> npt.NDArray[np.int64]:
+    def global_dofs(self) -> npt.NDArray[Any]:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
-        nodes = self.here.index_map.local_to_global(self.dofs.ravel())
+        index_map = self.here.index_map
+        if index_map.size_local == index_map.size_global:
+            return self.dofs
+        nodes = index_map.local_to_global(self.dofs.ravel())
         return np.asarray(nodes).reshape(self.dofs.shape)
 
     @property

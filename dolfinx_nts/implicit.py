@@ -283,7 +283,7 @@ class ImplicitStepper(Stepper):
         if not reductions.anywhere(self._comm, bool(du[fixed].any())):
             return 0.0
         # States keep the forces on given displacements apart.
-        everywhere = [replace(state, residual=state.force) for state in states]
+        everywhere = [state._replace(residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
 

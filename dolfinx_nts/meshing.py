@@ -19,6 +19,7 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat, reductions
+from dolfinx_nts.hexahedra import only_one_kind, options
 from dolfinx_nts.parts import (
     add_bowl,
     add_box,
@@ -76,7 +77,10 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups.
 
     Collective; every error is raised on all ranks. Mirrored cells are
-    accepted, as DOLFINx integrates with ``|det J|``.
+    accepted, as DOLFINx integrates with ``|det J|``. DOLFINx takes one
+    kind of cells: prisms, and tetrahedra together with hexahedra, are
+    cut into hexahedra, four of a tetrahedron, six of a prism and eight
+    of a hexahedron; a warning is logged.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as
@@ -94,7 +98,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         OSError: The file cannot be read.
         ImportError: gmsh is not installed on ``rank``.
         TypeError: ``source`` is no path, gmsh model or function.
-        ValueError: The file is no mesh; cells are mixed, of higher
+        ValueError: The file is no mesh; cells are pyramids, of higher
             order, or not in exactly one physical volume; ``det J``
             vanishes or changes sign between the corners of a cell; a
             name stands for two tags; a physical surface has facets
@@ -108,7 +112,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         num_facets: dict[int, int] = {}
         if comm.rank == rank:
             try:
-                model = stack.enter_context(_opened(source))
+                model = stack.enter_context(only_one_kind(stack.enter_context(_opened(source))))
                 tags, num_facets = _inspect(model)
             except (ImportError, OSError, TypeError, ValueError) as error:
                 failure = error
@@ -153,20 +157,21 @@ def _opened(source: Any) -> Iterator[Any]:
     initialised = gmsh.isInitialized()
     if not initialised:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
-    current, terminal = gmsh.model.getCurrent(), gmsh.option.getNumber("General.Terminal")
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add(f"dolfinx_nts {source}")
     try:
-        if callable(source):
-            source(gmsh.model)
-        else:
-            gmsh.merge(str(source))
-        gmsh.model.mesh.renumberNodes()
-        yield gmsh.model
+        with options(gmsh, General_Terminal=0):
+            current = gmsh.model.getCurrent()
+            gmsh.model.add(f"dolfinx_nts {source}")
+            try:
+                if callable(source):
+                    source(gmsh.model)
+                else:
+                    gmsh.merge(str(source))
+                gmsh.model.mesh.renumberNodes()
+                yield gmsh.model
+            finally:
+                gmsh.model.remove()
+                gmsh.model.setCurrent(current)
     finally:
-        gmsh.model.remove()
-        gmsh.model.setCurrent(current)
-        gmsh.option.setNumber("General.Terminal", terminal)
         if not initialised:
             gmsh.finalize()
 
@@ -189,7 +194,7 @@ def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
         hint = "set Mesh.ElementOrder to 1 or call gmsh.model.mesh.setOrder(1)"
         raise ValueError(f"expected first-order cells, given {names(types)}; {hint}")
     if len(types) != 1 or types[0] not in _FACETS:
-        raise ValueError(f"expected all hexahedra or all tetrahedra, given {names(types)}")
+        raise ValueError(f"expected hexahedra, tetrahedra or prisms, given {names(types)}")
     expected = (15, 1, _FACETS[types[0]], types[0])  # elements by dimension, from the point on
     num_facets: dict[int, int] = {}
     for dim, entity in model.getEntities():

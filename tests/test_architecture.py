@@ -22,6 +22,7 @@ LAYERS = [
         "elements",
         "failures",
         "forms",
+        "hexahedra",
         "interrupts",
         "journal",
         "pivoting",
@@ -62,7 +63,7 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 # First layer that may know a library; below it, nothing of it.
 FIRST = {"petsc4py": "block_rows", "dolfinx.fem.petsc": "assembly"}
 ONLY = {
-    "gmsh": {"meshing"},
+    "gmsh": {"hexahedra", "meshing"},
     "pyvista": {"drawing", "plotting"},
     "matplotlib": {"diagrams"},
     "PIL": {"movie"},

@@ -374,21 +374,17 @@ def test_second_order_cells_are_refused_with_the_setting_to_change(comm, model):
     refuse(comm, model, ValueError, r"given Tetrahedron 10; set Mesh\.ElementOrder to 1")
 
 
-def test_hexahedra_with_tetrahedra_are_refused(comm, model):
+def test_pyramids_are_refused(comm, model):
     if model:
         unit_box(model)
-        unit_box(model, "tetrahedron")
-    refuse(comm, model, ValueError, "given Tetrahedron 4, Hexahedron 8")
-
-
-def test_prisms_are_refused(comm, model):
-    if model:
         volume = model.addDiscreteEntity(3)
-        x = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 0, 1, 1]
-        model.mesh.addNodes(3, volume, range(1, 7), x)
-        model.mesh.addElementsByType(volume, 6, [], range(1, 7))
+        x = [0, 0, 2, 1, 0, 2, 1, 1, 2, 0, 1, 2, 0, 0, 3]
+        model.mesh.addNodes(3, volume, range(101, 106), x)
+        model.mesh.addElementsByType(volume, 7, [], range(101, 106))
         model.addPhysicalGroup(3, [volume])
-    refuse(comm, model, ValueError, "all hexahedra or all tetrahedra, given Prism 6")
+    refuse(
+        comm, model, ValueError, "hexahedra, tetrahedra or prisms, given Hexahedron 8, Pyramid 5"
+    )
 
 
 def test_volume_without_cells_is_refused(comm, model):

@@ -1,0 +1,78 @@
+"""Hexahedra in the place of mixed cells, which DOLFINx has no spaces on.
+
+Cells are cut at the midpoints of their edges and the centres of their faces: a
+tetrahedron becomes four hexahedra, a prism six, a hexahedron eight. Neighbours
+keep fitting each other whatever they were, and volumes stay the same.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+__all__ = ["only_one_kind", "options"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+_TETRAHEDRON, _HEXAHEDRON, _PRISM = 4, 5, 6  # gmsh element types
+
+
+@contextmanager
+def options(gmsh: Any, **values: float) -> Iterator[None]:
+    """Context in which gmsh has other options, ``Mesh_SaveAll`` for Mesh.SaveAll. Local."""
+    names = {name: name.replace("_", ".") for name in values}
+    before = {name: gmsh.option.getNumber(name) for name in names.values()}
+    for key, value in values.items():
+        gmsh.option.setNumber(names[key], value)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            gmsh.option.setNumber(name, value)
+
+
+@contextmanager
+def only_one_kind(model: Any) -> Iterator[Any]:
+    """Yield a gmsh model, or a copy with hexahedra if its cells are mixed or prisms.
+
+    Local; the model stays as it is. Cells that cannot be cut so (pyramids, of
+    higher order) are left for others to refuse.
+
+    Args:
+        model: Current gmsh model.
+    """
+    kinds = set(model.mesh.getElementTypes(3))
+    mixed = len(kinds) > 1 or _PRISM in kinds
+    if not mixed or not kinds <= {_TETRAHEDRON, _HEXAHEDRON, _PRISM}:
+        yield model
+        return
+    import gmsh
+
+    given = ", ".join(
+        f"{len(model.mesh.getElementsByType(kind)[0])} {model.mesh.getElementProperties(kind)[0]}"
+        for kind in sorted(kinds)
+    )
+    current = model.getCurrent()
+    with TemporaryDirectory() as folder, options(gmsh, General_Terminal=0):
+        file = Path(folder) / "mixed.msh"
+        with options(gmsh, Mesh_SaveAll=1, Mesh_MshFileVersion=4.1, Mesh_Binary=1):
+            gmsh.write(str(file))
+        model.add("dolfinx_nts hexahedra")
+        try:
+            gmsh.merge(str(file))
+            with options(gmsh, Mesh_SubdivisionAlgorithm=2, Mesh_SecondOrderLinear=1):
+                model.mesh.refine()
+            model.mesh.renumberNodes()
+            count = len(model.mesh.getElementsByType(_HEXAHEDRON)[0])
+            _logger.warning(
+                "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
+                "hexahedra",
+                given,
+                count,
+            )
+            yield model
+        finally:
+            model.remove()
+            model.setCurrent(current)
