@@ -1,4 +1,4 @@
-"""CPU time by phase, each second counted once."""
+"""Wall time by phase, each second counted once."""
 
 import functools
 import time
@@ -28,10 +28,11 @@ _LABELS = {"assembly": "residual", "contact": "search and projection", "solve": 
 class Profile:
     """Stands in for the timings of a stepper, and watches its parts.
 
-    A phase within a phase interrupts the outer one.
+    A phase within a phase interrupts the outer one. Some phases are so short
+    that the clock of CPU time, a system call, would count more than they do.
 
     Attributes:
-        seconds: CPU time by phase [s].
+        seconds: Wall time by phase [s].
     """
 
     def __init__(self) -> None:
@@ -63,7 +64,7 @@ class Profile:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Count the CPU time of the block."""
+        """Count the time of the block."""
         self._enter(self.label(name))
         try:
             yield
@@ -79,7 +80,7 @@ class Profile:
         self._open.pop()
 
     def _switch(self) -> None:
-        now = time.process_time()
+        now = time.perf_counter()
         if self._open:
             name = self._open[-1]
             self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since

@@ -140,7 +140,7 @@ def measure(case: Case, comm: MPI.Comm) -> dict[str, Any]:
             drift = max(drift, abs(diagnostics.balance().total_energy / energy - 1))
     counts = {name: value - before[name] for name, value in counters.now().items()}
     seconds = {name: comm.allreduce(value) / comm.size for name, value in profile.seconds.items()}
-    mean = comm.allreduce(cpu) / comm.size
+    mean = comm.allreduce(wall) / comm.size
     residual = comm.allreduce(counters.residual_seconds(stepper), op=MPI.MAX)
     cpu, wall = comm.allreduce(cpu, op=MPI.MAX), comm.allreduce(wall, op=MPI.MAX)
     velocity = diagnostics.body_velocity(scene.body)
