@@ -40,22 +40,24 @@ class ActivePairs(NamedTuple):
     """Active pairs of one contact pair, see `ContactState`.
 
     Attributes:
+        kernel: The projections on their constraints.
         here: Neighbourhood that carries their values between ranks.
+        eliminable: Whether the node can give up what constraints determine.
+        excess: What they should make zero, shape ``(m, 3)`` [m].
         dofs: Nodes in its index map, shape ``(m, 1+k)``.
         rank: Number of constraints, shape ``(m,)``.
-        eliminable: Whether the node can give up what they determine.
-        excess: What they should make zero, shape ``(m, 3)`` [m].
         normal: Unit normal at the node, shape ``(m, 3)``.
         gradients: Of the constraints, shape ``(m, 3, d)``.
         columns: Force per multiplier, shape ``(m, 3, d)``.
         tangent: Contact tangent, shape ``(m, d, d)``.
     """
 
+    kernel: _kernels.Elimination
     here: Neighbourhood | ObstacleNeighbourhood
-    dofs: npt.NDArray[Any]
-    rank: Ints
     eliminable: Flags
     excess: Floats
+    dofs: npt.NDArray[Any]
+    rank: Ints
     normal: Floats
     gradients: Floats
     columns: Floats
@@ -65,13 +67,13 @@ class ActivePairs(NamedTuple):
     def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
         """The active ones of a state."""
         arrays: tuple[Any, ...] = (
-            *(state.dofs, state.rank, state.eliminable, state.excess),
+            *(state.eliminable, state.excess, state.dofs, state.rank),
             *(state.normal, state.gradients, state.columns, state.tangent),
         )
         if not state.active.all():
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
-        return cls(here, *arrays)
+        return cls(_kernels.Elimination(*arrays[2:]), here, *arrays)
 
     def global_dofs(self) -> npt.NDArray[Any]:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
@@ -132,7 +134,7 @@ class Elimination:
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
         parts = [p.here.with_ghosts(x) for p in self.pairs]
         for p, value, part in zip(self.pairs, values, parts, strict=True):
-            _kernels.constrain(p.dofs, p.rank, p.normal, p.gradients, value, part)
+            p.kernel.constrain(value, part)
             if part is not x:
                 x[p.constrained] = part[p.constrained]
         return parts
@@ -141,7 +143,7 @@ class Elimination:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
         for p, x in zip(self.pairs, parts, strict=True):
             local = p.here.with_room(y)
-            _kernels.act(p.dofs, p.rank, p.normal, p.columns, p.tangent, x, local)
+            p.kernel.act(x, local)
             y = p.here.to_owners(local)
         return y
 

@@ -110,6 +110,10 @@ class _GlobalPairs:
     def of(cls, p: ActivePairs) -> "_GlobalPairs":
         return cls(p.global_dofs(), p.rank, p.normal, p.gradients, p.columns, p.tangent)
 
+    def local(self, dofs: npt.NDArray[Any]) -> _kernels.Elimination:
+        """The pairs with other numbers of their nodes."""
+        return _kernels.Elimination(dofs.astype(np.int32), *self.arrays[1:])
+
     @property
     def arrays(self) -> tuple[Any, ...]:
         return self.nodes, self.rank, self.normal, self.gradients, self.columns, self.tangent
@@ -124,9 +128,7 @@ class _Whole:
     def choose(self, pairs: list[_GlobalPairs]) -> None:
         self.factors.clear()
         for p in pairs:
-            self.factors.add(
-                p.nodes.astype(np.int32), p.rank, p.normal, p.gradients, p.columns, p.tangent
-            )
+            self.factors.add(p.local(p.nodes))
 
     def correct(self, r: Floats, z: Floats) -> None:
         self.factors.correct(r, z)
@@ -154,7 +156,7 @@ class _Overlapping:
         self.factors = _kernels.Patch(start, place(column), value)
         for p in everywhere:
             dofs = place(p.nodes.ravel()).reshape(p.nodes.shape)
-            self.factors.add(dofs, p.rank, p.normal, p.gradients, p.columns, p.tangent)
+            self.factors.add(p.local(dofs))
 
         nodes = np.concatenate([domain, halo])
         own = (nodes >= first) & (nodes < last)

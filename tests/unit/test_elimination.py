@@ -50,11 +50,10 @@ kinds = pytest.mark.parametrize("k", [0, 3, 4])
 @kinds
 def test_constrain_is_the_projection_on_the_constraints(k, rng):
     arrays = pairs(k, rng)
-    dofs, rank, normal, gradients, _, _ = arrays
     E, G, _, _ = dense(*arrays)
     x = rng.normal(size=(NODES, 3))
     z = x.copy()
-    _kernels.constrain(dofs, rank, normal, gradients, np.empty(0), z)
+    _kernels.Elimination(*arrays).constrain(np.empty(0), z)
     expected = x.ravel() - E @ np.linalg.solve(G.T @ E, G.T @ x.ravel())
     np.testing.assert_allclose(z.ravel(), expected, atol=ROUNDING)
     assert np.abs(G.T @ z.ravel()).max() < ROUNDING
@@ -63,25 +62,23 @@ def test_constrain_is_the_projection_on_the_constraints(k, rng):
 @kinds
 def test_constrain_reaches_given_values(k, rng):
     arrays = pairs(k, rng)
-    dofs, rank, normal, gradients, _, _ = arrays
     _, G, _, _ = dense(*arrays)
     values = rng.normal(size=(5, 3))
     x = np.zeros((NODES, 3))
-    _kernels.constrain(dofs, rank, normal, gradients, values, x)
-    wanted = values[np.arange(3) < rank[:, None]]
+    _kernels.Elimination(*arrays).constrain(values, x)
+    wanted = values[np.arange(3) < arrays[1][:, None]]
     np.testing.assert_allclose(G.T @ x.ravel(), wanted, atol=ROUNDING)
 
 
 @kinds
 def test_act_adds_the_tangent_and_removes_multipliers(k, rng):
     arrays = pairs(k, rng)
-    dofs, rank, normal, _, columns, tangent = arrays
     E, _, F, C = dense(*arrays)
     x, y = rng.normal(size=(2, NODES, 3))
     # Vertices are no contact nodes, so rows of the tangent at a contact
     # node come from its own pair alone.
     result = y.copy()
-    _kernels.act(dofs, rank, normal, columns, tangent, x, result)
+    _kernels.Elimination(*arrays).act(x, result)
     total = y.ravel() + C @ x.ravel()
     expected = total - F @ np.linalg.solve(E.T @ F, E.T @ total)
     np.testing.assert_allclose(result.ravel(), expected, atol=ROUNDING)
@@ -119,7 +116,16 @@ def test_columns_without_three_numbers_are_refused(rng):
         _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
 
 
-def test_dofs_outside_the_vector_are_refused(rng):
-    dofs, rank, normal, gradients, _, _ = pairs(3, rng)
-    with pytest.raises(ValueError, match="rows of x"):
-        _kernels.constrain(dofs, rank, normal, gradients, np.empty(0), np.zeros((4, 3)))
+def test_wrong_pairs_and_vectors_are_refused(rng):
+    dofs, *rest = pairs(3, rng)
+    with pytest.raises(ValueError, match="no negative entry"):
+        _kernels.Elimination(-dofs - 1, *rest)
+    with pytest.raises(ValueError, match="normal: expected shape"):
+        _kernels.Elimination(dofs, rest[0], rest[1][:, :2], *rest[2:])
+    elimination = _kernels.Elimination(dofs, *rest)
+    with pytest.raises(ValueError, match="x: expected a row for each of the dofs"):
+        elimination.constrain(np.empty(0), np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="y: expected a row for each of the dofs"):
+        elimination.act(np.zeros((4, 3)), np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="values: expected shape"):
+        elimination.constrain(np.zeros((4, 3)), np.zeros((NODES, 3)))

@@ -46,7 +46,7 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     E, G, F, C = dense(*arrays)
     Z, Zt = projections(E, G, F)
     patch = _kernels.Patch(*rows)
-    patch.add(*arrays)
+    patch.add(_kernels.Elimination(*arrays))
     assert patch.build()
     assert patch.size == NODES
     r = Zt @ rng.normal(size=3 * NODES)
@@ -66,7 +66,7 @@ def test_units_do_not_matter(force, stiffness, rng):
     results = []
     for f, k in ((1.0, 1.0), (force, stiffness)):
         patch = _kernels.Patch(start, column, k * value)
-        patch.add(*rest, k * tangent)
+        patch.add(_kernels.Elimination(*rest, k * tangent))
         assert patch.build()
         z = f / k * guess
         patch.correct(f * r, z)
@@ -81,13 +81,13 @@ def test_factors_of_former_pairs_leave_nothing_behind(k, rng):
     first, second = pairs(k, rng), list(pairs(k, rng))
     second[0] = np.minimum(second[0], NODES - FAR - 1).astype(np.int32)
     kept, fresh = _kernels.Patch(*rows), _kernels.Patch(*rows)
-    kept.add(*first)
+    kept.add(_kernels.Elimination(*first))
     kept.build()
     kept.clear()
     r, z = rng.normal(size=(2, NODES, 3))
     results = []
     for patch in (kept, fresh):
-        patch.add(*second)
+        patch.add(_kernels.Elimination(*second))
         assert patch.build()
         assert patch.size == NODES - FAR
         result = z.copy()
@@ -102,7 +102,7 @@ def test_nodes_far_from_contact_are_left_alone(k, rng):
     arrays = list(pairs(k, rng))
     arrays[0] = np.minimum(arrays[0], NODES - FAR - 1).astype(np.int32)
     patch = _kernels.Patch(*rows)
-    patch.add(*arrays)
+    patch.add(_kernels.Elimination(*arrays))
     assert patch.build()
     assert patch.size == NODES - FAR
     r, z = rng.normal(size=(2, NODES, 3))
@@ -117,7 +117,7 @@ def test_nodes_without_rows_are_left_alone(rng):
     rows = NODES - 2
     patch = _kernels.Patch(start[: rows + 1], column[: start[rows]], value[: 9 * start[rows]])
     dofs, *rest = pairs(4, rng)
-    patch.add(np.minimum(dofs, rows - 1).astype(np.int32), *rest)
+    patch.add(_kernels.Elimination(np.minimum(dofs, rows - 1).astype(np.int32), *rest))
     assert patch.build()
     assert patch.size == rows
     z = rng.normal(size=(NODES, 3))
@@ -130,7 +130,7 @@ def test_nodes_without_rows_are_left_alone(rng):
 def test_singular_rows_are_reported(rng):
     start, column, value = matrix(rng)[0]
     patch = _kernels.Patch(start, column, 0 * value)
-    patch.add(*pairs(4, rng)[:5], np.zeros((5, 15, 15)))
+    patch.add(_kernels.Elimination(*pairs(4, rng)[:5], np.zeros((5, 15, 15))))
     assert not patch.build()
 
 
@@ -142,7 +142,7 @@ def test_wrong_matrices_and_nodes_are_refused(rng):
         _kernels.Patch(start, column, value[:-1])
     patch = _kernels.Patch(start, column, value)
     dofs, *rest = pairs(4, rng)
-    with pytest.raises(ValueError, match="expected rows of the matrix"):
-        patch.add(dofs + NODES, *rest)
+    with pytest.raises(ValueError, match="expected dofs that are rows of the matrix"):
+        patch.add(_kernels.Elimination(dofs + NODES, *rest))
     with pytest.raises(ValueError, match="expected a row for each column"):
         patch.correct(np.zeros((NODES, 3)), np.zeros((NODES - 1, 3)))

@@ -1,75 +1,17 @@
-#include "nts/elimination.h"
-#include "array.h"
+#include "elimination.h"
 
 namespace nts::bindings
 {
 namespace
 {
-using Dofs = In<std::int32_t>;
-
 /// @brief Raise ValueError unless all are rows of x.
-void check_rows(const char* name, const Dofs& nodes, const Out<double>& x)
+void check_rows(const char* name, const In<std::int32_t>& nodes,
+                const Out<double>& x)
 {
   for (const std::int32_t node : view(nodes))
     if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
       throw nb::value_error(
           (std::string(name) + ": expected rows of x").c_str());
-}
-
-/// @brief Check the shapes of x and dofs, and that every dof is a row of x.
-std::size_t check_dofs(const Dofs& dofs, const Out<double>& x)
-{
-  check("dofs", dofs, {any, any});
-  check("x", x, {any, 3});
-  check_rows("dofs", dofs, x);
-  return dofs.shape(1) - 1;
-}
-
-void constrain_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
-                     const Doubles& gradients, const Doubles& values,
-                     Out<double> x)
-{
-  const std::size_t k = check_dofs(dofs, x), m = dofs.shape(0);
-  check("rank", rank, {m});
-  check("normal", normal, {m, 3});
-  check("gradients", gradients, {m, 3, 3 * (1 + k)});
-  if (values.size())
-    check("values", values, {m, 3});
-  dispatch_pairs(k,
-                 [&]<class S>()
-                 {
-                   constrain<S>({.dofs = view(dofs),
-                                 .rank = view(rank),
-                                 .normal = view(normal),
-                                 .gradients = view(gradients),
-                                 .columns = {},
-                                 .tangent = {}},
-                                view(values), view(x));
-                 });
-}
-
-void act_batch(const Dofs& dofs, const Dofs& rank, const Doubles& normal,
-               const Doubles& columns, const Doubles& tangent, const Doubles& x,
-               Out<double> y)
-{
-  const std::size_t k = check_dofs(dofs, y), m = dofs.shape(0);
-  const std::size_t n = 3 * (1 + k);
-  check("rank", rank, {m});
-  check("normal", normal, {m, 3});
-  check("columns", columns, {m, 3, n});
-  check("tangent", tangent, {m, n, n});
-  check("x", x, {y.shape(0), 3});
-  dispatch_pairs(k,
-                 [&]<class S>()
-                 {
-                   act<S>({.dofs = view(dofs),
-                           .rank = view(rank),
-                           .normal = view(normal),
-                           .gradients = {},
-                           .columns = view(columns),
-                           .tangent = view(tangent)},
-                          view(x), view(y));
-                 });
 }
 
 auto balance_batch(const Doubles& normal, const Doubles& rest,
@@ -87,7 +29,7 @@ auto balance_batch(const Doubles& normal, const Doubles& rest,
   return lambda;
 }
 
-void close_gaps_batch(const Dofs& nodes, const In<bool>& moves,
+void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
                       const Doubles& gap, const Doubles& normal,
                       const Doubles& gradients, double farthest, Out<double> x)
 {
@@ -108,16 +50,21 @@ void close_gaps_batch(const Dofs& nodes, const In<bool>& moves,
 
 void elimination(nb::module_& m)
 {
-  m.def("constrain", &constrain_batch, nb::arg("dofs"), nb::arg("rank"),
-        nb::arg("normal"), nb::arg("gradients"), nb::arg("values"),
-        nb::arg("x").noconvert(),
-        "x <- Z x + E (G^T E)^-1 values: (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
-        "(m, 3, 3(1+k)), (m, 3) or (0,), (n, 3)");
-  m.def("act", &act_batch, nb::arg("dofs"), nb::arg("rank"), nb::arg("normal"),
-        nb::arg("columns"), nb::arg("tangent"), nb::arg("x"),
-        nb::arg("y").noconvert(),
-        "y <- Z~^T (y + C x): (m, 1+k), (m,) of 0, 1, 3, (m, 3), "
-        "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k)), (n, 3), (n, 3)");
+  nb::class_<KeptElimination>(
+      m, "Elimination",
+      "Active pairs and the projections on their constraints, see "
+      "nts/elimination.h; the arrays are read, not copied")
+      .def(nb::init<In<std::int32_t>, In<std::int32_t>, Doubles, Doubles,
+                    Doubles, Doubles>(),
+           nb::arg("dofs"), nb::arg("rank"), nb::arg("normal"),
+           nb::arg("gradients"), nb::arg("columns"), nb::arg("tangent"),
+           "(m, 1+k), (m,) of 0, 1, 3, (m, 3), (m, 3, 3(1+k)), (m, 3, "
+           "3(1+k)), (m, 3(1+k), 3(1+k))")
+      .def("constrain", &KeptElimination::constrain, nb::arg("values"),
+           nb::arg("x").noconvert(),
+           "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")
+      .def("act", &KeptElimination::act, nb::arg("x"), nb::arg("y").noconvert(),
+           "y <- Z~^T (y + C x): (n, 3), (n, 3)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("rest"),
         nb::arg("columns"),
         "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "

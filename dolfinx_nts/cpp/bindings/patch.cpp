@@ -1,5 +1,6 @@
 #include "nts/patch.h"
 #include "block_matrix.h"
+#include "elimination.h"
 
 #include <optional>
 
@@ -18,30 +19,11 @@ public:
     _patch.emplace(block_matrix(_start, _column, _value));
   }
 
-  void add(const In<std::int32_t>& dofs, const In<std::int32_t>& rank,
-           const Doubles& normal, const Doubles& gradients,
-           const Doubles& columns, const Doubles& tangent)
+  void add(const KeptElimination& pairs)
   {
-    check("dofs", dofs, {any, any});
-    const std::size_t m = dofs.shape(0), n = 3 * dofs.shape(1);
-    check("rank", rank, {m});
-    check("normal", normal, {m, 3});
-    check("gradients", gradients, {m, 3, n});
-    check("columns", columns, {m, 3, n});
-    check("tangent", tangent, {m, n, n});
-    for (const std::int32_t dof : view(dofs))
-      if (dof < 0 || static_cast<std::size_t>(dof) >= num_rows())
-        throw nb::value_error("dofs: expected rows of the matrix");
-    dispatch_pairs(dofs.shape(1) - 1,
-                   [&]<class S>()
-                   {
-                     _patch->add<S>({.dofs = view(dofs),
-                                     .rank = view(rank),
-                                     .normal = view(normal),
-                                     .gradients = view(gradients),
-                                     .columns = view(columns),
-                                     .tangent = view(tangent)});
-                   });
+    if (pairs.num_nodes() > num_rows())
+      throw nb::value_error("pairs: expected dofs that are rows of the matrix");
+    pairs.visit([&](const auto& e) { _patch->add(e); });
   }
 
   void clear() noexcept { _patch->clear(); }
@@ -80,11 +62,7 @@ void patch(nb::module_& m)
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
       .def("clear", &KeptPatch::clear, "Be without pairs, as in the beginning")
-      .def("add", &KeptPatch::add, nb::arg("dofs"), nb::arg("rank"),
-           nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
-           nb::arg("tangent"),
-           "Active pairs: (m, 1+k), (m,) of 0, 1, 3, (m, 3), (m, 3, 3(1+k)), "
-           "(m, 3, 3(1+k)), (m, 3(1+k), 3(1+k))")
+      .def("add", &KeptPatch::add, nb::arg("pairs"), "Add active pairs")
       .def("build", &KeptPatch::build, "Factorise; false if singular")
       .def("correct", &KeptPatch::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
