@@ -140,6 +140,23 @@ def _targets(steps: Rows) -> str:
             for n in sizes
         ),
         (
+            "part of contact in the whole impact, n = 6 [%]",
+            lambda: 100 * _find(steps, scene="impact", n=6)["contact_share"],
+            "<=",
+            25,
+        ),
+        *(
+            (
+                f"central differences, step in evaluations of their forces, n = {n}",
+                lambda n=n: _find(steps, scene="contact", scheme=_EXPLICIT, n=n)[
+                    "residuals_per_step"
+                ],
+                "<=",
+                1.5,
+            )
+            for n in sizes
+        ),
+        (
             "rho = 1 against 1000, n = 24, cost of a step",
             ratio(cost, scene=("rho = 1", 24), other=("contact", 24)),
             "<=",
