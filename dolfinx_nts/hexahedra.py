@@ -12,25 +12,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-__all__ = ["only_one_kind", "options"]
+from dolfinx_nts.gmsh_options import gmsh_options
+
+__all__ = ["only_one_kind"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 _TETRAHEDRON, _HEXAHEDRON, _PRISM = 4, 5, 6  # gmsh element types
-
-
-@contextmanager
-def options(gmsh: Any, **values: float) -> Iterator[None]:
-    """Context in which gmsh has other options, ``Mesh_SaveAll`` for Mesh.SaveAll. Local."""
-    names = {name: name.replace("_", ".") for name in values}
-    before = {name: gmsh.option.getNumber(name) for name in names.values()}
-    for key, value in values.items():
-        gmsh.option.setNumber(names[key], value)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            gmsh.option.setNumber(name, value)
 
 
 @contextmanager
@@ -55,14 +43,14 @@ def only_one_kind(model: Any) -> Iterator[Any]:
         for kind in sorted(kinds)
     )
     current = model.getCurrent()
-    with TemporaryDirectory() as folder, options(gmsh, General_Terminal=0):
+    with TemporaryDirectory() as folder, gmsh_options(gmsh, General_Terminal=0):
         file = Path(folder) / "mixed.msh"
-        with options(gmsh, Mesh_SaveAll=1, Mesh_MshFileVersion=4.1, Mesh_Binary=1):
+        with gmsh_options(gmsh, Mesh_SaveAll=1, Mesh_MshFileVersion=4.1, Mesh_Binary=1):
             gmsh.write(str(file))
         model.add("dolfinx_nts hexahedra")
         try:
             gmsh.merge(str(file))
-            with options(gmsh, Mesh_SubdivisionAlgorithm=2, Mesh_SecondOrderLinear=1):
+            with gmsh_options(gmsh, Mesh_SubdivisionAlgorithm=2, Mesh_SecondOrderLinear=1):
                 model.mesh.refine()
             model.mesh.renumberNodes()
             count = len(model.mesh.getElementsByType(_HEXAHEDRON)[0])

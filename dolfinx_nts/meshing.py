@@ -19,7 +19,8 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat, reductions
-from dolfinx_nts.hexahedra import only_one_kind, options
+from dolfinx_nts.gmsh_options import gmsh_options
+from dolfinx_nts.hexahedra import only_one_kind
 from dolfinx_nts.parts import (
     add_bowl,
     add_box,
@@ -158,7 +159,7 @@ def _opened(source: Any) -> Iterator[Any]:
     if not initialised:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
-        with options(gmsh, General_Terminal=0):
+        with gmsh_options(gmsh, General_Terminal=0):
             current = gmsh.model.getCurrent()
             gmsh.model.add(f"dolfinx_nts {source}")
             try:

@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"arguments", "reductions"},
+    {"arguments", "gmsh_options", "reductions"},
     {
         "_kernels",
         "archive",
