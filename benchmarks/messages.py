@@ -5,9 +5,10 @@ JSON. Counted are calls of MPI, whoever makes them: DOLFINx, PETSc, mpi4py.
 """
 
 import ctypes
+import functools
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -52,6 +53,14 @@ class Counter(Profile):
             within = sum(self.counts.values(), np.zeros(4)) - inner
             own = self.now() - start - within
             self.counts[name] = self.counts.get(name, np.zeros(4)) + own
+
+    def _watched(self, function: Callable[..., Any], phase: str) -> Callable[..., Any]:
+        @functools.wraps(function, updated=())
+        def call(*args: Any, **kwargs: Any) -> Any:
+            with self.phase(phase):
+                return function(*args, **kwargs)
+
+        return call
 
 
 def count(n: int, h: float, skip: int, steps: int, comm: MPI.Comm) -> dict[str, Any]:
