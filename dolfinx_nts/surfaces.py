@@ -108,7 +108,8 @@ class Surface:
             outward.append(X[on_facet].mean(axis=1) - X[pieces].mean(axis=1))
         segments = np.concatenate(parts)
         x = X[segments]
-        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        # Not of a corner, which has none where an edge has no length.
+        normal = area_vectors(x, np.ones(len(x)))
         height = np.einsum("si,si->s", normal, np.concatenate(outward))
         length = np.linalg.norm(normal, axis=1)
         height /= np.where(length > 0, length, np.inf)

@@ -253,3 +253,21 @@ def test_surface_refuses_wrong_arguments(comm, refused):
         nts.Surface(V, none, 1)
     with refused(ValueError, "expected the space functionspace"):
         nts.Surface(space(mesh, 3), facets, 1)
+
+
+@pytest.mark.parametrize("side", ["top", "bottom"])  # of either orientation
+@pytest.mark.parametrize("collapsed", [(0, 1), (1, 3), (3, 2), (2, 0)])
+def test_facets_with_an_edge_without_length_still_point_outwards(comm, collapsed, side):
+    box = {"corner": (0, 0, 0), "size": (3, 3, 1), "cells": (3, 3, 1)}
+    data = nts.read_mesh(lambda model: nts.parts.add_box(model, "box", **box), comm)
+    x, up = data.mesh.geometry.x, 1 if side == "top" else -1
+    corners = np.array([[1, 1, 1], [2, 1, 1], [1, 2, 1], [2, 2, 1]])  # of the facet in the middle
+    corners[:, 2] = up > 0
+    moves, to = corners[list(collapsed)]
+    x[np.all(np.abs(x - moves) < 1e-9, axis=1)] = to
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (3,)))
+    surface = nts.Surface(V, data.facets, data.tag[f"box_{side}"])
+    X = V.tabulate_dof_coordinates()[surface.segments]
+    outwards = up * area_vectors(X, surface.orientation)[:, 2]
+    assert np.all(outwards > 0.1)
+    assert comm.allreduce(outwards.sum()) == pytest.approx(9)
