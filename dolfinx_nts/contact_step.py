@@ -97,7 +97,7 @@ class ContactStep:
             assert isinstance(here, Neighbourhood)
             urgency = 2 * history.active + (np.fmin(pairing.gap_n, pairing.gap_trial) < 0)
             eligible &= independent(here, pair.nodes, pairing.met, eligible, urgency)
-        self.may_touch = bool(reductions.total(self.comm, int(may_touch.sum())))
+        self.may_touch = reductions.anywhere(self.comm, bool(may_touch.any()))
         self._eligible = np.flatnonzero(eligible).astype(np.int32)
         self.active = history.active & eligible
         self.lambda_N = np.where(self.active, history.lambda_N, 0.0)

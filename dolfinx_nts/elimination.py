@@ -136,7 +136,8 @@ class Elimination:
         for p, value, part in zip(self.pairs, values, parts, strict=True):
             p.kernel.constrain(value, part)
             if part is not x:
-                x[p.constrained] = part[p.constrained]
+                nodes = p.constrained
+                x[nodes] = part[nodes]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:

@@ -54,7 +54,7 @@ class Rest:
 
         def belongs(surface: Surface, body: Body) -> bool:
             inside = np.isin(surface.nodes, self._nodes[body])
-            return bool(reductions.total(comm, int(inside.sum())))
+            return reductions.anywhere(comm, bool(inside.any()))
 
         def loaded(load: Load, body: Body) -> bool:
             if hasattr(load, "surface"):
