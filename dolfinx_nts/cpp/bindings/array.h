@@ -1,75 +1,128 @@
 #pragma once
 
 #include "nts/segment.h"
+#include "numpy.h"
 
+#include <concepts>
 #include <cstdint>
 #include <initializer_list>
 #include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <span>
 #include <string>
+#include <vector>
 
 /// @brief NumPy arrays in and out of the kernels.
+///
+/// A step makes a few hundred small calls, so that what an array costs on its
+/// way in and out counts: through NumPy's own interface a tenth of what it
+/// costs as an `nb::ndarray`.
 namespace nts::bindings
 {
 namespace nb = nanobind;
 
+/// @brief NumPy's number of a type.
 template <class T>
-using In = nb::ndarray<const T, nb::numpy, nb::c_contig, nb::device::cpu>;
+constexpr int type_number()
+{
+  if constexpr (std::same_as<T, double>)
+    return NPY_DOUBLE;
+  else if constexpr (std::same_as<T, std::int8_t>)
+    return NPY_INT8;
+  else if constexpr (std::same_as<T, std::int32_t>)
+    return NPY_INT32;
+  else if constexpr (std::same_as<T, std::int64_t>)
+    return NPY_INT64;
+  else
+  {
+    static_assert(std::same_as<T, bool>);
+    return NPY_BOOL;
+  }
+}
+
+/// @brief A contiguous NumPy array, kept alive; of const T if it is only read.
 template <class T>
-using Out = nb::ndarray<T, nb::numpy, nb::c_contig, nb::device::cpu>;
+class Array
+{
+public:
+  Array() = default;
+
+  /// @brief Take an array of this type.
+  explicit Array(nb::object array) : _array(std::move(array)) {}
+
+  T* data() const noexcept { return static_cast<T*>(PyArray_DATA(get())); }
+  std::size_t size() const noexcept { return PyArray_SIZE(get()); }
+  std::size_t ndim() const noexcept { return PyArray_NDIM(get()); }
+  std::size_t shape(std::size_t axis) const noexcept
+  {
+    return PyArray_DIM(get(), static_cast<int>(axis));
+  }
+  nb::handle object() const noexcept { return _array; }
+
+private:
+  PyArrayObject* get() const noexcept
+  {
+    return reinterpret_cast<PyArrayObject*>(_array.ptr());
+  }
+
+  nb::object _array;
+};
+
+template <class T>
+using In = Array<const T>;
+template <class T>
+using Out = Array<T>;
 using Doubles = In<double>;
 
 template <class T>
-std::span<const T> view(const In<T>& array) noexcept
+std::span<T> view(const Array<T>& array) noexcept
 {
   return {array.data(), array.size()};
 }
 
-template <class T>
-std::span<T> view(const Out<T>& array) noexcept
-{
-  return {array.data(), array.size()};
-}
-
-/// @brief A new array that owns its memory.
+/// @brief A new array; its values are not set.
 template <class T>
 Out<T> create(std::initializer_list<std::size_t> shape)
 {
-  std::size_t size = 1;
-  for (const std::size_t extent : shape)
-    size *= extent;
-  T* data = new T[size];
-  nb::capsule owner(data,
-                    [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  return Out<T>(data, shape, owner);
+  const std::vector<npy_intp> extents(shape.begin(), shape.end());
+  PyObject* array = PyArray_SimpleNew(static_cast<int>(extents.size()),
+                                      extents.data(), type_number<T>());
+  if (!array)
+    throw nb::python_error();
+  return Out<T>(nb::steal(array));
 }
 
 /// Extent that any number satisfies in `check`.
 inline constexpr std::size_t any = static_cast<std::size_t>(-1);
 
-/// @brief Raise ValueError unless the array has this shape.
-template <class Array>
-void check(const char* name, const Array& array,
-           std::initializer_list<std::size_t> shape)
+template <class T>
+[[noreturn]] void refuse(const char* name, const Array<T>& array,
+                         std::initializer_list<std::size_t> shape)
 {
-  bool same = array.ndim() == shape.size();
   std::string expected, given;
-  std::size_t axis = 0;
   for (const std::size_t extent : shape)
-  {
-    same = same && (extent == any || array.shape(axis) == extent);
-    expected += (axis ? ", " : "")
-                + (extent == any ? std::string("any") : std::to_string(extent));
-    ++axis;
-  }
-  if (same)
-    return;
+    expected += (expected.empty() ? "" : ", ")
+                + (extent == any ? "any" : std::to_string(extent));
   for (std::size_t i = 0; i < array.ndim(); ++i)
     given += (i ? ", " : "") + std::to_string(array.shape(i));
   throw nb::value_error((std::string(name) + ": expected shape (" + expected
                          + "), given (" + given + ")")
                             .c_str());
+}
+
+/// @brief Raise ValueError unless the array has this shape.
+template <class T>
+void check(const char* name, const Array<T>& array,
+           std::initializer_list<std::size_t> shape)
+{
+  bool same = array.ndim() == shape.size();
+  std::size_t axis = 0;
+  for (const std::size_t extent : shape)
+  {
+    same = same && (extent == any || array.shape(axis) == extent);
+    ++axis;
+  }
+  if (!same)
+    refuse(name, array, shape);
 }
 
 /// @brief Call function.template operator()<S>() for the segment type with
@@ -107,3 +160,42 @@ inline std::size_t segment_vertices(const char* name, const Doubles& x_pair)
   return x_pair.shape(1) - 1;
 }
 } // namespace nts::bindings
+
+template <class T>
+struct nanobind::detail::type_caster<nts::bindings::Array<T>>
+{
+  NB_TYPE_CASTER(nts::bindings::Array<T>, const_name("numpy.ndarray"))
+
+  bool from_python(handle source, std::uint8_t flags, cleanup_list*) noexcept
+  {
+    using namespace nts::bindings;
+    constexpr int type = type_number<std::remove_const_t<T>>();
+    if (!PyArray_Check(source.ptr()))
+      return false;
+    auto* array = reinterpret_cast<PyArrayObject*>(source.ptr());
+    const bool fits = std::is_const_v<T> ? PyArray_ISCARRAY_RO(array)
+                                         : PyArray_ISCARRAY(array);
+    if (PyArray_TYPE(array) == type && fits)
+    {
+      value = Array<T>(borrow(source));
+      return true;
+    }
+    if (!std::is_const_v<T>
+        || !(flags & static_cast<std::uint8_t>(cast_flags::convert)))
+      return false;
+    PyObject* copy = PyArray_FROM_OTF(source.ptr(), type, NPY_ARRAY_IN_ARRAY);
+    if (!copy)
+    {
+      PyErr_Clear();
+      return false;
+    }
+    value = Array<T>(steal(copy));
+    return true;
+  }
+
+  static handle from_cpp(const nts::bindings::Array<T>& array, rv_policy,
+                         cleanup_list*) noexcept
+  {
+    return array.object().inc_ref();
+  }
+};

@@ -1,3 +1,6 @@
+#define NTS_IMPORT_NUMPY
+#include "numpy.h"
+
 #include <nanobind/nanobind.h>
 
 namespace nts::bindings
@@ -13,6 +16,8 @@ void springs(nanobind::module_& m);
 
 NB_MODULE(_kernels, m)
 {
+  if (_import_array() < 0)
+    throw nanobind::python_error();
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
   nts::bindings::kinematics(m);
   nts::bindings::contact(m);
