@@ -8,6 +8,7 @@ _Ints = npt.NDArray[np.int32]
 _Keys = npt.NDArray[np.int64]
 _Status = npt.NDArray[np.int8]
 _Springs = tuple[_Ints, _Keys, _Ints, _Floats, _Floats, _Floats]
+_Paired = tuple[_Ints, _Floats, _Floats, _Floats]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
 
 DEEPEST: float
@@ -22,27 +23,6 @@ def average_gradient(invariants_n: _Floats, invariants: _Floats) -> _Floats: ...
 def contact_midpoint(x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats) -> _Contact: ...
 def contact_static(x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats) -> _Contact: ...
 def contact_conserving(x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats) -> _Contact: ...
-def pair_nodes(
-    x_node: _Floats,
-    current: _Ints,
-    reach: float,
-    x_segment: _Floats,
-    orientation: _Floats,
-    key: _Keys,
-) -> tuple[_Ints, _Floats, _Floats, _Floats]: ...
-def pair_own_nodes(
-    x_node: _Floats,
-    current: _Ints,
-    reach: float,
-    x_segment: _Floats,
-    orientation: _Floats,
-    key: _Keys,
-    normal: _Floats,
-    X_node: _Floats,
-    N_node: _Floats,
-    X_segment: _Floats,
-    thickness: _Floats,
-) -> tuple[_Ints, _Floats, _Floats, _Floats]: ...
 def slip(
     x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
@@ -75,6 +55,23 @@ def unexplained_work(
     before: _Springs, after: _Springs, lost: _Floats
 ) -> tuple[float, float, float]: ...
 def add_rows(total: _Floats, rows: _Ints, values: _Floats) -> None: ...
+
+class Segments:
+    num_trees: int
+    def __init__(self, vertices: _Ints, orientation: _Floats, key: _Keys) -> None: ...
+    def pair(self, x_node: _Floats, current: _Ints, reach: float, x: _Floats) -> _Paired: ...
+    def pair_own(
+        self,
+        x_node: _Floats,
+        current: _Ints,
+        reach: float,
+        x: _Floats,
+        normal: _Floats,
+        X_node: _Floats,
+        N_node: _Floats,
+        X: _Floats,
+        thickness: _Floats,
+    ) -> _Paired: ...
 
 class IncompleteFactors:
     def __init__(self) -> None: ...

@@ -7,7 +7,6 @@ and by the positions at rest, see `cpp/nts/own_surface.h`.
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.search import Neighbourhood, Search
 from dolfinx_nts.surfaces import area_vectors
 
@@ -36,17 +35,15 @@ class OwnNeighbourhood(Neighbourhood):
     def _found(
         self, x: Floats, nodes: Ints, current: Ints, reach: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
-        return _kernels.pair_own_nodes(
+        return self._kernel.pair_own(
             x[nodes],
             current,
             reach,
-            x[self.segments],
-            self.orientation,
-            self.key,
+            x,
             self._normals(x)[nodes],
             self._X[nodes],
             self._N[nodes],
-            self._X[self.segments],
+            self._X,
             self.thickness,
         )
 

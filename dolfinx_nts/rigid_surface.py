@@ -33,14 +33,14 @@ class RigidSurface(Obstacle):
 
     def __init__(self, points: Any, facets: Any, outside: Any) -> None:
         """Orient the facets."""
-        points, facets = np.asarray(points, dtype=np.float64), np.asarray(facets)
+        points, facets = np.array(points, dtype=np.float64, order="C"), np.asarray(facets)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
         if facets.ndim != 2 or facets.shape[1] not in (3, 4):
             raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
         if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
             raise ValueError(f"expected facets of vertices below {len(points)}")
-        self._x = np.ascontiguousarray(points[facets])
+        self._points, self._x = points, points[facets]
         centre = self._x.mean(axis=1)
         edges = self._x[:, 1:3] - self._x[:, :1]
         side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
@@ -48,6 +48,8 @@ class RigidSurface(Obstacle):
             raise ValueError("expected facets that turn a side to outside, given edges")
         self._orientation = np.sign(side)
         self.key = np.arange(len(facets), dtype=np.int64)
+        facets = np.ascontiguousarray(facets, dtype=np.int32)
+        self._segments = _kernels.Segments(facets, self._orientation, self.key)
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
@@ -71,7 +73,5 @@ class RigidSurface(Obstacle):
 
     def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
         """Facet of each node or -1, and gap, see `Obstacle.find`."""
-        found, _, gap, _ = _kernels.pair_nodes(
-            x, current, reach, self._x, self._orientation, self.key
-        )
+        found, _, gap, _ = self._segments.pair(x, current, reach, self._points)
         return found, gap

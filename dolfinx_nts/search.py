@@ -52,6 +52,7 @@ class Neighbourhood:
         self.index_map, self.segments = index_map, segments
         self.orientation, self.key, self.size = orientation, key, size
         self.thickness = thickness
+        self._kernel = _kernels.Segments(segments, orientation, key)
         self._serial = index_map.size_global == index_map.size_local
         self._vector = la.vector(index_map, 3)
 
@@ -118,14 +119,7 @@ class Neighbourhood:
     def _found(
         self, x: Floats, nodes: Ints, current: Ints, reach: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
-        return _kernels.pair_nodes(
-            x.take(nodes, axis=0),
-            current,
-            reach,
-            x.take(self.segments, axis=0),
-            self.orientation,
-            self.key,
-        )
+        return self._kernel.pair(x.take(nodes, axis=0), current, reach, x)
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
         """Nodes in the box around all segments. Local.

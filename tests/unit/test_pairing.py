@@ -45,14 +45,10 @@ def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None):
     nodes = np.atleast_2d(np.asarray(nodes, dtype=np.float64))
     current = np.full(len(nodes), -1) if current is None else np.atleast_1d(current)
     key = np.arange(len(segments)) if key is None else np.asarray(key)
-    return _kernels.pair_nodes(
-        nodes,
-        current.astype(np.int32),
-        reach,
-        np.ascontiguousarray(segments),
-        np.asarray(orientation, dtype=np.float64),
-        key.astype(np.int64),
-    )
+    vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
+    orientation = np.asarray(orientation, dtype=np.float64)
+    kernel = _kernels.Segments(vertices, orientation, key.astype(np.int64))
+    return kernel.pair(nodes, current.astype(np.int32), reach, segments.reshape(-1, 3))
 
 
 def distances(node, segments):
@@ -225,3 +221,37 @@ def test_wrong_shapes_are_refused():
         find([0.5, 0.5, 0.1], segments, orientation, current=2)
     with pytest.raises(ValueError, match="x_node"):
         find([0.5, 0.5], segments, orientation)
+
+
+@segments_
+def test_tree_is_kept_while_no_vertex_moves_far(k, rng):
+    segments, orientation = bumpy_surface(k)
+    shape, x = segments.shape[:2], segments.reshape(-1, 3).copy()
+    arrays = np.arange(len(x), dtype=np.int32).reshape(shape), orientation, np.arange(shape[0])
+    kept = _kernels.Segments(*arrays)
+    nodes = rng.uniform(LOWER, UPPER, (60, 3))
+    nowhere = np.full(len(nodes), -1, dtype=np.int32)
+
+    trees = []
+    for motion in (0.0, 0.01, 0.01, 0.1, 0.0, np.nan, 0.0):
+        moved = x + rng.uniform(-1, 1, 3) * motion
+        result = kept.pair(nodes, nowhere, 0.2, moved)
+        fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.2, moved)
+        for here, there in zip(result, fresh, strict=True):
+            np.testing.assert_array_equal(here, there)
+        trees.append(kept.num_trees)
+        if motion == 0.1:
+            x = moved
+    assert trees == [1, 1, 1, 2, 2, 3, 4]
+
+
+def test_no_tree_where_all_nodes_stay_over_their_segments(rng):
+    segments, orientation = bumpy_surface(4)
+    vertices = np.arange(4 * len(segments), dtype=np.int32).reshape(-1, 4)
+    kernel = _kernels.Segments(vertices, orientation, np.arange(len(segments)))
+    x, nodes = segments.reshape(-1, 3), segments.mean(axis=1)
+    current = np.arange(len(nodes), dtype=np.int32)
+    found, _, gap, _ = kernel.pair(nodes, current, 0.1, x)
+    np.testing.assert_array_equal(found, current)
+    np.testing.assert_allclose(gap, 0, atol=1e-14)
+    assert kernel.num_trees == 0

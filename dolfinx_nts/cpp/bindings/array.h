@@ -125,6 +125,15 @@ void check(const char* name, const Array<T>& array,
     refuse(name, array, shape);
 }
 
+/// @brief Raise ValueError unless all are numbers of n rows.
+inline void check_rows(const char* message, const In<std::int32_t>& rows,
+                       std::size_t n)
+{
+  for (const std::int32_t row : view(rows))
+    if (row < 0 || static_cast<std::size_t>(row) >= n)
+      throw nb::value_error(message);
+}
+
 /// @brief Call function.template operator()<S>() for the segment type with
 /// this number of vertices.
 template <class Function>

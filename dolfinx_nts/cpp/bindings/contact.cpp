@@ -93,73 +93,6 @@ auto convective_slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
            });
   return std::tuple(value, force, gradient, hessian, frame_n, frame);
 }
-
-/// @brief Pairing of nodes that may touch what `MayTouch` says.
-template <class GetMayTouch>
-auto pair_with(const Doubles& x_node, const In<std::int32_t>& current,
-               double reach, const Doubles& x_segment,
-               const Doubles& orientation, const In<std::int64_t>& key,
-               const GetMayTouch& get_may_touch)
-{
-  check("x_node", x_node, {any, 3});
-  check("x_segment", x_segment, {any, any, 3});
-  const std::size_t n = x_node.shape(0), segments = x_segment.shape(0);
-  check("current", current, {n});
-  check("orientation", orientation, {segments});
-  check("key", key, {segments});
-  for (const std::int32_t c : view(current))
-    if (c < -1 || c >= static_cast<std::int32_t>(segments))
-      throw nb::value_error("current: expected -1 or a segment index");
-  auto segment = create<std::int32_t>({n});
-  auto xi = create<double>({n, 2});
-  auto gap = create<double>({n});
-  auto normal = create<double>({n, 3});
-  dispatch(x_segment.shape(1),
-           [&]<class S>()
-           {
-             const nb::gil_scoped_release release;
-             pair_nodes<S>(view(x_node), view(current), reach,
-                           {view(x_segment), view(orientation), view(key), {}},
-                           get_may_touch.template operator()<S>(),
-                           view(segment), view(xi), view(gap), view(normal));
-           });
-  return std::tuple(segment, xi, gap, normal);
-}
-
-auto pair_nodes_batch(const Doubles& x_node, const In<std::int32_t>& current,
-                      double reach, const Doubles& x_segment,
-                      const Doubles& orientation, const In<std::int64_t>& key)
-{
-  return pair_with(x_node, current, reach, x_segment, orientation, key,
-                   []<class S>() { return any_segment; });
-}
-
-auto pair_own_nodes_batch(const Doubles& x_node,
-                          const In<std::int32_t>& current, double reach,
-                          const Doubles& x_segment, const Doubles& orientation,
-                          const In<std::int64_t>& key, const Doubles& normal,
-                          const Doubles& X_node, const Doubles& N_node,
-                          const Doubles& X_segment, const Doubles& thickness)
-{
-  check("x_node", x_node, {any, 3});
-  check("x_segment", x_segment, {any, any, 3});
-  const std::size_t n = x_node.shape(0), segments = x_segment.shape(0);
-  check("normal", normal, {n, 3});
-  check("X_node", X_node, {n, 3});
-  check("N_node", N_node, {n, 3});
-  check("X_segment", X_segment, {segments, x_segment.shape(1), 3});
-  check("thickness", thickness, {segments});
-  return pair_with(x_node, current, reach, x_segment, orientation, key,
-                   [&]<class S>()
-                   {
-                     const SegmentSurface<S> rest{
-                         view(X_segment), view(orientation), view(key), {}};
-                     const OwnSurface<S> own{view(normal), view(X_node),
-                                             view(N_node), rest,
-                                             view(thickness)};
-                     return [own](std::size_t i) noexcept { return own.of(i); };
-                   });
-}
 } // namespace
 
 void contact(nb::module_& m)
@@ -184,19 +117,5 @@ void contact(nb::module_& m)
         "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
         "(m, 2, 3(1+k)), hessian (m, 2, 3(1+k), 3(1+k)), frame_n and frame "
         "(m, 2, 3)");
-  // Depth, of a segment, at which a node has none any more.
-  m.attr("DEEPEST") = PairingRule::depth;
-  m.def("pair_nodes", &pair_nodes_batch, nb::arg("x_node"), nb::arg("current"),
-        nb::arg("reach"), nb::arg("x_segment"), nb::arg("orientation"),
-        nb::arg("key"),
-        "(n, 3), (n,), -, (s, k, 3), (s,), (s,) -> segment (n,) or -1, xi "
-        "(n, 2), gap (n,), normal (n, 3)");
-  m.def("pair_own_nodes", &pair_own_nodes_batch, nb::arg("x_node"),
-        nb::arg("current"), nb::arg("reach"), nb::arg("x_segment"),
-        nb::arg("orientation"), nb::arg("key"), nb::arg("normal"),
-        nb::arg("X_node"), nb::arg("N_node"), nb::arg("X_segment"),
-        nb::arg("thickness"),
-        "as pair_nodes and (n, 3), (n, 3), (n, 3), (s, k, 3), (s,) -> the same "
-        "for nodes of the surface itself");
 }
 } // namespace nts::bindings

@@ -4,16 +4,6 @@ namespace nts::bindings
 {
 namespace
 {
-/// @brief Raise ValueError unless all are rows of x.
-void check_rows(const char* name, const In<std::int32_t>& nodes,
-                const Out<double>& x)
-{
-  for (const std::int32_t node : view(nodes))
-    if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
-      throw nb::value_error(
-          (std::string(name) + ": expected rows of x").c_str());
-}
-
 auto balance_batch(const Doubles& normal, const Doubles& rest,
                    const Doubles& columns)
 {
@@ -40,7 +30,7 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
   check("normal", normal, {m, 3});
   check("gradients", gradients, {m, any, any});
   check("x", x, {any, 3});
-  check_rows("nodes", nodes, x);
+  check_rows("nodes: expected rows of x", nodes, x.shape(0));
   if (gradients.shape(1) == 0 || gradients.shape(2) < 3)
     throw nb::value_error("gradients: expected three numbers of each pair");
   close_gaps(view(nodes), view(moves), view(gap), view(normal), view(gradients),

@@ -33,9 +33,7 @@ auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
 {
   check("x", x, {any, 3});
   check("cells", cells, {any, any});
-  for (const std::int32_t node : view(cells))
-    if (node < 0 || static_cast<std::size_t>(node) >= x.shape(0))
-      throw nb::value_error("cells: expected rows of x");
+  check_rows("cells: expected rows of x", cells, x.shape(0));
   auto length = create<double>({cells.shape(0)});
   cell_lengths(view(x), view(cells), cells.shape(1), view(length));
   return length;

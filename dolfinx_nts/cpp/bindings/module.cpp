@@ -6,6 +6,7 @@
 namespace nts::bindings
 {
 void kinematics(nanobind::module_& m);
+void pairing(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
@@ -20,6 +21,7 @@ NB_MODULE(_kernels, m)
     throw nanobind::python_error();
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
   nts::bindings::kinematics(m);
+  nts::bindings::pairing(m);
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);

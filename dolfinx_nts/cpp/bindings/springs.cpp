@@ -11,14 +11,6 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-/// @brief Raise ValueError unless all are numbers of n rows.
-void check_rows(const char* message, const Ints& rows, std::size_t n)
-{
-  for (const std::int32_t row : view(rows))
-    if (row < 0 || static_cast<std::size_t>(row) >= n)
-      throw nb::value_error(message);
-}
-
 auto press_pairs(const Ints& node, const Ints& segment, const Doubles& xi,
                  const Doubles& gap, const Doubles& normal,
                  const Ints& segments, const Doubles& stiffness)

@@ -2,10 +2,9 @@
 
 #include "convective_slip.h"
 #include "discrete_gradient.h"
+#include "kept_tree.h"
 #include "own_surface.h"
 #include "slip.h"
-
-#include <optional>
 
 /// @brief Loops over pairs and nodes. Inputs and outputs are flat, row-major,
 /// allocated by the caller; every pair is independent of all others.
@@ -159,22 +158,21 @@ inline constexpr auto any_segment
 /// @param[in] x_node Positions, (n, 3).
 /// @param[in] current Segment of the previous pairing or -1, (n,).
 /// @param[in] reach Largest distance of interest.
-/// @param[in] surface The segments; their sizes are computed here.
+/// @param[in] surface The segments.
+/// @param[in,out] tree Tree over the segments.
 /// @param[in] may_touch Returns what a node may touch, see `find_segment`.
 /// @param[out] segment, xi, gap, normal See `Found`.
 template <class S, class MayTouch>
 void pair_nodes(std::span<const double> x_node,
                 std::span<const std::int32_t> current, double reach,
-                SegmentSurface<S> surface, const MayTouch& may_touch,
-                std::span<std::int32_t> segment, std::span<double> xi,
-                std::span<double> gap, std::span<double> normal)
+                const SegmentSurface<S>& surface, KeptTree& tree,
+                const MayTouch& may_touch, std::span<std::int32_t> segment,
+                std::span<double> xi, std::span<double> gap,
+                std::span<double> normal)
 {
-  surface.size.resize(surface.orientation.size());
-  for (std::size_t i = 0; i < surface.size.size(); ++i)
-    surface.size[i] = diameter<S>(surface.segment(i));
-  std::optional<Tree> tree;
+  const Tree* present = nullptr;
   const auto get_tree = [&]() -> const Tree&
-  { return tree ? *tree : tree.emplace(build_tree(surface)); };
+  { return present ? *present : *(present = &tree.at(surface.x)); };
   for (std::size_t i = 0; i < current.size(); ++i)
   {
     const Found found = find_segment(vector(x_node, i), current[i], reach,

@@ -5,12 +5,6 @@
 /// @brief Contact of a surface with itself: what a node may not touch.
 namespace nts
 {
-/// @brief Vector number i of x, shape (n, 3).
-inline Vec3 vector(std::span<const double> x, std::size_t i) noexcept
-{
-  return {x[3 * i], x[3 * i + 1], x[3 * i + 2]};
-}
-
 /// @brief Numbers of the rule; lengths are relative to the segment.
 struct OwnRule
 {

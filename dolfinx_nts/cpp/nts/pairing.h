@@ -33,31 +33,30 @@ struct Found
 template <class S>
 struct SegmentSurface
 {
-  std::span<const double> x;           ///< vertices, (n, k, 3) [m]
-  std::span<const double> orientation; ///< (n,) +1 or -1
-  std::span<const std::int64_t> key;   ///< (n,) breaks ties
-  std::vector<double> size;            ///< (n,) diameters [m]
+  std::span<const double> x;              ///< positions, (l, 3) [m]
+  std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
+  std::span<const double> orientation;    ///< (s,) +1 or -1
+  std::span<const std::int64_t> key;      ///< (s,) breaks ties
 
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
   {
-    std::array<Vec3, S::vertices> vertices;
+    std::array<Vec3, S::vertices> positions;
     for (std::size_t K = 0; K < S::vertices; ++K)
-      for (std::size_t c = 0; c < 3; ++c)
-        vertices[K][c] = x[3 * (S::vertices * i + K) + c];
-    return vertices;
+      positions[K] = vector(x, vertices[S::vertices * i + K]);
+    return positions;
   }
-};
 
-/// @brief Tree over the boxes of the segments.
-template <class S>
-Tree build_tree(const SegmentSurface<S>& surface)
-{
-  std::vector<Box> boxes(surface.orientation.size());
-  for (std::size_t i = 0; i < boxes.size(); ++i)
-    for (const Vec3& vertex : surface.segment(i))
-      boxes[i].include(vertex);
-  return Tree(std::move(boxes));
-}
+  Box box(std::size_t i) const noexcept
+  {
+    Box box;
+    for (const Vec3& vertex : segment(i))
+      box.include(vertex);
+    return box;
+  }
+
+  /// @brief Diameter [m].
+  double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
+};
 
 /// @brief Any node may touch any segment.
 struct Anything
@@ -94,7 +93,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
       = [&](const Projection<S>& p, std::int32_t i, double allowed) noexcept
   {
     return p.converged && S::outside(p.xi) <= allowed
-           && p.gap >= -PairingRule::depth * surface.size[i];
+           && (p.gap >= 0 || p.gap >= -PairingRule::depth * surface.size(i));
   };
 
   if (current >= 0)
@@ -111,7 +110,11 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
   tree().nearest(node, reach,
                  [&](std::int32_t i) noexcept
                  {
-                   const double margin = tie * surface.size[i];
+                   const double margin = tie * surface.size(i);
+                   // The boxes of a kept tree are wider than the segments.
+                   if (surface.box(i).squared_distance(node)
+                       > (nearest + margin) * (nearest + margin))
+                     return nearest + margin;
                    const Projection<S> p = project_on(i);
                    if (!p.converged || !may_touch(i, p))
                      return nearest + margin;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <span>
 #include <utility>
 
 /// @brief Fixed-size vectors and matrices: what the kernels need of linear
@@ -16,6 +17,12 @@ using Vec3 = std::array<double, 3>;
 /// Row-major R x C matrix.
 template <std::size_t R, std::size_t C>
 using Matrix = std::array<std::array<double, C>, R>;
+
+/// @brief Row i of x, shape (n, 3).
+constexpr Vec3 vector(std::span<const double> x, std::size_t i) noexcept
+{
+  return {x[3 * i], x[3 * i + 1], x[3 * i + 2]};
+}
 
 constexpr Vec3 operator-(const Vec3& a, const Vec3& b) noexcept
 {

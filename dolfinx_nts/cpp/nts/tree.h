@@ -26,6 +26,15 @@ struct Box
     }
   }
 
+  void widen(double margin) noexcept
+  {
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      lower[i] -= margin;
+      upper[i] += margin;
+    }
+  }
+
   /// @brief Squared distance of a point to the box (0 inside).
   double squared_distance(const Vec3& point) const noexcept
   {

@@ -1,0 +1,147 @@
+#include "array.h"
+#include "nts/batch.h"
+
+#include <nanobind/stl/tuple.h>
+
+namespace nts::bindings
+{
+namespace
+{
+using Ints = In<std::int32_t>;
+using Keys = In<std::int64_t>;
+/// Segment, xi, gap and normal of nodes, see `Found`.
+using Result
+    = std::tuple<Out<std::int32_t>, Out<double>, Out<double>, Out<double>>;
+
+/// @brief Segments wherever their vertices are, the arrays that hold them, and
+/// the tree over them.
+class KeptSegments
+{
+public:
+  KeptSegments(Ints vertices, Doubles orientation, Keys key)
+      : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
+        _key(std::move(key)), _tree(rows(_vertices))
+  {
+    check("orientation", _orientation, {_vertices.shape(0)});
+    check("key", _key, {_vertices.shape(0)});
+    for (const std::int32_t row : view(_vertices))
+    {
+      if (row < 0)
+        throw nb::value_error("vertices: expected no negative entry");
+      _num_rows = std::max(_num_rows, static_cast<std::size_t>(row) + 1);
+    }
+  }
+
+  Result pair(const Doubles& x_node, const Ints& current, double reach,
+              const Doubles& x)
+  {
+    return pair_with(x_node, current, reach, x,
+                     []<class S>() { return any_segment; });
+  }
+
+  Result pair_own(const Doubles& x_node, const Ints& current, double reach,
+                  const Doubles& x, const Doubles& normal,
+                  const Doubles& X_node, const Doubles& N_node,
+                  const Doubles& X, const Doubles& thickness)
+  {
+    check("x_node", x_node, {any, 3});
+    const std::size_t n = x_node.shape(0);
+    check("normal", normal, {n, 3});
+    check("X_node", X_node, {n, 3});
+    check("N_node", N_node, {n, 3});
+    check_positions("X", X);
+    check("thickness", thickness, {_vertices.shape(0)});
+    return pair_with(
+        x_node, current, reach, x,
+        [&]<class S>()
+        {
+          const OwnSurface<S> own{view(normal), view(X_node), view(N_node),
+                                  surface<S>(X), view(thickness)};
+          return [own](std::size_t i) noexcept { return own.of(i); };
+        });
+  }
+
+  std::size_t num_trees() const noexcept { return _tree.num_built(); }
+
+private:
+  static KeptTree rows(const Ints& vertices)
+  {
+    check("vertices", vertices, {any, any});
+    return {view(vertices), vertices.shape(1)};
+  }
+
+  template <class S>
+  SegmentSurface<S> surface(const Doubles& x) const noexcept
+  {
+    return {view(x), view(_vertices), view(_orientation), view(_key)};
+  }
+
+  void check_positions(const char* name, const Doubles& x) const
+  {
+    check(name, x, {any, 3});
+    if (x.shape(0) < _num_rows)
+      throw nb::value_error(
+          (std::string(name) + ": expected a row for each of the vertices")
+              .c_str());
+  }
+
+  /// @brief Pairing of nodes that may touch what `MayTouch` says.
+  template <class GetMayTouch>
+  Result pair_with(const Doubles& x_node, const Ints& current, double reach,
+                   const Doubles& x, const GetMayTouch& get_may_touch)
+  {
+    check("x_node", x_node, {any, 3});
+    const std::size_t n = x_node.shape(0);
+    check("current", current, {n});
+    check_positions("x", x);
+    for (const std::int32_t c : view(current))
+      if (c < -1 || c >= static_cast<std::int32_t>(_vertices.shape(0)))
+        throw nb::value_error("current: expected -1 or a segment index");
+    auto segment = create<std::int32_t>({n});
+    auto xi = create<double>({n, 2});
+    auto gap = create<double>({n});
+    auto normal = create<double>({n, 3});
+    dispatch(_vertices.shape(1),
+             [&]<class S>()
+             {
+               const nb::gil_scoped_release release;
+               pair_nodes(view(x_node), view(current), reach, surface<S>(x),
+                          _tree, get_may_touch.template operator()<S>(),
+                          view(segment), view(xi), view(gap), view(normal));
+             });
+    return {segment, xi, gap, normal};
+  }
+
+  Ints _vertices;
+  Doubles _orientation;
+  Keys _key;
+  KeptTree _tree;
+  std::size_t _num_rows = 0;
+};
+} // namespace
+
+void pairing(nb::module_& m)
+{
+  // Depth, of a segment, at which a node has none any more.
+  m.attr("DEEPEST") = PairingRule::depth;
+  nb::class_<KeptSegments>(
+      m, "Segments",
+      "Segments and a tree over them, which is kept while no vertex moves far; "
+      "the arrays are read, not copied")
+      .def(nb::init<Ints, Doubles, Keys>(), nb::arg("vertices"),
+           nb::arg("orientation"), nb::arg("key"),
+           "(s, k) rows of positions, (s,), (s,)")
+      .def("pair", &KeptSegments::pair, nb::arg("x_node"), nb::arg("current"),
+           nb::arg("reach"), nb::arg("x"),
+           "(n, 3), (n,), -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
+           "(n,), normal (n, 3), see nts/pairing.h")
+      .def("pair_own", &KeptSegments::pair_own, nb::arg("x_node"),
+           nb::arg("current"), nb::arg("reach"), nb::arg("x"),
+           nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"),
+           nb::arg("X"), nb::arg("thickness"),
+           "as pair and (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> the same for "
+           "nodes of the surface itself, see nts/own_surface.h")
+      .def_prop_ro("num_trees", &KeptSegments::num_trees,
+                   "How often a tree was built");
+}
+} // namespace nts::bindings
