@@ -122,7 +122,10 @@ class CentralDifference(Stepper):
         # Values of the owned nodes, and room for more.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
-        self._displacement = self.u.x.array.reshape(-1, 3)
+        self._displacement = self._u.reshape(-1, 3)
+        # What the forces need of other ranks.
+        moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
+        self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
         self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
         self._rough = any(pair.friction is not None for pair in pairs)
 
@@ -190,7 +193,7 @@ class CentralDifference(Stepper):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
             x = np.add(self._X, self._displacement, out=self._x)
-            x_n = self._X + self.u_n.x.array.reshape(-1, 3) if self._rough else x
+            x_n = self._X + self._u_n.reshape(-1, 3) if self._rough else x
             self._contact_forces = tuple(s.evaluate(x_n, x, step) for s in self._springs)
             for state in self._contact_forces:
                 state.add_to(self._bulk.total)
@@ -224,9 +227,8 @@ class CentralDifference(Stepper):
             np.subtract(u, u_n, out=du)
             rate[given] = du[given] / dt
             moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
-        self.u.x.scatter_forward()
-        if bulk.damping:
-            bulk.rate.x.scatter_forward()
+        for ghosts in self._ghosts:
+            ghosts.scatter_forward()
         # A maximum may pass over NaN.
         moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
         moved = reductions.largest(self._comm, moved)
@@ -239,12 +241,11 @@ class CentralDifference(Stepper):
         force = bulk.total[given] if self._supported else np.empty(0)
         self._evaluate(moved)
         bulk.add_work(sums, du)
-        _kernels.kick(dt, self._mobility, bulk.total, a, rate)
+        self._power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
         if self._supported:
             rate[given] = (2 * rate - v)[given]
             inertia = (self.mass[:, None] * (rate - v))[given] / dt
             sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
-        self._power = float(np.vdot(bulk.total, a))
         sums[3] = dt**2 / 8 * (self._power - power)
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
             sums[4:] += (springs.num_segments, len(new.node), *springs.work(old, new, du))
@@ -255,7 +256,8 @@ class CentralDifference(Stepper):
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate
-        self.v.x.scatter_forward()
+        if self._ghosts:
+            self.v.x.scatter_forward()
         self.inertia_defect = defect
         for pair, state in zip(self.pairs, self._contact_forces, strict=True):
             pair.history = state.history

@@ -6,7 +6,6 @@ bounding box of their nodes; the vertices of what arrived become ghosts of
 an index map, which then carries positions to the contacts and forces back.
 """
 
-from functools import cached_property
 from typing import Any
 
 from mpi4py import MPI
@@ -17,7 +16,7 @@ from dolfinx import common, la
 
 from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
-from dolfinx_nts.surfaces import Surface
+from dolfinx_nts.surfaces import Surface, diameters
 
 __all__ = ["Neighbourhood", "Search", "largest_norm"]
 
@@ -55,12 +54,6 @@ class Neighbourhood:
         self._kernel = _kernels.Segments(segments, orientation, key)
         self._serial = index_map.size_global == index_map.size_local
         self._vector = la.vector(index_map, 3)
-
-    @cached_property
-    def _vertices(self) -> Ints:
-        """Of all segments, each once."""
-        vertices: Ints = np.unique(self.segments)
-        return vertices
 
     def find(self, key: GlobalInts) -> Ints:
         """Local segment of each key, -1 where it is not here."""
@@ -122,19 +115,17 @@ class Neighbourhood:
         return self._kernel.pair(x.take(nodes, axis=0), current, reach, x)
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
-        """Nodes in the box around all segments. Local.
+        """Nodes in the boxes around the segments. Local.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             nodes: Nodes to choose from, shape ``(n,)``.
-            reach: By how much the box is wider than the segments [m].
+            reach: By how much the boxes are wider than the segments [m].
 
         Returns:
             Positions in ``nodes``.
         """
-        (lower, upper), x = _box(x.take(self._vertices, axis=0), reach), x.take(nodes, axis=0)
-        inside = np.all((x >= lower) & (x <= upper), axis=1)
-        return np.flatnonzero(inside).astype(np.int32)
+        return self._kernel.near(x.take(nodes, axis=0), reach, x)
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
@@ -283,21 +274,17 @@ class Search:
             and np.isinf(self._covered[2])
         ):
             return self._neighbourhood, False
-        x_nodes, x_vertices = x[self._nodes.nodes], x[self._vertices]
+        rows = self._nodes.nodes, self._vertices
         if self._neighbourhood is not None and self._covered is not None:
             # A node and a vertex of different ranks may approach each other.
-            moved = np.array(
-                [
-                    largest_norm(x_nodes - self._covered[0]),
-                    largest_norm(x_vertices - self._covered[1]),
-                ]
-            )
+            ways = zip(rows, self._covered[:2], strict=True)
+            moved = np.array([_kernels.farthest(x, there, before) for there, before in ways])
             moved = reductions.largest(self._nodes.V.mesh.comm, moved)
             if moved.sum() + reach <= self._covered[2]:
                 return self._neighbourhood, False
-        # Half as much again saves exchanges and costs a few segments.
-        reach *= 1.5
-        self._covered = (x_nodes.copy(), x_vertices.copy(), reach)
+        # Twice as much saves exchanges and costs a few segments.
+        reach *= 2
+        self._covered = (x[rows[0]], x[rows[1]], reach)
         self._neighbourhood = self._exchange(x, reach)
         self.exchanges += 1
         return self._neighbourhood, True
@@ -331,13 +318,17 @@ class Search:
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
         owners = _owners(space, comm)[vertices]
 
-        boxes = np.array(comm.allgather(_box(x[self._nodes.nodes], reach)))
-        lower, upper = x[vertices].min(axis=1), x[vertices].max(axis=1)
+        box = _box(x[self._nodes.nodes], reach)
+        # One rank has nobody to ask, and asking itself takes as long as all the rest.
+        boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
+        x_segment = x[vertices]
+        lower, upper = x_segment.min(axis=1), x_segment.max(axis=1)
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
-        edges = x[vertices][:, :, None] - x[vertices][:, None]
-        size = np.linalg.norm(edges, axis=-1).max(axis=(1, 2), initial=0.0)
+        size = diameters(x_segment)
         mine = (ids, owners, orientation, key, size, self._segments.thickness)
-        parts = comm.alltoall([tuple(values[n] for values in mine) for n in near])
+        parts = [tuple(values[n] for values in mine) for n in near]
+        if comm.size > 1:
+            parts = comm.alltoall(parts)
         ids, owners, orientation, key, size, thickness = (
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )

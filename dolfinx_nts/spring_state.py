@@ -1,9 +1,7 @@
 """Forces of the springs of a contact pair at one state, and their work."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +17,7 @@ Ints = npt.NDArray[np.int32]
 GlobalInts = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class SpringState:
+class SpringState(NamedTuple):
     """Forces of the springs of a pair at one state.
 
     Attributes:
@@ -63,7 +60,7 @@ class SpringState:
         if self.neighbourhood is not None:
             self.neighbourhood.add_to_owners(total, self.dofs, self.force)
 
-    @cached_property
+    @property
     def stored(self) -> float:
         """Energy of all springs on this rank [J]."""
         return float(self.energy.sum())
@@ -77,7 +74,7 @@ class SpringState:
         return du if self.neighbourhood is None else self.neighbourhood.with_ghosts(du)
 
     def arrays(self, du: Floats) -> tuple[Any, ...]:
-        """What `_kernels.unexplained_work` needs. Local.
+        """What `_kernels.work_by_cause` needs. Local.
 
         Args:
             du: As of `displacement`.

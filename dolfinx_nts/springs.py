@@ -34,6 +34,7 @@ Ints = npt.NDArray[np.int32]
 # looked at while they are within reach or may get there soon.
 _REACH, _MARGIN = 0.5, 0.5
 _NONE: Floats = np.empty(0)
+_NO_WORK = (0.0,) * 5
 
 
 class ContactSprings:
@@ -112,7 +113,8 @@ class ContactSprings:
         elif archive.giving and looked is not None:
             candidates, (travelled, idle) = looked
             self._travelled, self._idle = float(travelled), bool(idle)
-            self._look_at(pair.search.neighbourhood, candidates)
+            here = pair.search.neighbourhood
+            self._look_at(here, candidates, here.find(pair.history.key))
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
@@ -210,7 +212,7 @@ class ContactSprings:
         stiffness, lost = self._stiffness, slipped.get("dissipation")
         return SpringState(here, node, here.key[segments], dofs, force, energy, lost, history)
 
-    def work(self, old: SpringState, new: SpringState, du: Floats) -> Floats:
+    def work(self, old: SpringState, new: SpringState, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on a displacement, on this rank. Collective.
 
         Args:
@@ -219,34 +221,44 @@ class ContactSprings:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
 
         Returns:
-            Work by the causes of `ContactWork`, shape ``(5,)`` [J].
+            Work by the causes of `ContactWork` [J].
         """
-        parts: Floats = np.zeros(5)
         if old.neighbourhood is None and new.neighbourhood is None:
-            return parts
+            return _NO_WORK
         du_old = old.displacement(du)
         du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
         lost = _NONE if new.dissipation is None else new.dissipation
-        parts[:3] = _kernels.unexplained_work(old.arrays(du_old), new.arrays(du_new), lost)
-        parts[3:] = old.stored - new.stored, -lost.sum() if len(lost) else 0.0
-        return parts
+        return _kernels.work_by_cause(old.arrays(du_old), new.arrays(du_new), lost)
 
     def _look_around(self, x: Floats) -> None:
         """Find the nodes that may be in reach before the next look."""
         reach = (_REACH + _MARGIN) * self.pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, _ = self.pair.search.update(x, reach)
+        here, is_new = self.pair.search.update(x, reach)
         x = here.with_ghosts(x[: here.index_map.size_local])
-        self._look_at(here, here.near(x, self.pair.nodes.nodes, reach))
+        if is_new or np.isinf(self._travelled):
+            current = here.find(self.pair.history.key)
+        else:
+            current = np.full(len(self._reduced_mass), -1, dtype=np.int32)
+            current[self._candidates] = self._current
+        self._look_at(here, here.near(x, self.pair.nodes.nodes, reach), current)
         self._travelled, self._idle = 0.0, not reductions.total(self._comm, len(self._candidates))
 
-    def _look_at(self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints) -> None:
-        """Look at some nodes, given by their positions in the surface's, from now on."""
+    def _look_at(
+        self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints, current: Ints
+    ) -> None:
+        """Look at some nodes, given by their positions in the surface's, from now on.
+
+        Args:
+            here: Segments in reach.
+            candidates: The nodes.
+            current: Last segment of each node of the surface or -1.
+        """
         pair = self.pair
         assert pair.eps_N is not None
         self._neighbourhood, self._candidates = here, candidates
         self._nodes, self._stiffness = pair.nodes.nodes[candidates], pair.eps_N[candidates]
-        self._current = here.find(pair.history.key[candidates])
+        self._current = current[candidates]
 
     def _nothing(self) -> SpringState:
         """No forces; what friction remembers is lost."""

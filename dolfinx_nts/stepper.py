@@ -106,6 +106,8 @@ class Stepper(ABC):
         self.dt = dt
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
+        # Asking a Function for its values takes as long as copying those of a small mesh.
+        self._u, self._u_n = self.u.x.array, self.u_n.x.array
         self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = V.tabulate_dof_coordinates()
         self._num_owned = V.dofmap.index_map.size_local
@@ -142,12 +144,16 @@ class Stepper(ABC):
     @property
     def dt(self) -> float:
         """Length of the next step [s]."""
-        return float(self._dt.value)
+        return self._usual
 
     @dt.setter
     def dt(self, dt: float) -> None:
         self._check_dt(dt)
-        self._dt.value = dt
+        self._set_dt(dt)
+
+    def _set_dt(self, dt: float) -> None:
+        self._usual = float(dt)
+        self._dt.value = dt  # in the forms
 
     def _check_dt(self, dt: float) -> None:
         positive("a step dt", dt)
@@ -173,7 +179,7 @@ class Stepper(ABC):
         """
         self.t = archive.same("t", self.t)
         self.step = archive.same("step", self.step)
-        self._dt.value = archive.same("dt", self.dt)
+        self._set_dt(archive.same("dt", self.dt))
         self.even.exchange(archive)
         self.length.exchange(archive)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
@@ -264,7 +270,7 @@ class Stepper(ABC):
             with agreed(self._comm):
                 self._call_back()
         self._supports.check()
-        self.u_n.x.array[:] = self.u.x.array
+        self._u_n[:] = self._u
         report = self._step()
         self.t, self.step = report.t, report.step
         if self._comm.rank == 0:
@@ -327,7 +333,7 @@ class Stepper(ABC):
             self.dt = dt
             report = self.advance()
         finally:
-            self._dt.value = usual
+            self._set_dt(usual)
         self.t = end
         return replace(report, t=end)
 

@@ -24,7 +24,7 @@ from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids
 from dolfinx_nts.spaces import check_space, check_tag
 
-__all__ = ["Surface", "area_vectors"]
+__all__ = ["Surface", "area_vectors", "diameters"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -128,8 +128,7 @@ class Surface:
         self.thickness: Floats = Element.of(V).degree * pieces_height
         self.key = self._number()
         x = X[self.segments]
-        edges = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
-        self.size = float(reductions.largest(mesh.comm, edges.max(initial=0.0)))
+        self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
 
     def __repr__(self) -> str:
         """Tag, and sizes on this rank. Local."""
@@ -266,6 +265,18 @@ class Surface:
         key[order] = np.arange(len(order))
         first = sum(len(part) for part in parts[: comm.rank])
         return key[first : first + len(mine)]
+
+
+def diameters(x: Floats) -> Floats:
+    """Longest distance between two vertices of each segment, shape ``(s,)`` [m]. Local.
+
+    Args:
+        x: Vertices, shape ``(s, k, 3)`` [m].
+    """
+    one, other = np.triu_indices(x.shape[1], 1)
+    edges = x[:, one] - x[:, other]
+    lengths: Floats = np.sqrt(np.einsum("sei,sei->se", edges, edges).max(axis=1))
+    return lengths
 
 
 def area_vectors(vertices: Floats, orientation: Floats) -> Floats:

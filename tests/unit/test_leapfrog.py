@@ -36,9 +36,10 @@ def test_drift_tells_of_an_entry_that_is_not_finite(arrays, value):
 def test_kick_accelerates_to_the_end(arrays):
     (mobility, force, a, rate), dt = arrays, 0.1
     start = rate.copy()
-    _kernels.kick(dt, mobility, force, a, rate)
+    power = _kernels.kick(dt, mobility, force, a, rate)
     np.testing.assert_array_equal(a, mobility * force)
     np.testing.assert_array_equal(rate, start + dt / 2 * a)
+    np.testing.assert_allclose(power, np.sum(mobility * force**2))
 
 
 def test_shapes_are_checked(arrays):

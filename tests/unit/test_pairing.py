@@ -255,3 +255,33 @@ def test_no_tree_where_all_nodes_stay_over_their_segments(rng):
     np.testing.assert_array_equal(found, current)
     np.testing.assert_allclose(gap, 0, atol=1e-14)
     assert kernel.num_trees == 0
+
+
+@segments_
+def test_near_nodes_are_those_within_reach_of_a_box(k, rng):
+    segments, orientation = bumpy_surface(k)
+    vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
+    kernel = _kernels.Segments(vertices, orientation, np.arange(len(segments)))
+    nodes = rng.uniform(-0.5, 1.5, (300, 3))
+    for reach in (0.1, 0.3):
+        segments = segments + 0.01  # by less than the margin of the tree
+        lower, upper = segments.min(axis=1), segments.max(axis=1)
+        beside = np.maximum(lower - nodes[:, None], nodes[:, None] - upper).clip(0)
+        expected = np.flatnonzero(np.linalg.norm(beside, axis=2).min(axis=1) <= reach)
+        assert 0 < len(expected) < len(nodes)
+        near = kernel.near(nodes, reach, segments.reshape(-1, 3))
+        np.testing.assert_array_equal(near, expected)
+    assert kernel.num_trees == 1
+
+
+@pytest.mark.untrapped
+def test_farthest_row(rng):
+    x, rows = rng.normal(size=(9, 3)), np.array([5, 0, 5, 7], dtype=np.int32)
+    before = rng.normal(size=(4, 3))
+    ways = np.linalg.norm(x[rows] - before, axis=1)
+    assert _kernels.farthest(x, rows, before) == pytest.approx(ways.max(), rel=1e-14)
+    assert _kernels.farthest(x, rows[:0], before[:0]) == 0
+    x[5, 1] = np.nan
+    assert np.isnan(_kernels.farthest(x, rows, before))
+    with pytest.raises(ValueError, match="rows of x"):
+        _kernels.farthest(x[:7], rows, before)

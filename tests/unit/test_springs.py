@@ -56,7 +56,8 @@ def test_work_is_sorted_by_cause(rng, friction):
     rest = (work_n + work) / 2 + energy - energy_n + lost
     came, same = key_n < 0, (key_n == key) | (key < 0)
     expected = [rest[part].sum() for part in (~came & same, came, ~came & ~same)]
-    given = _kernels.unexplained_work(*states, lost if friction else np.empty(0))
+    expected += [(energy_n - energy).sum(), -lost.sum()]
+    given = _kernels.work_by_cause(*states, lost if friction else np.empty(0))
     np.testing.assert_allclose(given, expected)
 
 

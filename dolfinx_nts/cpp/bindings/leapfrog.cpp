@@ -18,15 +18,15 @@ double drift_all(double dt, const Doubles& v, const Doubles& a,
   return drift(dt, view(v), view(a), view(rate), view(u), view(du));
 }
 
-void kick_all(double dt, const Doubles& mobility, const Doubles& force,
-              Out<double> a, Out<double> rate)
+double kick_all(double dt, const Doubles& mobility, const Doubles& force,
+                Out<double> a, Out<double> rate)
 {
   const std::size_t n = a.shape(0);
   check("a", a, {n, 3});
   check("mobility", mobility, {n, 3});
   check("force", force, {n, 3});
   check("rate", rate, {n, 3});
-  kick(dt, view(mobility), view(force), view(a), view(rate));
+  return kick(dt, view(mobility), view(force), view(a), view(rate));
 }
 
 auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
@@ -50,7 +50,7 @@ void leapfrog(nb::module_& m)
       "by du (n, 3)");
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
-        "-, (n, 3), (n, 3); sets a (n, 3), changes rate (n, 3)");
+        "-, (n, 3), (n, 3) -> force . a; sets a (n, 3), changes rate (n, 3)");
   m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
         "(n, 3), (c, k) -> twice the least radius of gyration of the nodes of "
         "each cell (c,)");

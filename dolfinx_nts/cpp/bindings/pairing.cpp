@@ -61,6 +61,16 @@ public:
         });
   }
 
+  auto near(const Doubles& x_node, double reach, const Doubles& x)
+  {
+    check("x_node", x_node, {any, 3});
+    check_positions("x", x);
+    const auto found = _tree.near(view(x_node), reach, view(x));
+    auto numbers = create<std::int32_t>({found.size()});
+    std::ranges::copy(found, numbers.data());
+    return numbers;
+  }
+
   std::size_t num_trees() const noexcept { return _tree.num_built(); }
 
 private:
@@ -118,6 +128,14 @@ private:
   KeptTree _tree;
   std::size_t _num_rows = 0;
 };
+
+double farthest_row(const Doubles& x, const Ints& rows, const Doubles& before)
+{
+  check("x", x, {any, 3});
+  check("before", before, {rows.size(), 3});
+  check_rows("rows: expected rows of x", rows, x.shape(0));
+  return farthest(view(x), view(rows), view(before));
+}
 } // namespace
 
 void pairing(nb::module_& m)
@@ -141,7 +159,15 @@ void pairing(nb::module_& m)
            nb::arg("X"), nb::arg("thickness"),
            "as pair and (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> the same for "
            "nodes of the surface itself, see nts/own_surface.h")
+      .def("near", &KeptSegments::near, nb::arg("x_node"), nb::arg("reach"),
+           nb::arg("x"),
+           "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
+           "of a segment (m,)")
       .def_prop_ro("num_trees", &KeptSegments::num_trees,
                    "How often a tree was built");
+  m.def("farthest", &farthest_row, nb::arg("x"), nb::arg("rows"),
+        nb::arg("before"),
+        "(l, 3), (n,), (n, 3) -> largest distance of rows of x from before, "
+        "NaN if one is");
 }
 } // namespace nts::bindings

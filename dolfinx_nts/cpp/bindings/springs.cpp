@@ -63,7 +63,7 @@ PressedNodes pressed_nodes(const Ints& node, const Keys& key, const Ints& dofs,
 
 using State = std::tuple<Ints, Keys, Ints, Doubles, Doubles, Doubles>;
 
-std::array<double, 3> work_of(const State& before, const State& after,
+std::array<double, 5> work_of(const State& before, const State& after,
                               const Doubles& lost)
 {
   const PressedNodes a = std::apply(pressed_nodes, before);
@@ -73,7 +73,7 @@ std::array<double, 3> work_of(const State& before, const State& after,
     check_rows("node: expected rows of lost", std::get<0>(before), lost.size());
     check_rows("node: expected rows of lost", std::get<0>(after), lost.size());
   }
-  return unexplained_work(a, b, view(lost));
+  return work_by_cause(a, b, view(lost));
 }
 
 void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
@@ -93,11 +93,11 @@ void springs(nb::module_& m)
         nb::arg("stiffness"),
         "(c,), (c,), (c, 2), (c,), (c, 3), (s, k), (c,) -> of gaps < 0: "
         "position (m,), dofs (m, 1+k), force (m, 1+k, 3), energy (m,)");
-  m.def("unexplained_work", &work_of, nb::arg("before"), nb::arg("after"),
+  m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),
         nb::arg("lost"),
         "twice (node (m,), key (m,), dofs (m, 1+k), force (m, 1+k, 3), energy "
         "(m,), du (l, 3)), (n,) or (0,) -> work of nodes that stayed, that "
-        "came, that changed the segment");
+        "came, that changed the segment, of springs, of friction");
   m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(), nb::arg("rows"),
         nb::arg("values"), "adds values (..., 3) to rows (...) of (n, 3)");
 }

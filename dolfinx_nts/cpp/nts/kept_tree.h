@@ -32,12 +32,45 @@ public:
     return *_tree;
   }
 
+  /// @brief Points within reach of the box of any segment.
+  /// @param[in] points Where to look from, (n, 3) [m].
+  /// @param[in] reach [m]
+  /// @param[in] x Positions, (l, 3) [m].
+  /// @return Their numbers, ascending.
+  std::vector<std::int32_t> near(std::span<const double> points, double reach,
+                                 std::span<const double> x)
+  {
+    const Tree& tree = at(x);
+    std::vector<std::int32_t> numbers;
+    for (std::size_t n = 0; n < points.size() / 3; ++n)
+    {
+      const Vec3 point = vector(points, n);
+      bool found = false;
+      tree.nearest(point, reach,
+                   [&](std::int32_t i)
+                   {
+                     const Box box = bounds(x, segment(i));
+                     found = found
+                             || box.squared_distance(point) <= reach * reach;
+                     return found ? 0 : reach;
+                   });
+      if (found)
+        numbers.push_back(static_cast<std::int32_t>(n));
+    }
+    return numbers;
+  }
+
   /// @brief How often a tree was built.
   std::size_t num_built() const noexcept { return _num_built; }
 
 private:
   /// Part of the mean segment by which the boxes are wider.
   static constexpr double _part = 0.2;
+
+  std::span<const std::int32_t> segment(std::size_t i) const noexcept
+  {
+    return _vertices.subspan(_k * i, _k);
+  }
 
   bool holds(std::span<const double> x) const noexcept
   {
@@ -57,8 +90,7 @@ private:
     double extents = 0;
     for (std::size_t i = 0; i < boxes.size(); ++i)
     {
-      for (std::size_t K = 0; K < _k; ++K)
-        boxes[i].include(vector(x, _vertices[_k * i + K]));
+      boxes[i] = bounds(x, segment(i));
       const Vec3 extent = boxes[i].upper - boxes[i].lower;
       extents += std::ranges::max(extent);
     }

@@ -40,14 +40,18 @@ inline double drift(double dt, std::span<const double> v,
 /// @param[in] force Force at the end, (d,) [N].
 /// @param[out] a Acceleration at the end, (d,) [m/s^2].
 /// @param[in,out] rate Velocity in the middle, then at the end, (d,) [m/s].
-inline void kick(double dt, std::span<const double> mobility,
-                 std::span<const double> force, std::span<double> a,
-                 std::span<double> rate) noexcept
+/// @return force . a [W/s].
+inline double kick(double dt, std::span<const double> mobility,
+                   std::span<const double> force, std::span<double> a,
+                   std::span<double> rate) noexcept
 {
+  double power = 0;
   for (std::size_t i = 0; i < a.size(); ++i)
   {
     a[i] = mobility[i] * force[i];
     rate[i] += dt / 2 * a[i];
+    power += force[i] * a[i];
   }
+  return power;
 }
 } // namespace nts

@@ -48,10 +48,7 @@ struct SegmentSurface
 
   Box box(std::size_t i) const noexcept
   {
-    Box box;
-    for (const Vec3& vertex : segment(i))
-      box.include(vertex);
-    return box;
+    return bounds(x, vertices.subspan(S::vertices * i, S::vertices));
   }
 
   /// @brief Diameter [m].

@@ -83,25 +83,27 @@ struct PressedNodes
   }
 };
 
-/// @brief Work of the mean of two forces that springs and friction do not
-/// account for, by its cause.
+/// @brief Work of the mean of two forces, by its cause: what springs and
+/// friction do not account for, then both of these.
 /// @param[in] before, after Springs at the ends of a step.
 /// @param[in] lost Dissipation of each node in the step, (n,) [J]; empty if
 /// there is none.
-/// @return Of nodes that stayed on their segment, that came, and that changed
-/// it [J].
-inline std::array<double, 3>
-unexplained_work(const PressedNodes& before, const PressedNodes& after,
-                 std::span<const double> lost) noexcept
+/// @return Of nodes that stayed on their segment, that came, that changed it;
+/// taken from springs; minus the dissipation [J].
+inline std::array<double, 5>
+work_by_cause(const PressedNodes& before, const PressedNodes& after,
+              std::span<const double> lost) noexcept
 {
   enum Cause
   {
     stayed,
     came,
-    changed
+    changed,
+    springs,
+    friction
   };
-  std::array<double, 3> work = {};
-  const auto friction = [&](std::int32_t node) noexcept
+  std::array<double, 5> work = {};
+  const auto dissipated = [&](std::int32_t node) noexcept
   { return lost.empty() ? 0. : lost[node]; };
   std::size_t i = 0, j = 0;
   while (i < before.node.size() || j < after.node.size())
@@ -114,18 +116,22 @@ unexplained_work(const PressedNodes& before, const PressedNodes& after,
           && (i == before.node.size() || after.node[j] <= before.node[i]);
     const bool same = !old || !now || before.key[i] == after.key[j];
     double& sum = work[!old ? came : same ? stayed : changed];
-    sum += friction(old ? before.node[i] : after.node[j]);
+    sum += dissipated(old ? before.node[i] : after.node[j]);
     if (old)
     {
       sum += before.work(i) / 2 - before.energy[i];
+      work[springs] += before.energy[i];
       ++i;
     }
     if (now)
     {
       sum += after.work(j) / 2 + after.energy[j];
+      work[springs] -= after.energy[j];
       ++j;
     }
   }
+  for (const double energy : lost)
+    work[friction] -= energy;
   return work;
 }
 

@@ -48,6 +48,37 @@ struct Box
   }
 };
 
+/// @brief Box of some rows of x, (n, 3).
+inline Box bounds(std::span<const double> x,
+                  std::span<const std::int32_t> rows) noexcept
+{
+  Box box;
+  for (const std::int32_t row : rows)
+    box.include(vector(x, row));
+  return box;
+}
+
+/// @brief Largest distance of rows from where they were.
+/// @param[in] x Positions, (l, 3) [m].
+/// @param[in] rows (n,)
+/// @param[in] before Their positions then, (n, 3) [m].
+/// @return NaN if one is NaN.
+inline double farthest(std::span<const double> x,
+                       std::span<const std::int32_t> rows,
+                       std::span<const double> before) noexcept
+{
+  double square = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+  {
+    const Vec3 way = vector(x, rows[i]) - vector(before, i);
+    const double there = dot(way, way);
+    if (std::isnan(there))
+      return there;
+    square = std::max(square, there);
+  }
+  return std::sqrt(square);
+}
+
 /// @brief Balanced binary tree of boxes, O(n log n) to build.
 class Tree
 {
