@@ -193,7 +193,7 @@ class ContactSprings:
             x, self._nodes, self._current, _REACH * pair.segment_size, self._stiffness
         )
         self._current = segment
-        node, segments = some[inside], segment[inside]
+        node, segments = some.take(inside), segment.take(inside)
         slipped: dict[str, Any] = {}
         if pair.friction is not None:
             lambda_N = self._stiffness[inside] * gap[inside]
@@ -210,7 +210,7 @@ class ContactSprings:
             return replace(history, **slipped)
 
         stiffness, lost = self._stiffness, slipped.get("dissipation")
-        return SpringState(here, node, here.key[segments], dofs, force, energy, lost, history)
+        return SpringState(here, node, here.key.take(segments), dofs, force, energy, lost, history)
 
     def work(self, old: SpringState, new: SpringState, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on a displacement, on this rank. Collective.

@@ -22,6 +22,7 @@ public:
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
         _key(std::move(key)), _tree(rows(_vertices))
   {
+    dispatch(_vertices.shape(1), []<class S>() {});
     check("orientation", _orientation, {_vertices.shape(0)});
     check("key", _key, {_vertices.shape(0)});
     for (const std::int32_t row : view(_vertices))
