@@ -18,7 +18,8 @@ from dolfinx_nts import reductions
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import CellForm, compile_form
+from dolfinx_nts.forms import CellForm, compile_form, packed
+from dolfinx_nts.packed_form import PackedForm
 from dolfinx_nts.supports import Supports
 
 __all__ = ["Bulk", "contact_residual"]
@@ -75,7 +76,7 @@ class Bulk:
             for form in (residual, ufl.derivative(residual, u, self._direction))
         ]
         self._residual, self._action = (
-            [body.everywhere, *_compile(parts)]
+            [body.everywhere, *(packed(part) for part in _expanded(parts))]
             for body, parts in zip(
                 self._bodies,
                 (forms[1:], [ufl.derivative(form, u, self._direction) for form in forms[1:]]),
@@ -279,11 +280,11 @@ class Bulk:
         assert self._rows is not None
         return self._rows
 
-    def _assembled(self, forms: Sequence[fem.Form]) -> Floats:
+    def _assembled(self, forms: Sequence[PackedForm]) -> Floats:
         """Sum of linear forms on the owned dofs, a copy."""
         self._vector.array[:] = 0
         for form in forms:
-            fem.assemble_vector(self._vector.array, form)
+            form.assemble(self._vector.array)
         self._vector.scatter_reverse(la.InsertMode.add)
         values: Floats = self._vector.array[: self.num_owned].copy()
         return values
@@ -291,8 +292,12 @@ class Bulk:
 
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:
     """Compile forms, leaving out those without integrals."""
-    expanded = (expand_derivatives(form) for form in forms)
-    return [compile_form(form) for form in expanded if not form.empty()]
+    return [compile_form(form) for form in _expanded(forms)]
+
+
+def _expanded(forms: Iterable[ufl.Form]) -> Iterator[ufl.Form]:
+    """Those that have integrals once their derivatives are taken."""
+    return (form for form in map(expand_derivatives, forms) if not form.empty())
 
 
 def _inputs(forms: Sequence[ufl.Form]) -> list[npt.NDArray[Any]]:

@@ -9,10 +9,11 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import CellForm, compile_form, packed
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.packed_form import PackedForm
 
 __all__ = ["ExplicitBulk", "NodalForce"]
 
@@ -23,17 +24,18 @@ class NodalForce:
     """A linear form, assembled on the owned dofs.
 
     Args:
-        form: Virtual work, linear in the test function.
+        form: Virtual work.
+        V: Space of its test function.
 
     Attributes:
         values: The force on the owned nodes, shape ``(n, 3)`` [N].
         num_assemblies: How often it was assembled.
     """
 
-    def __init__(self, form: ufl.Form) -> None:
-        """Compile the form and allocate."""
-        self._form = compile_form(form)
-        index_map = form.arguments()[0].ufl_function_space().dofmap.index_map
+    def __init__(self, form: PackedForm, V: fem.FunctionSpace) -> None:
+        """Allocate."""
+        self._form = form
+        index_map = V.dofmap.index_map
         self._vector = la.vector(index_map, 3)
         self._local: Floats = self._vector.array
         self.values: Floats = self._local.reshape(-1, 3)[: index_map.size_local]
@@ -42,7 +44,7 @@ class NodalForce:
     def assemble(self) -> None:
         """Set the values at the present state. Collective."""
         self._local.fill(0.0)
-        fem.assemble_vector(self._local, self._form)
+        self._form.assemble(self._local)
         self._vector.scatter_reverse(la.InsertMode.add)
         self.num_assemblies += 1
 
@@ -70,10 +72,12 @@ class ExplicitBulk:
         self._u, self._eta = u, ufl.TestFunction(V)
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
-        self.internal = NodalForce(bulk_form(bodies, self._internal_work))
-        self.loads = [NodalForce(load.form(u, u)) for load in loads]
         damped = [body for body in bodies if body.material.is_damped]
-        self.damping = [NodalForce(bulk_form(damped, self._damping_work))] if damped else []
+        works = [(bodies, self._internal_work), *([(damped, self._damping_work)] if damped else [])]
+        self.internal, *self.damping = (
+            NodalForce(CellForm(bulk_form(some, work)).everywhere, V) for some, work in works
+        )
+        self.loads = [NodalForce(packed(load.form(u, u)), V) for load in loads]
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
         # Without a copy, as it is made anew by every evaluation.
         self.total = self.internal.values

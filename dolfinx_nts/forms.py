@@ -10,9 +10,12 @@ from dolfinx import fem, la
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
-__all__ = ["CellForm", "assembled", "compile_form"]
+from dolfinx_nts.packed_form import PackedForm
+
+__all__ = ["CellForm", "assembled", "compile_form", "packed"]
 
 Floats = npt.NDArray[np.float64]
+Regions = list[tuple[int, npt.NDArray[np.int32]]]
 
 # As fast as -ffast-math but for the assumption that there are no NaNs.
 _OPTIONS = {
@@ -42,6 +45,15 @@ def assembled(form: fem.Form) -> Floats:
     return values
 
 
+def packed(form: ufl.Form) -> PackedForm:
+    """Compile a linear form over whatever; collective.
+
+    Args:
+        form: The form, not empty.
+    """
+    return PackedForm(compile_form(form), form.coefficients())
+
+
 class CellForm:
     """A form of `bulk_form` with one argument, compiled once.
 
@@ -49,30 +61,40 @@ class CellForm:
         form: Linear form.
 
     Attributes:
-        everywhere: On the cells of its measures.
+        everywhere: On the cells of its measures, packed.
     """
 
     def __init__(self, form: ufl.Form) -> None:
         """Compile."""
-        self._ufl = form
-        self._regions = form.integrals()[0].subdomain_data()
-        self.everywhere: fem.Form = compile_form(form)
+        self._ufl, self._functions = form, form.coefficients()
+        self._V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
+        # Of a region in which a derivative is zero there is no integral.
+        numbers = {integral.subdomain_id() for integral in form.integrals()}
+        regions = form.integrals()[0].subdomain_data()
+        self._regions = [(i, cells) for i, cells in regions if i in numbers]
+        self.everywhere = self._packed(compile_form(form), self._regions)
         self._compiled: Any = None
 
-    def without(self, cells: npt.NDArray[np.int32]) -> fem.Form:
+    def without(self, cells: npt.NDArray[np.int32]) -> PackedForm:
         """On all cells but these; collective for the first time.
 
         Args:
             cells: Owned cells.
         """
-        form, V = self._ufl, self._ufl.arguments()[0].ufl_function_space()
+        form, V = self._ufl, self._V
         if self._compiled is None:
             self._compiled = fem.compile_form(V.mesh.comm, form, jit_options=_OPTIONS)
-        return fem.create_form(
+        regions = [(i, np.setdiff1d(all_, cells)) for i, all_ in self._regions]
+        form = fem.create_form(
             self._compiled,
             [V],
             V.mesh,
-            {fem.IntegralType.cell: [(i, np.setdiff1d(all_, cells)) for i, all_ in self._regions]},
+            {fem.IntegralType.cell: regions},
             {item: item for item in extract_coefficients(form)},
             {item: item for item in extract_constants(form)},
         )
+        return self._packed(form, regions)
+
+    def _packed(self, form: fem.Form, regions: Regions) -> PackedForm:
+        nodes = [self._V.dofmap.list[cells] for _, cells in regions]
+        return PackedForm(form, self._functions, self._V, nodes)

@@ -12,9 +12,9 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A module may import from the rows above its own.
 LAYERS = [
-    {"arguments", "gmsh_options", "reductions"},
+    {"_kernels", "arguments", "gmsh_options", "reductions"},
+    {"packed_form"},
     {
-        "_kernels",
         "archive",
         "blocks",
         "compat",

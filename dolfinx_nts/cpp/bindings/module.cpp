@@ -10,6 +10,7 @@ void pairing(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
+void pack(nanobind::module_& m);
 void patch(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void springs(nanobind::module_& m);
@@ -25,6 +26,7 @@ NB_MODULE(_kernels, m)
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
+  nts::bindings::pack(m);
   nts::bindings::patch(m);
   nts::bindings::leapfrog(m);
   nts::bindings::springs(m);
