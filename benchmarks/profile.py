@@ -2,8 +2,7 @@
 
 import functools
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from dolfinx_nts import (
@@ -62,20 +61,17 @@ class Profile:
         """Name in the tables of a phase of the stepper."""
         return _LABELS.get(name, name)
 
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Count the time of the block."""
-        self._enter(self.label(name))
-        try:
-            yield
-        finally:
-            self._leave()
+    def phase(self, name: str) -> "_Phase":
+        """Count the time of a ``with`` block."""
+        return _Phase(self, self.label(name))
 
-    def _enter(self, name: str) -> None:
+    def enter(self, name: str) -> None:
+        """A phase begins. It interrupts the one that is going on."""
         self._switch()
         self._open.append(name)
 
-    def _leave(self) -> None:
+    def leave(self) -> None:
+        """The last phase that began ends."""
         self._switch()
         self._open.pop()
 
@@ -92,10 +88,25 @@ class Profile:
         # Some calls take microseconds: no context manager here.
         @functools.wraps(function, updated=())
         def call(*args: Any, **kwargs: Any) -> Any:
-            self._enter(name)
+            self.enter(name)
             try:
                 return function(*args, **kwargs)
             finally:
-                self._leave()
+                self.leave()
 
         return call
+
+
+class _Phase:
+    """A phase of a profile."""
+
+    __slots__ = ("_name", "_profile")
+
+    def __init__(self, profile: Profile, name: str) -> None:
+        self._profile, self._name = profile, name
+
+    def __enter__(self) -> None:
+        self._profile.enter(self._name)
+
+    def __exit__(self, *error: object) -> None:
+        self._profile.leave()

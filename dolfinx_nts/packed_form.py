@@ -51,6 +51,7 @@ class PackedForm:
         self._ours = [f.function_space == V for f in used]
         self._nodes = list(nodes)
         self._coefficients: dict[tuple[fem.IntegralType, int], Floats] = {}
+        self._rows: list[Floats] = []  # the same arrays
 
     def assemble(self, b: Floats) -> None:
         """Add the form on the cells of this rank. Local.
@@ -65,16 +66,12 @@ class PackedForm:
         pairs = enumerate(zip(self._values, self._packed, strict=True))
         changed = [i for i, (values, packed) in pairs if _kernels.follow(values, packed)]
         if not self.num_packed or not all(self._ours[i] for i in changed):
-            self._coefficients = cpp.fem.pack_coefficients(self._form._cpp_object)
+            self._coefficients = packed = cpp.fem.pack_coefficients(self._form._cpp_object)
+            # In the order of their numbers, whether these or indices are in the keys.
+            self._rows = [packed[key] for key in sorted(packed, key=lambda key: key[1])]
             self.num_packed += 1
             return
-        # In the order of their numbers, whether these or indices are the keys.
-        arrays = [self._coefficients[key] for key in sorted(self._coefficients, key=_last)]
         for i in changed:
             x = self._values[i].reshape(-1, 3)
-            for array, nodes in zip(arrays, self._nodes, strict=True):
-                _kernels.pack(x, nodes, self._first[i], array)
-
-
-def _last(key: tuple[fem.IntegralType, int]) -> int:
-    return key[1]
+            for rows, nodes in zip(self._rows, self._nodes, strict=True):
+                _kernels.pack(x, nodes, self._first[i], rows)

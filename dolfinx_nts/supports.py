@@ -78,9 +78,8 @@ class Supports:
         given = self.applied(self._u.x.array)[self.fixed]
         if len(bad := given[~np.isfinite(given)]):
             text = f"expected finite displacements in bcs, given {bad[0]}"
-        text = max(self._comm.allgather(text))
-        if text:
-            raise ValueError(text)
+        if reductions.anywhere(self._comm, bool(text)):
+            raise ValueError(max(self._comm.allgather(text)))
 
     def applied(self, values: Floats) -> Floats:
         """Displacements of the local nodes, given where they are given.
