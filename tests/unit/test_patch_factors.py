@@ -40,6 +40,7 @@ def projections(E, G, F):
 
 
 @kinds
+@pytest.mark.untrapped  # the norm of A: LAPACK
 def test_complete_factors_solve_the_projected_system(k, rng):
     rows, K = matrix(rng)
     arrays = pairs(k, rng)

@@ -83,7 +83,7 @@ inline void close_gaps(std::span<const std::int32_t> nodes,
       continue;
     const double* n = normal.data() + 3 * i;
     const double way = gap[i] / inner<3>(n, gradients.data() + stride * i);
-    if (std::abs(way) <= farthest)
+    if (std::islessequal(std::abs(way), farthest)) // quiet where it is NaN
       for (std::size_t c = 0; c < 3; ++c)
         x[3 * nodes[i] + c] -= way * n[c];
   }

@@ -78,7 +78,8 @@ private:
     {
       const Vec3 moved = vector(x, _rows[i]) - _x[i];
       for (const double component : moved)
-        if (!(std::abs(component) <= _margin)) // also where it is NaN
+        // Quiet where it is NaN, and false.
+        if (!std::islessequal(std::abs(component), _margin))
           return false;
     }
     return true;
