@@ -223,7 +223,7 @@ class CentralDifference(Stepper):
         u_n, u, v, rate = self._owned
         moved = _kernels.drift(dt, v, a, rate, u, du)
         if self._supported:
-            self.u.x.array[:] = self._supports.applied(self.u.x.array)
+            self._u[:] = self._supports.applied(self._u)
             np.subtract(u, u_n, out=du)
             rate[given] = du[given] / dt
             moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
@@ -233,7 +233,7 @@ class CentralDifference(Stepper):
         moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
         moved = reductions.largest(self._comm, moved)
         if not moved <= self._stability.smallest:
-            self.u.x.array[:] = self.u_n.x.array
+            self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
         sums, before, power = np.zeros(11), self._contact_forces, self._power
@@ -295,7 +295,7 @@ class CentralDifference(Stepper):
 
     def _refuse(self, reason: str) -> None:
         """Return to the last accepted state and raise on all ranks."""
-        self.u.x.array[:] = self.u_n.x.array
+        self._u[:] = self._u_n
         self._state_was_set()
         stable = self._stability.longest_step(self.x)
         raise ConvergenceError(

@@ -19,7 +19,7 @@ class PackedForm:
 
     The kernels of a form read the values of its functions cell by cell.
     Packing all of them for every assembly, as `fem.assemble_vector` does,
-    takes a fifth to a third of the time of an assembly.
+    takes 15 to 30 % of the time of an assembly.
 
     Args:
         form: The form.

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood, largest_norm
+from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["Pairing"]
 
@@ -43,7 +43,7 @@ class Pairing:
     def __init__(self, pair: ContactPair, x_n: Floats, x_trial: Floats) -> None:
         """Find the segments in reach, those at t_n and those of the ballistic state."""
         comm: MPI.Comm = pair.nodes.V.mesh.comm
-        self.way: float = reductions.largest(comm, largest_norm(x_trial - x_n))
+        self.way: float = reductions.largest(comm, _largest_norm(x_trial - x_n))
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
@@ -96,3 +96,8 @@ class Pairing:
         """Nodes that have changed their segment too often, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
+
+
+def _largest_norm(x: Floats) -> float:
+    """Largest Euclidean norm of rows of three numbers, 0 without rows."""
+    return float(np.sqrt((np.square(x) @ np.ones(3)).max(initial=0.0)))

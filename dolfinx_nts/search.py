@@ -18,7 +18,7 @@ from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.surfaces import Surface, diameters
 
-__all__ = ["Neighbourhood", "Search", "largest_norm"]
+__all__ = ["Neighbourhood", "Search"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -351,11 +351,6 @@ class Search:
             size[order],
             thickness[order],
         )
-
-
-def largest_norm(x: Floats) -> float:
-    """Largest Euclidean norm of rows of three numbers, 0 without rows."""
-    return float(np.sqrt((np.square(x) @ np.ones(3)).max(initial=0.0)))
 
 
 def _box(x: Floats, reach: float) -> Floats:

@@ -1,7 +1,6 @@
 """Wall time by phase of the computation."""
 
 import time
-from types import TracebackType
 
 __all__ = ["Timings"]
 
@@ -33,11 +32,6 @@ class _Phase:
     def __enter__(self) -> None:
         self._start = time.perf_counter()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         spent = time.perf_counter() - self._start
         self._seconds[self._name] = self._seconds.get(self._name, 0.0) + spent

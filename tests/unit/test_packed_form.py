@@ -8,7 +8,6 @@ from ufl.algorithms import expand_derivatives
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import bulk_form
 from dolfinx_nts.forms import CellForm, packed
 
@@ -109,29 +108,3 @@ def test_form_without_functions(comm):
     case = Case(comm)
     form = packed(ufl.TestFunction(case.V)[0] * ufl.dx(domain=case.V.mesh))
     assert_same(form, form._form)
-
-
-@pytest.mark.serial
-def test_kernels_refuse_what_does_not_fit():
-    x, nodes, rows = np.zeros((4, 3)), np.array([[0, 3]], dtype=np.int32), np.zeros((1, 8))
-    _kernels.pack(x + 1, nodes, 2, rows)
-    np.testing.assert_array_equal(rows, [[0, 0, 1, 1, 1, 1, 1, 1]])
-    for first in (3, 9):
-        with pytest.raises(ValueError, match="three columns for each node"):
-            _kernels.pack(x, nodes, first, rows)
-    with pytest.raises(ValueError, match="rows of x"):
-        _kernels.pack(x, nodes + 1, 0, rows)
-    with pytest.raises(ValueError, match="kept"):
-        _kernels.follow(np.zeros(3), np.zeros(4))
-
-
-@pytest.mark.serial
-@pytest.mark.untrapped
-def test_follow_tells_of_any_bit():
-    values, kept = np.array([0.0, np.nan, 2.0]), np.array([0.0, np.nan, 2.0])
-    assert not _kernels.follow(values, kept)
-    for change in (-0.0, 1e-300):
-        values[0] = change
-        assert _kernels.follow(values, kept)
-        assert not _kernels.follow(values, kept)
-    assert kept[0] == 1e-300

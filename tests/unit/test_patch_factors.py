@@ -40,7 +40,6 @@ def projections(E, G, F):
 
 
 @kinds
-@pytest.mark.untrapped  # the norm of A: LAPACK
 def test_complete_factors_solve_the_projected_system(k, rng):
     rows, K = matrix(rng)
     arrays = pairs(k, rng)
@@ -56,7 +55,8 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     # Only the rows of the contact nodes in z are left to the projection.
     A = Zt @ (K + C) @ Z
     residual = A @ z.ravel() - r
-    assert np.linalg.norm(residual) < SINGLE * np.linalg.norm(A, 2) * np.linalg.norm(z)
+    largest = np.linalg.norm(A, axis=0).max()  # below the norm of A
+    assert np.linalg.norm(residual) < SINGLE * largest * np.linalg.norm(z)
 
 
 @pytest.mark.parametrize(("force", "stiffness"), [(1e-99, 1e-60), (1e99, 1e60), (1e-60, 1e60)])

@@ -156,7 +156,7 @@ def test_kept_neighbourhood_still_contains_every_segment_within_reach(comm, cell
         distance = sampled_distance(x[pair.nodes.nodes], segments)
         missing += len(np.setdiff1d(key[(distance <= reach).any(axis=0)], here.key))
     assert comm.allreduce(missing) == 0
-    assert 1 < search.exchanges < 16
+    assert 1 < search.exchanges < 8
 
 
 def test_rank_without_nodes_or_segments_takes_part(comm):

@@ -94,6 +94,7 @@ Out<T> create(std::initializer_list<std::size_t> shape)
 /// Extent that any number satisfies in `check`.
 inline constexpr std::size_t any = static_cast<std::size_t>(-1);
 
+/// @brief Raise ValueError that names the shape expected and the one given.
 template <class T>
 [[noreturn]] void refuse(const char* name, const Array<T>& array,
                          std::initializer_list<std::size_t> shape)
