@@ -11,6 +11,8 @@ _Springs = tuple[_Ints, _Keys, _Ints, _Floats, _Floats, _Floats]
 _Paired = tuple[_Ints, _Floats, _Floats, _Floats]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
 
+HYSTERESIS: float
+OVERHANG: float
 DEEPEST: float
 
 def project(x_pair: _Floats, orientation: _Floats) -> tuple[_Floats, _Floats, _Floats, _Status]: ...
@@ -62,12 +64,15 @@ def farthest(x: _Floats, rows: _Ints, before: _Floats) -> float: ...
 class Segments:
     num_trees: int
     def __init__(self, vertices: _Ints, orientation: _Floats, key: _Keys) -> None: ...
-    def pair(self, x_node: _Floats, current: _Ints, reach: float, x: _Floats) -> _Paired: ...
+    def pair(
+        self, x_node: _Floats, current: _Ints, slack: float, reach: float, x: _Floats
+    ) -> _Paired: ...
     def near(self, x_node: _Floats, reach: float, x: _Floats) -> _Ints: ...
     def pair_own(
         self,
         x_node: _Floats,
         current: _Ints,
+        slack: float,
         reach: float,
         x: _Floats,
         normal: _Floats,

@@ -156,6 +156,14 @@ class ContactStep:
             changed = num_active
         return self._state(rows, lambda_N, active, slope, changed)
 
+    def settle(self) -> int:
+        """Find the segments anew in the equilibrium of the last evaluation. Local.
+
+        Returns:
+            How many nodes got another: with any, it has to be found again.
+        """
+        return self.pairing.settle(self.x, self._eligible)
+
     def close_gaps(self, x: Floats, u: Floats) -> None:
         """Move nodes held by a normal multiplier alone to where it wants them.
 

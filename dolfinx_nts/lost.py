@@ -19,8 +19,9 @@ Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 # Of the size of a segment. Depth from which a pressing node does not just
-# slide off the rim; way in which the path of a node is looked at.
-_SUNK, _LOOK = 0.1, 0.25
+# slide off the rim; by which another segment must not make it deeper; way in
+# which the path of a node is looked at.
+_SUNK, _CREPT, _LOOK = 0.1, 0.05, 0.25
 # Ends of the edges, by the number of vertices.
 _EDGES = {
     len(topology(cell)[0]): topology(cell)[1]
@@ -40,11 +41,13 @@ def lost_nodes(step: ContactStep) -> str:
     here = step.neighbourhood
     if not isinstance(here, Neighbourhood):
         return ""
-    counts = np.array([_sunk(step, here), _passed(step, here)])
-    sunk, passed = reductions.total(step.comm, counts)
+    counts = np.array([_passed(step, here), _sunk(step, here), _crept(step, here)])
+    passed, sunk, crept = reductions.total(step.comm, counts)
     if passed:
         return f"nodes that pass through a surface: {passed}"
-    return f"nodes that sank into a surface and face no segment any more: {sunk}" if sunk else ""
+    if sunk:
+        return f"nodes that sank into a surface and face no segment any more: {sunk}"
+    return f"nodes that sank into a surface between two segments: {crept}" if crept else ""
 
 
 def _sunk(step: ContactStep, here: Neighbourhood) -> int:
@@ -66,6 +69,20 @@ def _sunk(step: ContactStep, here: Neighbourhood) -> int:
     after, _ = here.pair(step.x, nodes, now[node], pairing.reach)
     last = np.where(now >= 0, now, before)[node]
     return int(np.count_nonzero((after < 0) & ~_beside(step, here, nodes, last)))
+
+
+def _crept(step: ContactStep, here: Neighbourhood) -> int:
+    """Nodes that press, and will do so from within a body on their next segment.
+
+    At the bottom of a dent a node finds no place over either of two segments.
+    """
+    pairing = step.pairing
+    node = np.flatnonzero(step.active)
+    now, gap = pairing.segment[node], pairing.gap[node]
+    after, gap_after = here.pair(step.x, step.pair.nodes.nodes[node], now, pairing.reach)
+    size = here.size[now]
+    deeper = (gap_after < -_SUNK * size) & (gap_after < gap - _CREPT * size)
+    return int(np.count_nonzero(deeper & (after != now)))
 
 
 def _beside(step: ContactStep, here: Neighbourhood, nodes: Ints, segment: Ints) -> Flags:

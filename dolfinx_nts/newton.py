@@ -137,6 +137,12 @@ def solve(
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
+        if converged and steps:
+            moved = reductions.total(bulk.comm, sum(step.settle() for step in steps))
+            if moved:  # the equilibrium is one on segments that nodes have left
+                changes += moved
+                norms.pop()
+                continue
 
         if not np.isfinite(norm):
             reason = "the residual is not finite"

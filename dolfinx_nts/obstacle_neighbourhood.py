@@ -6,6 +6,7 @@ What a contact pair asks of a neighbourhood, answered by an `Obstacle`.
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.obstacles import Contact, Obstacle
 from dolfinx_nts.surfaces import Surface
@@ -79,9 +80,16 @@ class ObstacleNeighbourhood:
         """Nodes of pairs, shape ``(m, 1)``."""
         return nodes[:, None].astype(np.int32)
 
-    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
+    def pair(
+        self,
+        x: Floats,
+        nodes: Ints,
+        current: Ints,
+        reach: float,
+        slack: float = _kernels.HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
         """Facet of each node or -1, and gap [m], NaN without; shape ``(n,)``."""
-        found, gap = self.obstacle.find(x[nodes], current, reach)
+        found, gap = self.obstacle.find(x[nodes], current, slack, reach)
         return found, np.where(found >= 0, gap, np.nan)
 
     def press(

@@ -67,12 +67,14 @@ class Obstacle(ABC):
         """
 
     @abstractmethod
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
         """Facet of each node or -1, and gap.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
             current: Last facets or -1, shape ``(m,)``.
+            slack: By how much a node may be beside the last facet and keeps
+                it, see `search.Neighbourhood.pair`.
             reach: Largest gap of interest [m].
 
         Returns:
@@ -116,7 +118,7 @@ class _Exact(Obstacle):
         w, b, orientation = np.ones((m, 1)), np.zeros((m, 2, 1)), np.ones(m)
         return value, frame_n, frame_n, w, b, frame_n, frame, orientation
 
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
         """Facet 0 for all nodes in reach, see `Obstacle.find`."""
         gap, _ = self.distance(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap

@@ -33,11 +33,12 @@ class OwnNeighbourhood(Neighbourhood):
         self._N = self._normals(self._X)
 
     def _found(
-        self, x: Floats, nodes: Ints, current: Ints, reach: float
+        self, x: Floats, nodes: Ints, current: Ints, slack: float, reach: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
         return self._kernel.pair_own(
             x[nodes],
             current,
+            slack,
             reach,
             x,
             self._normals(x)[nodes],

@@ -16,6 +16,10 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+# Slack, see `Neighbourhood.pair`, between Newton iterations: what these choose
+# depends on how the linear systems were solved, and on the partition with it.
+# Start and equilibrium are to decide, unless an iterate is far away.
+_FAR = 2.0
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 
 
@@ -67,7 +71,7 @@ class Pairing:
         self._is_calm = True  # no node has changed its segment too often
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """Find the segments of nodes. Local.
+        """Find the segments of nodes in an iterate. Local.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -77,19 +81,33 @@ class Pairing:
         Returns:
             Segment of each or -1, and whether it is another than before.
         """
+        segment, moved = self._find(x, node, _FAR if iteration else _kernels.HYSTERESIS)
+        if iteration:
+            self._count(node, moved)
+        return segment, moved
+
+    def settle(self, x: Floats, node: Ints) -> int:
+        """Find the segments of nodes in equilibrium; how many changed. Local."""
+        _, moved = self._find(x, node, _kernels.OVERHANG)
+        self._count(node, moved)
+        return int(np.count_nonzero(moved))
+
+    def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
+        """Find the segments of nodes; whether they are others than before."""
         before = self.segment[node]
         free, current = node, before
         if not self._is_calm:
             free = node[self._moves[node] < _MOST_MOVES]
             current = self.segment[free]
-        found, gap = self.here.pair(x, self._nodes[free], current, self.reach)
+        found, gap = self.here.pair(x, self._nodes[free], current, self.reach, slack)
         self.segment[free], self.gap[free] = found, gap
         segment = found if free is node else self.segment[node]
-        moved: Flags = segment != before
-        if iteration and moved.any():
+        return segment, segment != before
+
+    def _count(self, node: Ints, moved: Flags) -> None:
+        if moved.any():
             self._moves[node] += moved
             self._is_calm = bool(self._moves.max() < _MOST_MOVES)
-        return segment, moved
 
     @property
     def restless(self) -> Flags:

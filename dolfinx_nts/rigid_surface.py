@@ -71,7 +71,7 @@ class RigidSurface(Obstacle):
         node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
         return value, *node, frame_n, frame, orientation
 
-    def find(self, x: Floats, current: Ints, reach: float) -> tuple[Ints, Floats]:
+    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
         """Facet of each node or -1, and gap, see `Obstacle.find`."""
-        found, _, gap, _ = self._segments.pair(x, current, reach, self._points)
+        found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
         return found, gap

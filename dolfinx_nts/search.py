@@ -73,7 +73,14 @@ class Neighbourhood:
         dofs[:, 0], dofs[:, 1:] = nodes, self.segments.take(segment, axis=0)
         return dofs
 
-    def pair(self, x: Floats, nodes: Ints, current: Ints, reach: float) -> tuple[Ints, Floats]:
+    def pair(
+        self,
+        x: Floats,
+        nodes: Ints,
+        current: Ints,
+        reach: float,
+        slack: float = _kernels.HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
         """Pair nodes with segments, see `cpp/nts/pairing.h`. Local.
 
         Args:
@@ -81,11 +88,13 @@ class Neighbourhood:
             nodes: Nodes to be paired, shape ``(n,)``.
             current: Their last segments or -1, shape ``(n,)``.
             reach: Largest distance of interest [m].
+            slack: By how much a node may be beside the last segment and
+                keeps it; of half a quadrilateral, or of a triangle.
 
         Returns:
             Segment or -1, shape ``(n,)``, and gap [m], NaN without.
         """
-        found = self._found(x, nodes, current, reach)
+        found = self._found(x, nodes, current, slack, reach)
         return found[0], found[2]
 
     def press(
@@ -105,14 +114,14 @@ class Neighbourhood:
             ``(m,)``, nodes of their pairs, ``(m, 1+k)``, the force on these,
             ``(m, 1+k, 3)`` [N], and energy, ``(m,)`` [J].
         """
-        segment, xi, gap, normal = self._found(x, nodes, current, reach)
+        segment, xi, gap, normal = self._found(x, nodes, current, _kernels.HYSTERESIS, reach)
         springs = _kernels.press(nodes, segment, xi, gap, normal, self.segments, stiffness)
         return segment, gap, *springs
 
     def _found(
-        self, x: Floats, nodes: Ints, current: Ints, reach: float
+        self, x: Floats, nodes: Ints, current: Ints, slack: float, reach: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
-        return self._kernel.pair(x.take(nodes, axis=0), current, reach, x)
+        return self._kernel.pair(x.take(nodes, axis=0), current, slack, reach, x)
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
         """Nodes in the boxes around the segments. Local.

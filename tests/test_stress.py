@@ -20,8 +20,7 @@ CHEAP = [
     "stiff ball on plate, h = 0.1: speed = 50.0",
     "stiff ball on plate, steps as they are, h = 0.1: speed = 50.0",
     "cube on a plate: cells of plate : of cube = 24:1",
-    # On two ranks rounding lets it finish.
-    pytest.param("cube on a plate: cells of plate : of cube = 16:1", marks=pytest.mark.serial),
+    "cube on a plate: cells of plate : of cube = 16:1",
     "cube in a plate: depth = 0.1",
     "cube in a plate, penalty: depth = 0.02",
     "cubes on both sides: plate = 0.02",

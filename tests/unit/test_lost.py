@@ -79,3 +79,21 @@ def test_nodes_that_sank_are_told_from_nodes_beside_the_surface(
 def test_node_that_goes_through_a_surface_is_found():
     step = step_of("quadrilateral", (0.4, 0.2), (0.4, -0.9), (False, False))
     assert lost_nodes(step) == "nodes that pass through a surface: 1"
+
+
+@pytest.mark.parametrize(("facets", "flat"), [("quadrilateral", 0), ("triangle", 1)])
+@pytest.mark.parametrize(
+    ("after", "held", "message"),
+    [
+        ((1.2, 0.05), True, "nodes that sank into a surface between two segments: 1"),
+        ((1.1, 0.05), True, ""),  # a depth with which nodes may come
+        ((1.2, 0.05), False, ""),  # nothing presses
+    ],
+)
+def test_node_must_not_sink_between_two_segments(facets, flat, after, held, message):
+    # On the flat one, continued, at the end; the next step finds it below the steep one.
+    step = step_of(facets, (0.9, 0.1), after, (True, held))
+    step.pairing.segment[:], step.pairing.gap[:] = flat, after[1]
+    assert lost_nodes(step) == message
+    step.pairing.gap[:] = -0.1  # not much deeper than now
+    assert lost_nodes(step) == ""

@@ -28,7 +28,7 @@ def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
     facet, gap = here.pair(x, nodes.nodes, none, 0.5)
-    found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.5)
+    found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.01, 0.5)
     np.testing.assert_array_equal(facet, found)
     np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
     met = np.flatnonzero(found >= 0)

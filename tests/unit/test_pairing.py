@@ -48,7 +48,9 @@ def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None):
     vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
     orientation = np.asarray(orientation, dtype=np.float64)
     kernel = _kernels.Segments(vertices, orientation, key.astype(np.int64))
-    return kernel.pair(nodes, current.astype(np.int32), reach, segments.reshape(-1, 3))
+    return kernel.pair(
+        nodes, current.astype(np.int32), _kernels.HYSTERESIS, reach, segments.reshape(-1, 3)
+    )
 
 
 def distances(node, segments):
@@ -235,8 +237,8 @@ def test_tree_is_kept_while_no_vertex_moves_far(k, rng):
     trees = []
     for motion in (0.0, 0.01, 0.01, 0.1, 0.0, np.nan, 0.0):
         moved = x + rng.uniform(-1, 1, 3) * motion
-        result = kept.pair(nodes, nowhere, 0.2, moved)
-        fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.2, moved)
+        result = kept.pair(nodes, nowhere, 0.01, 0.2, moved)
+        fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.01, 0.2, moved)
         for here, there in zip(result, fresh, strict=True):
             np.testing.assert_array_equal(here, there)
         trees.append(kept.num_trees)
@@ -251,7 +253,7 @@ def test_no_tree_where_all_nodes_stay_over_their_segments(rng):
     kernel = _kernels.Segments(vertices, orientation, np.arange(len(segments)))
     x, nodes = segments.reshape(-1, 3), segments.mean(axis=1)
     current = np.arange(len(nodes), dtype=np.int32)
-    found, _, gap, _ = kernel.pair(nodes, current, 0.1, x)
+    found, _, gap, _ = kernel.pair(nodes, current, 0.01, 0.1, x)
     np.testing.assert_array_equal(found, current)
     np.testing.assert_allclose(gap, 0, atol=1e-14)
     assert kernel.num_trees == 0

@@ -33,15 +33,15 @@ public:
     }
   }
 
-  Result pair(const Doubles& x_node, const Ints& current, double reach,
-              const Doubles& x)
+  Result pair(const Doubles& x_node, const Ints& current, double slack,
+              double reach, const Doubles& x)
   {
-    return pair_with(x_node, current, reach, x,
+    return pair_with(x_node, current, slack, reach, x,
                      []<class S>() { return any_segment; });
   }
 
-  Result pair_own(const Doubles& x_node, const Ints& current, double reach,
-                  const Doubles& x, const Doubles& normal,
+  Result pair_own(const Doubles& x_node, const Ints& current, double slack,
+                  double reach, const Doubles& x, const Doubles& normal,
                   const Doubles& X_node, const Doubles& N_node,
                   const Doubles& X, const Doubles& thickness)
   {
@@ -53,7 +53,7 @@ public:
     check_positions("X", X);
     check("thickness", thickness, {_vertices.shape(0)});
     return pair_with(
-        x_node, current, reach, x,
+        x_node, current, slack, reach, x,
         [&]<class S>()
         {
           const OwnSurface<S> own{view(normal), view(X_node), view(N_node),
@@ -98,8 +98,9 @@ private:
 
   /// @brief Pairing of nodes that may touch what `MayTouch` says.
   template <class GetMayTouch>
-  Result pair_with(const Doubles& x_node, const Ints& current, double reach,
-                   const Doubles& x, const GetMayTouch& get_may_touch)
+  Result pair_with(const Doubles& x_node, const Ints& current, double slack,
+                   double reach, const Doubles& x,
+                   const GetMayTouch& get_may_touch)
   {
     check("x_node", x_node, {any, 3});
     const std::size_t n = x_node.shape(0);
@@ -116,9 +117,10 @@ private:
              [&]<class S>()
              {
                const nb::gil_scoped_release release;
-               pair_nodes(view(x_node), view(current), reach, surface<S>(x),
-                          _tree, get_may_touch.template operator()<S>(),
-                          view(segment), view(xi), view(gap), view(normal));
+               pair_nodes(view(x_node), view(current), slack, reach,
+                          surface<S>(x), _tree,
+                          get_may_touch.template operator()<S>(), view(segment),
+                          view(xi), view(gap), view(normal));
              });
     return {segment, xi, gap, normal};
   }
@@ -141,6 +143,8 @@ double farthest_row(const Doubles& x, const Ints& rows, const Doubles& before)
 
 void pairing(nb::module_& m)
 {
+  m.attr("HYSTERESIS") = PairingRule::hysteresis;
+  m.attr("OVERHANG") = PairingRule::overhang;
   // Depth, of a segment, at which a node has none any more.
   m.attr("DEEPEST") = PairingRule::depth;
   nb::class_<KeptSegments>(
@@ -151,11 +155,11 @@ void pairing(nb::module_& m)
            nb::arg("orientation"), nb::arg("key"),
            "(s, k) rows of positions, (s,), (s,)")
       .def("pair", &KeptSegments::pair, nb::arg("x_node"), nb::arg("current"),
-           nb::arg("reach"), nb::arg("x"),
-           "(n, 3), (n,), -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
+           nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
+           "(n, 3), (n,), -, -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
            "(n,), normal (n, 3), see nts/pairing.h")
       .def("pair_own", &KeptSegments::pair_own, nb::arg("x_node"),
-           nb::arg("current"), nb::arg("reach"), nb::arg("x"),
+           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"),
            nb::arg("X"), nb::arg("thickness"),
            "as pair and (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> the same for "

@@ -157,6 +157,7 @@ inline constexpr auto any_segment
 /// @brief Pair every node with a segment.
 /// @param[in] x_node Positions, (n, 3).
 /// @param[in] current Segment of the previous pairing or -1, (n,).
+/// @param[in] slack See `find_segment`.
 /// @param[in] reach Largest distance of interest.
 /// @param[in] surface The segments.
 /// @param[in,out] tree Tree over the segments.
@@ -164,8 +165,8 @@ inline constexpr auto any_segment
 /// @param[out] segment, xi, gap, normal See `Found`.
 template <class S, class MayTouch>
 void pair_nodes(std::span<const double> x_node,
-                std::span<const std::int32_t> current, double reach,
-                const SegmentSurface<S>& surface, KeptTree& tree,
+                std::span<const std::int32_t> current, double slack,
+                double reach, const SegmentSurface<S>& surface, KeptTree& tree,
                 const MayTouch& may_touch, std::span<std::int32_t> segment,
                 std::span<double> xi, std::span<double> gap,
                 std::span<double> normal)
@@ -175,8 +176,8 @@ void pair_nodes(std::span<const double> x_node,
   { return present ? *present : *(present = &tree.at(surface.x)); };
   for (std::size_t i = 0; i < current.size(); ++i)
   {
-    const Found found = find_segment(vector(x_node, i), current[i], reach,
-                                     surface, get_tree, may_touch(i));
+    const Found found = find_segment(vector(x_node, i), current[i], slack,
+                                     reach, surface, get_tree, may_touch(i));
     segment[i] = found.segment;
     gap[i] = found.gap;
     store(found.xi, xi, i);

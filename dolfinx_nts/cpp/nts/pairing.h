@@ -9,8 +9,8 @@ namespace nts
 /// @brief Numbers of the pairing rule; lengths are relative to the segment.
 struct PairingRule
 {
-  /// A node keeps its segment while xi is at most this far outside: without
-  /// it, nodes on an edge flip between facets from iteration to iteration.
+  /// Usual `slack`: a node keeps its segment while xi is at most this far
+  /// outside. Without it, nodes on an edge flip from step to step.
   static constexpr double hysteresis = 0.01;
   /// Farther outside the nearest segment a node faces no segment at all: it
   /// is beyond the rim of the surface.
@@ -73,15 +73,16 @@ struct Anything
 /// has none.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous pairing, or -1.
+/// @param[in] slack By how much xi may be outside the current segment.
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments (asked only if needed).
 /// @param[in] may_touch Whether the node may touch a segment, given the
 /// projection on it.
 template <class S, class GetTree, class MayTouch = Anything>
-Found find_segment(const Vec3& node, std::int32_t current, double reach,
-                   const SegmentSurface<S>& surface, GetTree&& tree,
-                   const MayTouch& may_touch = {})
+Found find_segment(const Vec3& node, std::int32_t current, double slack,
+                   double reach, const SegmentSurface<S>& surface,
+                   GetTree&& tree, const MayTouch& may_touch = {})
 {
   constexpr double tie = 1e-9; // relative to the segment
   const auto project_on = [&](std::int32_t i) noexcept
@@ -96,8 +97,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double reach,
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
-    if (over(p, current, PairingRule::hysteresis) && p.gap <= reach
-        && may_touch(current, p))
+    if (over(p, current, slack) && p.gap <= reach && may_touch(current, p))
       return {current, p.xi, p.gap, p.normal};
   }
 
