@@ -16,10 +16,6 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
-# Slack, see `Neighbourhood.pair`, between Newton iterations: what these choose
-# depends on how the linear systems were solved, and on the partition with it.
-# Start and equilibrium are to decide, unless an iterate is far away.
-_FAR = 2.0
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 
 
@@ -73,6 +69,10 @@ class Pairing:
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         """Find the segments of nodes in an iterate. Local.
 
+        What iterates would choose depends on how the linear systems were
+        solved, and on the partition with it: they keep the segments of the
+        start, continued beyond their edges, until equilibrium (`settle`).
+
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             node: Positions in the surface's nodes, shape ``(m,)``.
@@ -81,7 +81,7 @@ class Pairing:
         Returns:
             Segment of each or -1, and whether it is another than before.
         """
-        segment, moved = self._find(x, node, _FAR if iteration else _kernels.HYSTERESIS)
+        segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:
             self._count(node, moved)
         return segment, moved
