@@ -18,7 +18,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts import reductions
 from dolfinx_nts.arguments import instances
 from dolfinx_nts.elements import Element
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.forms import compile_expression, compile_form
 from dolfinx_nts.materials import Dust, Hyperelastic
 from dolfinx_nts.spaces import check_space, check_tag
 
@@ -185,7 +185,7 @@ class VolumeRatio:
         points, _ = basix.make_quadrature(cell, degree)
         ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
         self._u = u
-        self._expression = fem.Expression(ratio, points)
+        self._expression = compile_expression(ratio, points)
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
         self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
         num_cells = mesh.topology.index_map(mesh.topology.dim).size_local

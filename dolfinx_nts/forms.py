@@ -7,12 +7,14 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
-from ufl.algorithms import extract_coefficients
+from ufl.algorithms import expand_derivatives, extract_coefficients
 from ufl.algorithms.analysis import extract_constants
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
 
 from dolfinx_nts.packed_form import PackedForm
 
-__all__ = ["CellForm", "assembled", "compile_form", "packed"]
+__all__ = ["CellForm", "assembled", "compile_expression", "compile_form", "packed"]
 
 Floats = npt.NDArray[np.float64]
 Regions = list[tuple[int, npt.NDArray[np.int32]]]
@@ -31,6 +33,28 @@ _OPTIONS = {
 }
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
+
+
+def compile_expression(expression: Any, points: Floats) -> fem.Expression:
+    """Compile an expression at points of the reference cell. Collective.
+
+    Args:
+        expression: UFL, with derivatives by variables or without. As these
+            are numbered on and on, it would be compiled again for each.
+        points: Shape ``(p, 3)``.
+    """
+    plain = map_expr_dag(_WithoutVariables(), expand_derivatives(expression))
+    return fem.Expression(plain, points, jit_options=_OPTIONS)
+
+
+class _WithoutVariables(MultiFunction):  # type: ignore[misc]
+    """Puts what they stand for in the place of variables."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, o: Any, operand: Any, label: Any) -> Any:
+        """The operand."""
+        return operand
 
 
 def assembled(form: fem.Form) -> Floats:

@@ -6,6 +6,7 @@ need no display, but for `show`.
 """
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +21,8 @@ from dolfinx_nts import reductions
 from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
 from dolfinx_nts.elements import Element
+from dolfinx_nts.forms import compile_expression
+from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.movie import Movie
 from dolfinx_nts.ranks import on_root
 from dolfinx_nts.stepper import Stepper
@@ -267,12 +270,14 @@ def _von_mises(stepper: Stepper) -> Floats:
     mesh, element = stepper.u.function_space.mesh, Element.of(stepper.u.function_space)
     middles = element.points[element.pieces].mean(axis=1)
     F = ufl.Identity(3) + ufl.grad(stepper.u)
-    values = []
-    for body in stepper.bodies:
+
+    @cache
+    def of(material: Hyperelastic) -> fem.Expression:
         # Constants, as numbers would be compiled in.
-        parameters = {k: fem.Constant(mesh, v) for k, v in body.material.parameters.items()}
-        sigma = F * body.material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
+        parameters = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
+        sigma = F * material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
         stress = ufl.sqrt(1.5 * ufl.inner(ufl.dev(sigma), ufl.dev(sigma)))
-        expression = fem.Expression(stress, middles)
-        values.append(expression.eval(mesh, body.cells).reshape(-1))
+        return compile_expression(stress, middles)
+
+    values = [of(body.material).eval(mesh, body.cells).reshape(-1) for body in stepper.bodies]
     return np.concatenate(values)

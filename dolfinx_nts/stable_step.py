@@ -54,7 +54,7 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         Squared frequency, shape ``(c,)`` [1/s^2].
     """
     basis = Hyperelastic.strain_basis()
-    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli(), basis)
+    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
         values, axes = np.linalg.eigh(_moments(x[block]))
@@ -75,7 +75,7 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     Returns:
         Squared frequency, shape ``(c,)`` [1/s^2].
     """
-    basis, moduli = Hyperelastic.strain_basis(), material.moduli()
+    basis, moduli = Hyperelastic.strain_basis(), material.moduli
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
     linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]

@@ -20,6 +20,7 @@ LAYERS = [
         "compat",
         "contact_history",
         "elements",
+        "energy_curve",
         "failures",
         "forms",
         "hexahedra",

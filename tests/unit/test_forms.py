@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import GhostMode
+from dolfinx.mesh import GhostMode, create_unit_cube
 
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts.bodies import bulk_form
-from dolfinx_nts.forms import CellForm, assembled, compile_form
+from dolfinx_nts.forms import CellForm, assembled, compile_expression, compile_form
 
 RHO, VOLUME, CELLS = 3.0, 1.2 * 1.0 * 0.5, 24
 ROUNDING = 1e3 * np.finfo(float).eps
@@ -56,3 +56,17 @@ def test_form_without_some_cells_has_the_weight_of_the_others(comm, ghosts):
         expected = RHO * VOLUME * (1 - count / CELLS)
         assert total(cell_form.without(left_out)) == pytest.approx(expected, abs=ROUNDING)
     assert total(cell_form.everywhere) == pytest.approx(RHO * VOLUME)
+
+
+def test_expression_with_derivatives_by_variables_is_compiled_once(comm):
+    """UFL numbers variables on and on; other numbers of a material are no other expression."""
+    mesh = create_unit_cube(comm, 2, 2, 2)
+    F = ufl.Identity(3) + ufl.grad(fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (3,)))))
+    modules = []
+    for E in (1.0, 2.0):
+        material = nts.NeoHookean(E=E, nu=0.3, rho=RHO)
+        numbers = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
+        stress = material.stress(F.T * F, **numbers)
+        expression = compile_expression(stress[0, 1], np.full((1, 3), 0.25))
+        modules.append(expression.ufcx_expression)
+    assert modules[0] == modules[1]

@@ -193,3 +193,21 @@ def test_residual_stress_and_stiff_exponentials_are_accepted():
 )
 def test_energies_tell_whether_they_resist_collapse(material, resists):
     assert material.resists_collapse == resists
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        nts.SaintVenantKirchhoff(*young(LMBDA, MU), rho=1.0),
+        nts.NeoHookean(*young(LMBDA, MU), rho=1.0, volumetric="quadratic"),
+        nts.Hyperelastic(neo_hookean, rho=1.0, mu=MU, lmbda=LMBDA),
+        nts.MooneyRivlin(0.3 * MU, 0.2 * MU, LMBDA + 2 / 3 * MU, rho=1.0),
+        nts.Yeoh(0.5 * MU, 0.1, 0.2, LMBDA + 2 / 3 * MU, rho=1.0),
+    ],
+)
+def test_moduli_at_rest_are_those_of_lame(material):
+    """2 mu E + lambda tr(E) 1 in an orthonormal basis of the strains."""
+    trace = np.einsum("aii->a", material.strain_basis())
+    expected = 2 * MU * np.eye(6) + LMBDA * np.outer(trace, trace)
+    np.testing.assert_allclose(material.moduli, expected, rtol=0, atol=50 * EPS * expected.max())
+    assert material.least_modulus == pytest.approx(2 * MU)
