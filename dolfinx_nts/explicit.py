@@ -13,6 +13,7 @@ both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
 """
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -236,7 +237,8 @@ class CentralDifference(Stepper):
             self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        sums, before, power = np.zeros(11), self._contact_forces, self._power
+        # Work of loads, damping and supports, defect; nodes in reach, active, work of contact.
+        sums, before, power = [0.0] * 11, self._contact_forces, self._power
         bulk.add_work(sums, du)
         force = bulk.total[given] if self._supported else np.empty(0)
         self._evaluate(moved)
@@ -248,10 +250,11 @@ class CentralDifference(Stepper):
             sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
         sums[3] = dt**2 / 8 * (self._power - power)
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
-            sums[4:] += (springs.num_segments, len(new.node), *springs.work(old, new, du))
-        sums = reductions.total(self._comm, sums)
-        load, damping, support, defect, in_reach, active, *contact = sums.tolist()
-        contact_work = ContactWork(*contact)
+            contact = springs.num_segments, len(new.node), *springs.work(old, new, du)
+            sums[4:] = map(operator.add, sums[4:], contact)
+        whole: list[float] = reductions.total(self._comm, np.array(sums)).tolist()
+        load, damping, support, defect, in_reach, active, *works = whole
+        contact_work = ContactWork(*works)
         self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)

@@ -94,7 +94,7 @@ class ExplicitBulk:
         """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
         return [part.values for part in (self.internal, *self.loads, *self.damping)]
 
-    def add_work(self, sums: Floats, du: Floats) -> None:
+    def add_work(self, sums: list[float], du: Floats) -> None:
         """Add half of the work of the present loads and of damping. Local.
 
         Args:
@@ -103,7 +103,7 @@ class ExplicitBulk:
         """
         for i, parts in enumerate((self.loads, self.damping)):
             for part in parts:
-                sums[i] += np.vdot(part.values, du) / 2
+                sums[i] += float(np.vdot(part.values, du)) / 2
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""

@@ -1,14 +1,13 @@
 """Report of an accepted step."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from dolfinx_nts.contact_history import ContactWork
 
 __all__ = ["StepReport"]
 
 
-@dataclass(frozen=True)
-class StepReport:
+class StepReport(NamedTuple):
     """What happened in an accepted step.
 
     The same on all ranks. The works are energy given to the bodies; with that of the bulk,

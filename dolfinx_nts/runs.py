@@ -3,7 +3,6 @@
 import logging
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Protocol
 
 from mpi4py import MPI
@@ -133,7 +132,7 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
                 rejected += 1
                 continue
             stepper.length.accept()
-            yield replace(report, rejected=rejected)
+            yield report._replace(rejected=rejected)
             bar.update(dt)
             rejected = 0
 

@@ -8,7 +8,6 @@ import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any, ClassVar
 
 from mpi4py import MPI
@@ -335,7 +334,7 @@ class Stepper(ABC):
         finally:
             self._set_dt(usual)
         self.t = end
-        return replace(report, t=end)
+        return report._replace(t=end)
 
     def _check_state(self) -> None:
         bad = [
