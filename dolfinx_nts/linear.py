@@ -32,13 +32,14 @@ Floats = npt.NDArray[np.float64]
 _number = itertools.count()  # of solvers, for their prefixes
 
 _MAX_ITERATIONS = 200
-# One assembly and factorisation cost about as much as this many iterations.
-_REBUILD_COST = 15.0
+# One assembly and factorisation cost about as much as this many iterations, of
+# the stronger preconditioner more.
+_REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
 # More iterations per decade than this with a fresh incomplete factorisation
 # cost more than a stronger preconditioner (many wave crossings in a step).
 _SLOW = 15.0
 # The same is known beforehand where waves cross this many cells in a step.
-_MOST_CROSSINGS = 100.0
+_MOST_CROSSINGS = 50.0
 # Iterations per decade of fresh factors are taken over this many decades,
 # about those of a step.
 _DECADES = 12.0
@@ -160,7 +161,8 @@ class LinearSolver:
         if self._coupling.of(elimination):
             return self._solve_direct(R, steps, states)
         preconditioner = self._preconditioner
-        fresh = preconditioner.point is None or self._age.excess > _REBUILD_COST
+        cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
+        fresh = preconditioner.point is None or self._age.excess > cost
         if fresh:
             self._build()
         while (du := self._solve_krylov(R, elimination, rtol)) is None:

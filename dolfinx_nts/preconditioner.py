@@ -137,6 +137,21 @@ class Preconditioner:
         else:
             self._pc.setOperators(matrix)
         self._pc.setUp()
+        if self._pc.getType() == "gamg" and self._wants_own:
+            self._smooth()
+
+    def _smooth(self) -> None:
+        """Let kept factors smooth on the finest level of multigrid.
+
+        Solving with PETSc's, scalar and in double precision, takes a third of
+        the time of the whole preconditioner.
+        """
+        finest = self._pc.getMGLevels() - 1
+        factors = KeptFactors(self._operator.bulk.rows)
+        if finest > 0 and factors.build():
+            pc = self._pc.getMGSmoother(finest).getPC()
+            pc.setType("python")
+            pc.setPythonContext(_Smoother(factors))
 
     def exchange(self, archive: Archive) -> None:
         """Exchange where factors and patch were made. Collective."""
@@ -213,3 +228,13 @@ class Preconditioner:
             return
         assert self._patch is not None
         self._patch.correct(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+
+
+class _Smoother:
+    """Context of kept factors for PETSc."""
+
+    def __init__(self, factors: KeptFactors) -> None:
+        self._factors = factors
+
+    def apply(self, _pc: Any, r: Any, z: Any) -> None:
+        self._factors.apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))

@@ -6,7 +6,7 @@ from test_incomplete_factors import definition, dense, rounding
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, preconditioner
 from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.saddle import SaddleSystem
@@ -124,6 +124,29 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     solver = limited.stepper._solver
     assert solver._preconditioner.is_strong and solver.num_direct > 0
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
+
+
+def test_multigrid_with_kept_factors_takes_few_iterations(comm, monkeypatch):
+    runs = [scenes.ball_plate(comm, shift=scenes.NO_TIES) for _ in range(2)]
+    smoothed, apply = [], preconditioner._Smoother.apply
+
+    def counted(self, pc, r, z):
+        smoothed.append(pc)
+        apply(self, pc, r, z)
+
+    monkeypatch.setattr(preconditioner._Smoother, "apply", counted)
+    for run in runs:
+        assert not smoothed
+        for _ in range(10):
+            run.stepper.advance()
+        monkeypatch.setattr("dolfinx_nts.linear._MOST_CROSSINGS", 0.0)
+        monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", 0)
+    factors, multigrid = (run.stepper._solver for run in runs)
+    assert "GAMG" in str(multigrid) and multigrid.num_direct == 0
+    # Before and after the coarser levels.
+    assert len(smoothed) >= 2 * multigrid.num_iterations > 0
+    assert multigrid.num_iterations < factors.num_iterations
+    np.testing.assert_allclose(runs[1].positions(), runs[0].positions(), atol=1e-9)
 
 
 def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
