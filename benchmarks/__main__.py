@@ -61,10 +61,10 @@ def measure_steps(size: str) -> list[dict[str, Any]]:
     rows = []
     for case in cases.STEPS[size]:
         progress(f"steps: {case}")
-        # The partition of a mesh is another one in each run: the median of some.
-        ranks = case.get("ranks", 1)
-        runs = [child("benchmarks.steps", case, ranks) for _ in range(1 if ranks == 1 else 3)]
-        rows.append(sorted(runs, key=lambda row: float(row["wall_seconds"]))[len(runs) // 2])
+        argument = {name: value for name, value in case.items() if name != "runs"}
+        ranks, number = case.get("ranks", 1), case.get("runs", 1)
+        runs = [child("benchmarks.steps", argument, ranks) for _ in range(number)]
+        rows.append(sorted(runs, key=lambda row: float(row["wall_seconds"]))[number // 2])
     if importlib.util.find_spec("getfem") is None:
         progress("no peer: python3-getfem is not installed")
     elif steps := cases.PEER_STEPS[size]:
