@@ -217,7 +217,7 @@ def test_concurrent_first_calls_build_once(host: Host) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_interrupted_build_is_not_taken_for_finished(host: Host, number: signal.Signals) -> None:
-    host.stub("mmdebstrap", STUBS["mmdebstrap"] + "; touch half; sleep 10")
+    host.stub("mmdebstrap", STUBS["mmdebstrap"] + "; : > half; exec sleep 10")
     process = host.start("true")
     wait_until((host.project / "half").exists)
     os.killpg(process.pid, number)
