@@ -126,27 +126,34 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
-def test_multigrid_with_kept_factors_ends_the_same_in_as_few_iterations(comm, monkeypatch):
-    runs = [scenes.ball_plate(comm, shift=scenes.NO_TIES) for _ in range(2)]
+def test_multigrid_with_kept_factors_converges_as_with_those_of_petsc(comm, monkeypatch):
+    monkeypatch.setattr("dolfinx_nts.linear._MOST_CROSSINGS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], preconditioner._Smoother.apply
 
     def counted(self, pc, r, z):
         smoothed.append(pc)
         apply(self, pc, r, z)
 
-    monkeypatch.setattr(preconditioner._Smoother, "apply", counted)
-    for run in runs:
-        assert not smoothed
+    def run():
+        scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
         for _ in range(10):
-            run.stepper.advance()
-        monkeypatch.setattr("dolfinx_nts.linear._MOST_CROSSINGS", 0.0)
-        monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", 0)
-    factors, multigrid = (run.stepper._solver for run in runs)
-    assert "GAMG" in str(multigrid) and multigrid.num_direct == 0
+            scene.stepper.advance()
+        solver = scene.stepper._solver
+        assert "GAMG" in str(solver) and solver.num_direct == 0
+        return scene.positions(), solver.num_iterations
+
+    monkeypatch.setattr(preconditioner._Smoother, "apply", counted)
+    kept, iterations = run()
     # Before and after the coarser levels.
-    assert len(smoothed) >= 2 * multigrid.num_iterations > 0
-    assert multigrid.num_iterations <= 1.2 * factors.num_iterations
-    np.testing.assert_allclose(runs[1].positions(), runs[0].positions(), atol=1e-9)
+    count = len(smoothed)
+    assert count >= 2 * iterations > 0
+    monkeypatch.setattr(preconditioner.Preconditioner, "_smooth", lambda self, matrix: None)
+    expected, of_petsc = run()
+    assert len(smoothed) == count
+    # Each run has a partition of its own.
+    assert abs(iterations - of_petsc) <= 2
+    np.testing.assert_allclose(kept, expected, atol=1e-9)
 
 
 def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
