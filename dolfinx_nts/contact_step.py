@@ -16,10 +16,10 @@ from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.contact_rows import ContactState, Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.independent import independent
+from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.normal_springs import NormalSprings
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.pairing import Pairing
-from dolfinx_nts.search import Neighbourhood
 from dolfinx_nts.slip import ConvectiveSlip, Slip
 from dolfinx_nts.tangential import Tangential
 

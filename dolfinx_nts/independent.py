@@ -10,7 +10,7 @@ on which they are, or their own, has a vertex with a multiplier.
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.surfaces import Surface
 
 __all__ = ["independent"]

@@ -11,7 +11,7 @@ from basix import CellType, topology
 
 from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.search import Neighbourhood
+from dolfinx_nts.neighbourhood import Neighbourhood
 
 __all__ = ["lost_nodes"]
 

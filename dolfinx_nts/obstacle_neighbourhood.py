@@ -19,7 +19,7 @@ GlobalInts = npt.NDArray[np.int64]
 
 
 class ObstacleNeighbourhood:
-    """An obstacle as `search.Neighbourhood` and `search.Search` in one. Local.
+    """An obstacle as `neighbourhood.Neighbourhood` and `search.Search` in one. Local.
 
     Segments are the obstacle's facets; pairs consist of the node alone, so
     that d = 3 and no rank needs anything of another.
@@ -95,7 +95,7 @@ class ObstacleNeighbourhood:
     def press(
         self, x: Floats, nodes: Ints, current: Ints, reach: float, stiffness: Floats
     ) -> Contact:
-        """Springs of nodes inside, see `search.Neighbourhood.press`."""
+        """Springs of nodes inside, see `neighbourhood.Neighbourhood.press`."""
         segment, gap = self.pair(x, nodes, current, reach)
         (inside,) = (gap < 0).nonzero()
         lambda_N, gradient = stiffness * gap, self.gap_gradient(x, nodes[inside], segment[inside])

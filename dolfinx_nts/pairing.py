@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["Pairing"]
 

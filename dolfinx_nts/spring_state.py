@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact_history import ContactHistory
+from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood
 
 __all__ = ["SpringState"]
 

@@ -19,8 +19,8 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
+from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.search import Neighbourhood
 from dolfinx_nts.slip import Slip
 from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.surfaces import Surface

@@ -26,6 +26,7 @@ LAYERS = [
         "hexahedra",
         "interrupts",
         "journal",
+        "neighbourhood",
         "pivoting",
         "progress",
         "slip",
@@ -133,6 +134,7 @@ def test_what_differs_between_releases_is_used_through_compat(module):
 
 def test_arrays_of_contact_know_no_forms():
     for module in (
+        "neighbourhood",
         "search",
         "enforcement",
         "friction",
