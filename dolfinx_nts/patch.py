@@ -1,8 +1,10 @@
 """Patch around the contacts: the part of the preconditioner that knows them.
 
 On one rank the patch reads the rows of the bulk tangent where they are. On
-several, each rank solves for the nodes that it owns with all pairs that these
-take part in, and with the rows of other ranks' nodes there and around.
+several, each rank solves for the nodes that it owns with all pairs of these and
+of their neighbours, and with the rows of other ranks' nodes there and around.
+Without the neighbours' pairs it takes a tenth more iterations where a border
+between ranks crosses the contact.
 """
 
 from typing import Any
@@ -135,16 +137,24 @@ class _Whole:
 
 
 class _Overlapping:
-    """Nodes around the pairs of the nodes that a rank owns. Collective."""
+    """Nodes around the pairs of the nodes that a rank owns, and of their neighbours.
+
+    Collective, as all its methods.
+    """
 
     def __init__(self, rows: BlockRows) -> None:
-        self._rows = rows
+        self._rows, space = rows, rows.index_map
+        self._ends = np.array(space.comm.allgather(space.local_range[1]))
+        # Nodes of this rank that rows of each rank reach.
+        reached = rows.matrix.index_map(1).ghosts
+        owner = np.searchsorted(self._ends, reached, side="right")
+        asked = [reached[owner == rank] for rank in range(space.comm.size)]
+        self._reached = space.comm.alltoall(asked)
 
     def choose(self, pairs: list[_GlobalPairs]) -> None:
-        rows, space = self._rows, self._rows.index_map
+        rows, space, ends = self._rows, self._rows.index_map, self._ends
         first, last = space.local_range
-        ends = np.array(space.comm.allgather(last))
-        everywhere = [_exchanged(p, ends, space.comm) for p in pairs]
+        everywhere = [self._shared(self._at_owners(p)) for p in pairs]
         contacts = _unique([p.nodes for p in everywhere])
         _, ring, _ = rows.gather(contacts, ends)
         domain = _unique([contacts, ring])
@@ -172,6 +182,33 @@ class _Overlapping:
         self._position[~own] = space.size_local + np.arange(len(ghosts))
         self._inner = np.flatnonzero(own[: self._num_rows])
 
+    def _at_owners(self, pairs: _GlobalPairs) -> _GlobalPairs:
+        """Pairs that nodes of this rank take part in."""
+        owner = np.searchsorted(self._ends, pairs.nodes, side="right")
+        return self._sent(pairs, [owner == rank for rank in range(len(self._ends))])
+
+    def _shared(self, pairs: _GlobalPairs) -> _GlobalPairs:
+        """These, and those of the nodes that rows of this rank reach."""
+        taking = [np.isin(pairs.nodes, nodes) for nodes in self._reached]
+        taking[self._rows.index_map.comm.rank][:] = True
+        return self._sent(pairs, taking)
+
+    def _sent(self, pairs: _GlobalPairs, taking: list[npt.NDArray[np.bool_]]) -> _GlobalPairs:
+        """What ranks send to this one, each pair once.
+
+        Args:
+            pairs: Those of this rank.
+            taking: For each rank, nodes for which it gets the pairs,
+                shape ``(m, 1+k)``.
+        """
+        masks = [nodes.any(axis=1) for nodes in taking]
+        parts = self._rows.index_map.comm.alltoall(
+            [tuple(array[mask] for array in pairs.arrays) for mask in masks]
+        )
+        arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+        _, once = np.unique(arrays[0][:, 0], return_index=True)
+        return _GlobalPairs(*(array[once] for array in arrays))
+
     def correct(self, r: Floats, z: Floats, exists: bool) -> None:
         both: Floats = self._vector.array.reshape(-1, 6)
         both[: len(r), :3], both[: len(r), 3:] = r, z
@@ -196,19 +233,6 @@ class _Places:
     def __call__(self, nodes: GlobalInts) -> Ints:
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
-
-
-def _exchanged(pairs: _GlobalPairs, ends: GlobalInts, comm: MPI.Comm) -> _GlobalPairs:
-    """Pairs that nodes of this rank take part in. Collective."""
-    owner = np.searchsorted(ends, pairs.nodes, side="right")
-    parts = comm.alltoall(
-        [
-            tuple(array[np.any(owner == rank, axis=1)] for array in pairs.arrays)
-            for rank in range(comm.size)
-        ]
-    )
-    arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
-    return _GlobalPairs(*arrays)
 
 
 def _unique(arrays: list[Any]) -> GlobalInts:

@@ -9,6 +9,7 @@ import scenes
 from dolfinx_nts import _kernels, preconditioner
 from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.kept_factors import KeptFactors
+from dolfinx_nts.patch import _GlobalPairs
 from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -235,6 +236,36 @@ def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
     assert patch.num_builds == count > 0
     patch.update(elimination, scene.stepper._bulk.num_tangents + 1)
     assert patch.num_builds == count + 1
+
+
+def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
+    comm, monkeypatch, agree
+):
+    if comm.size == 1:
+        pytest.skip("for several ranks")
+
+    def slabs(middle):  # the borders between ranks cross the contact
+        return np.argsort(np.argsort(middle[:, 0])) * comm.size // len(middle)
+
+    given, local = {}, _GlobalPairs.local
+
+    def taken(self, dofs):
+        given[comm.rank] = self.nodes
+        return local(self, dofs)
+
+    monkeypatch.setattr(_GlobalPairs, "local", taken)
+    scene = scenes.blocks(comm, owner=slabs)
+    while scene.stepper.advance().num_active < 5:
+        pass
+    (own,) = scene.stepper._solver._preconditioner._patch._pairs
+    pairs = np.concatenate(comm.allgather(own.nodes))
+    rows = scene.stepper._bulk.rows
+    near = rows.matrix.index_map(1).local_to_global(rows.column)
+    expected = pairs[np.isin(pairs, near).any(axis=1)]
+    assert agree(np.array_equal(given[comm.rank], expected[np.argsort(expected[:, 0])]))
+    first, last = rows.index_map.local_range
+    touching = ((first <= pairs) & (pairs < last)).any(axis=1)
+    assert not agree(touching.sum() == len(expected))
 
 
 def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):
