@@ -7,7 +7,6 @@ _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Keys = npt.NDArray[np.int64]
 _Status = npt.NDArray[np.int8]
-_Springs = tuple[_Ints, _Keys, _Ints, _Floats, _Floats, _Floats]
 _Paired = tuple[_Ints, _Floats, _Floats, _Floats]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
 
@@ -47,19 +46,31 @@ def follow(values: _Floats, kept: _Floats) -> bool: ...
 def pack(x: _Floats, nodes: _Ints, first: int, rows: _Floats) -> None: ...
 def cell_lengths(x: _Floats, cells: _Ints) -> _Floats: ...
 def press(
+    number: _Ints,
     node: _Ints,
     segment: _Ints,
     xi: _Floats,
     gap: _Floats,
     normal: _Floats,
     segments: _Ints,
+    key: _Keys,
     stiffness: _Floats,
-) -> tuple[_Ints, _Ints, _Floats, _Floats]: ...
+) -> Springs: ...
 def work_by_cause(
-    before: _Springs, after: _Springs, lost: _Floats
+    before: Springs, after: Springs, du_before: _Floats, du_after: _Floats, lost: _Floats
 ) -> tuple[float, float, float, float, float]: ...
 def add_rows(total: _Floats, rows: _Ints, values: _Floats) -> None: ...
 def farthest(x: _Floats, rows: _Ints, before: _Floats) -> float: ...
+
+class Springs:
+    node: _Ints
+    key: _Keys
+    dofs: _Ints
+    force: _Floats
+    energy: _Floats
+    def __init__(
+        self, node: _Ints, key: _Keys, dofs: _Ints, force: _Floats, energy: _Floats
+    ) -> None: ...
 
 class Segments:
     num_trees: int

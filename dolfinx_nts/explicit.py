@@ -250,10 +250,11 @@ class CentralDifference(Stepper):
             sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
         sums[3] = dt**2 / 8 * (self._power - power)
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
-            contact = springs.num_segments, len(new.node), *springs.work(old, new, du)
+            contact = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
             sums[4:] = map(operator.add, sums[4:], contact)
         whole = reductions.total(self._comm, np.array(sums))
-        load, damping, support, defect, in_reach, active, *works = map(float, whole)
+        values: list[float] = whole.tolist()  # type: ignore[assignment]
+        load, damping, support, defect, in_reach, active, *works = values
         contact_work = ContactWork(*works)
         self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:

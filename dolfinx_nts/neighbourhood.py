@@ -88,25 +88,32 @@ class Neighbourhood:
         return found[0], found[2]
 
     def press(
-        self, x: Floats, nodes: Ints, current: Ints, reach: float, stiffness: Floats
-    ) -> tuple[npt.NDArray[Any], ...]:
+        self,
+        x: Floats,
+        numbers: Ints,
+        nodes: Ints,
+        current: Ints,
+        reach: float,
+        stiffness: Floats,
+    ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Springs of nodes that `pair` finds inside, see `cpp/nts/springs.h`. Local.
 
         Args:
             x: As of `pair`, and so are ``nodes``, ``current`` and ``reach``.
+            numbers: By which the springs call the nodes, shape ``(c,)``.
             nodes: Shape ``(c,)``.
             current: Shape ``(c,)``.
             reach: [m].
             stiffness: Of each spring, shape ``(c,)`` [N/m].
 
         Returns:
-            Segments and gaps, shape ``(c,)``; positions of the nodes inside,
-            ``(m,)``, nodes of their pairs, ``(m, 1+k)``, the force on these,
-            ``(m, 1+k, 3)`` [N], and energy, ``(m,)`` [J].
+            Segments and gaps, shape ``(c,)``; springs of those with gap < 0.
         """
         segment, xi, gap, normal = self._found(x, nodes, current, _kernels.HYSTERESIS, reach)
-        springs = _kernels.press(nodes, segment, xi, gap, normal, self.segments, stiffness)
-        return segment, gap, *springs
+        springs = _kernels.press(
+            numbers, nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
+        )
+        return segment, gap, springs
 
     def _found(
         self, x: Floats, nodes: Ints, current: Ints, slack: float, reach: float

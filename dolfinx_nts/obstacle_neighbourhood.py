@@ -48,6 +48,14 @@ class ObstacleNeighbourhood:
         """Itself: there is nothing to search."""
         return self, False
 
+    def places(self, x: Floats) -> tuple[Floats, Floats]:
+        """None that matter: `near` gives all nodes, wherever they are."""
+        return np.empty((0, 3)), np.empty((0, 3))
+
+    def approach(self, x: Floats, before: tuple[Floats, Floats]) -> float:
+        """None that matters."""
+        return 0.0
+
     @property
     def neighbourhood(self) -> "ObstacleNeighbourhood":
         """Itself."""
@@ -93,14 +101,24 @@ class ObstacleNeighbourhood:
         return found, np.where(found >= 0, gap, np.nan)
 
     def press(
-        self, x: Floats, nodes: Ints, current: Ints, reach: float, stiffness: Floats
-    ) -> Contact:
+        self,
+        x: Floats,
+        numbers: Ints,
+        nodes: Ints,
+        current: Ints,
+        reach: float,
+        stiffness: Floats,
+    ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Springs of nodes inside, see `neighbourhood.Neighbourhood.press`."""
         segment, gap = self.pair(x, nodes, current, reach)
         (inside,) = (gap < 0).nonzero()
-        lambda_N, gradient = stiffness * gap, self.gap_gradient(x, nodes[inside], segment[inside])
-        force, energy = -lambda_N[inside, None] * gradient, (lambda_N * gap)[inside] / 2
-        return segment, gap, inside, self.dofs(nodes[inside], segment), force[:, None], energy
+        nodes, facet, depth = nodes[inside], segment[inside], gap[inside]
+        lambda_N, gradient = stiffness[inside] * depth, self.gap_gradient(x, nodes, facet)
+        force = -lambda_N[:, None, None] * gradient[:, None]
+        springs = _kernels.Springs(
+            numbers[inside], self.key[facet], nodes[:, None], force, lambda_N * depth / 2
+        )
+        return segment, gap, springs
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
         """All nodes: an obstacle may be anywhere. Positions in ``nodes``."""

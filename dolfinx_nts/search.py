@@ -64,20 +64,35 @@ class Search:
             and np.isinf(self._covered[2])
         ):
             return self._neighbourhood, False
-        rows = self._nodes.nodes, self._vertices
         if self._neighbourhood is not None and self._covered is not None:
-            # A node and a vertex of different ranks may approach each other.
-            ways = zip(rows, self._covered[:2], strict=True)
-            moved = np.array([_kernels.farthest(x, there, before) for there, before in ways])
-            moved = reductions.largest(self._nodes.V.mesh.comm, moved)
-            if moved.sum() + reach <= self._covered[2]:
+            if self.approach(x, self._covered[:2]) + reach <= self._covered[2]:
                 return self._neighbourhood, False
         # Twice as much saves exchanges and costs a few segments.
         reach *= 2
-        self._covered = (x[rows[0]], x[rows[1]], reach)
+        self._covered = (*self.places(x), reach)
         self._neighbourhood = self._exchange(x, reach)
         self.exchanges += 1
         return self._neighbourhood, True
+
+    def places(self, x: Floats) -> tuple[Floats, Floats]:
+        """Positions of this rank's nodes and vertices, for `approach`. Local.
+
+        Args:
+            x: As of `update`.
+        """
+        return x[self._nodes.nodes], x[self._vertices]
+
+    def approach(self, x: Floats, before: tuple[Floats, Floats]) -> float:
+        """By how much any node and segment may be closer than they were [m]. Collective.
+
+        Args:
+            x: As of `update`.
+            before: `places` then.
+        """
+        ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
+        moved = np.array([_kernels.farthest(x, rows, there) for rows, there in ways])
+        # A node and a vertex of different ranks may approach each other.
+        return float(reductions.largest(self._nodes.V.mesh.comm, moved).sum())
 
     @property
     def neighbourhood(self) -> Neighbourhood:
@@ -111,10 +126,10 @@ class Search:
         box = _box(x[self._nodes.nodes], reach)
         # One rank has nobody to ask, and asking itself takes as long as all the rest.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
-        x_segment = x[vertices]
-        lower, upper = x_segment.min(axis=1), x_segment.max(axis=1)
+        x_vertex = x[vertices.T]  # reduced along the first axis, which is faster
+        lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
-        size = diameters(x_segment)
+        size = diameters(x_vertex.swapaxes(0, 1))
         mine = (ids, owners, orientation, key, size, self._segments.thickness)
         parts = [tuple(values[n] for values in mine) for n in near]
         if comm.size > 1:

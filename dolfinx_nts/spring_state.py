@@ -1,11 +1,12 @@
 """Forces of the springs of a contact pair at one state, and their work."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
@@ -13,8 +14,14 @@ from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 __all__ = ["SpringState"]
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
+
+_NO_SPRINGS = _kernels.Springs(
+    np.empty(0, dtype=np.int32),
+    np.empty(0, dtype=np.int64),
+    np.empty((0, 1), dtype=np.int32),
+    np.empty((0, 1, 3)),
+    np.empty(0),
+)
 
 
 class SpringState(NamedTuple):
@@ -23,22 +30,15 @@ class SpringState(NamedTuple):
     Attributes:
         neighbourhood: Owned nodes and ghosts of the forces; None where no
             rank has a node near a segment.
-        node: Active nodes by their position in the surface's nodes, ``(m,)``.
-        key: Their segments, shape ``(m,)``.
-        dofs: Nodes of the pairs in the neighbourhood, ``(m, 1+k)``.
-        force: On these nodes, shape ``(m, 1+k, 3)`` [N].
-        energy: Stored in the springs of the nodes, shape ``(m,)`` [J].
+        springs: Springs of the active nodes, by their positions in the
+            surface's nodes.
         dissipation: Lost by friction in the step at all nodes of the surface,
             ``(n,)`` [J]; None without friction.
         history: Makes what the pair remembers of the state.
     """
 
     neighbourhood: Neighbourhood | ObstacleNeighbourhood | None
-    node: Ints
-    key: GlobalInts
-    dofs: Ints
-    force: Floats
-    energy: Floats
+    springs: _kernels.Springs
     dissipation: Floats | None
     history: Callable[[], ContactHistory]
 
@@ -47,9 +47,7 @@ class SpringState(NamedTuple):
         cls, history: Callable[[], ContactHistory], dissipation: Floats | None = None
     ) -> "SpringState":
         """No forces."""
-        node, key, energy = np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0)
-        dofs, force = node[:, None], np.empty((0, 1, 3))
-        return cls(None, node, key, dofs, force, energy, dissipation, history)
+        return cls(None, _NO_SPRINGS, dissipation, history)
 
     def add_to(self, total: Floats) -> None:
         """Add the forces to those of the owned nodes. Collective.
@@ -58,12 +56,12 @@ class SpringState(NamedTuple):
             total: Shape ``(n, 3)`` [N].
         """
         if self.neighbourhood is not None:
-            self.neighbourhood.add_to_owners(total, self.dofs, self.force)
+            self.neighbourhood.add_to_owners(total, self.springs.dofs, self.springs.force)
 
     @property
     def stored(self) -> float:
         """Energy of all springs on this rank [J]."""
-        return float(self.energy.sum())
+        return float(self.springs.energy.sum())
 
     def displacement(self, du: Floats) -> Floats:
         """Displacement also of the ghosts, shape ``(l, 3)`` [m]. Collective.
@@ -72,11 +70,3 @@ class SpringState(NamedTuple):
             du: That of the owned nodes, shape ``(n, 3)`` [m].
         """
         return du if self.neighbourhood is None else self.neighbourhood.with_ghosts(du)
-
-    def arrays(self, du: Floats) -> tuple[Any, ...]:
-        """What `_kernels.work_by_cause` needs. Local.
-
-        Args:
-            du: As of `displacement`.
-        """
-        return self.node, self.key, self.dofs, self.force, self.energy, du

@@ -33,6 +33,8 @@ Ints = npt.NDArray[np.int32]
 # A node up to this part of a segment deep belongs to the segment; nodes are
 # looked at while they are within reach or may get there soon.
 _REACH, _MARGIN = 0.5, 0.5
+# Part of the margin that is used before the next look.
+_USED = 0.75
 _NONE: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
 
@@ -74,12 +76,13 @@ class ContactSprings:
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
         # Nodes that are looked at, their positions in the surface's nodes, springs,
-        # and segments or -1; whether no rank has any.
+        # and segments or -1; whether no rank has any; and where all were then.
         self._nodes: Ints
         self._candidates: Ints
         self._stiffness: Floats
         self._current: Ints
         self._idle = False
+        self._seen: tuple[Floats, Floats]
         self.forget()
 
     def forget(self) -> None:
@@ -106,19 +109,20 @@ class ContactSprings:
         pair = self.pair
         looked: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
-            looked = [self._candidates, np.array([self._travelled, self._idle])]
+            looked = [self._candidates, np.array([self._travelled, self._idle]), *self._seen]
         looked = archive.local(f"{name}/looked", looked)
         if archive.giving and looked is None:
             self._look_around(x)
         elif archive.giving and looked is not None:
-            candidates, (travelled, idle) = looked
+            candidates, (travelled, idle), nodes, vertices = looked
             self._travelled, self._idle = float(travelled), bool(idle)
+            self._seen = nodes, vertices
             here = pair.search.neighbourhood
             self._look_at(here, candidates, here.find(pair.history.key))
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
-            force[state.node] = state.force
+            force[state.springs.node] = state.springs.force
         force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
         if state is not None and not archive.giving:
             return state
@@ -129,8 +133,8 @@ class ContactSprings:
         node = np.flatnonzero(history.active).astype(np.int32)
         key = history.key[node]
         dofs = here.dofs(pair.nodes.nodes[node], here.find(key))
-        energy = history.energy[node]
-        return SpringState(here, node, key, dofs, force[node], energy, lost, lambda: history)
+        springs = _kernels.Springs(node, key, dofs, force[node], history.energy[node])
+        return SpringState(here, springs, lost, lambda: history)
 
     @property
     def is_open(self) -> bool:
@@ -183,34 +187,37 @@ class ContactSprings:
                 the same on all ranks [m].
         """
         self._travelled += 2 * step
-        if self._travelled > _MARGIN * self.pair.segment_size:
-            self._look_around(x)
+        margin = _MARGIN * self.pair.segment_size
+        if self._travelled > margin:
+            # The bound is crude, as most bodies fly the same way.
+            if np.isfinite(self._travelled):
+                self._travelled = self.pair.search.approach(x, self._seen)
+            if self._travelled > _USED * margin:
+                self._look_around(x)
         if self._idle:
             return self._nothing()
-        pair, here, some = self.pair, self._neighbourhood, self._candidates
+        pair, here = self.pair, self._neighbourhood
+        some, stiffness, reach = self._candidates, self._stiffness, _REACH * pair.segment_size
         x = here.with_ghosts(x[: here.index_map.size_local])
-        segment, gap, inside, dofs, force, energy = here.press(
-            x, self._nodes, self._current, _REACH * pair.segment_size, self._stiffness
-        )
+        segment, gap, springs = here.press(x, some, self._nodes, self._current, reach, stiffness)
         self._current = segment
-        node, segments = some.take(inside), segment.take(inside)
-        slipped: dict[str, Any] = {}
+        rubbed: dict[str, Any] = {}
         if pair.friction is not None:
-            lambda_N = self._stiffness[inside] * gap[inside]
             x_n = here.with_ghosts(x_n[: here.index_map.size_local])
-            slipped = self._rub(x_n, x, node, dofs, segments, lambda_N, energy, force)
+            inside = gap < 0
+            rubbed = self._rub(x_n, x, springs, segment[inside], (stiffness * gap)[inside])
 
         def history() -> ContactHistory:
-            history, paired = ContactHistory.none(len(self._reduced_mass)), segment >= 0
+            history, node = ContactHistory.none(len(self._reduced_mass)), springs.node
+            paired, inside = segment >= 0, gap < 0
             history.key[some[paired]] = here.key[segment[paired]]
             history.gap[some] = gap
             history.active[node] = True
-            history.lambda_N[node] = stiffness[inside] * gap[inside]
-            history.energy[node], history.force[node] = energy, force[:, 0]
-            return replace(history, **slipped)
+            history.lambda_N[node] = (stiffness * gap)[inside]
+            history.energy[node], history.force[node] = springs.energy, springs.force[:, 0]
+            return replace(history, **rubbed)
 
-        stiffness, lost = self._stiffness, slipped.get("dissipation")
-        return SpringState(here, node, here.key.take(segments), dofs, force, energy, lost, history)
+        return SpringState(here, springs, rubbed.get("dissipation"), history)
 
     def work(self, old: SpringState, new: SpringState, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on a displacement, on this rank. Collective.
@@ -228,21 +235,22 @@ class ContactSprings:
         du_old = old.displacement(du)
         du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
         lost = _NONE if new.dissipation is None else new.dissipation
-        return _kernels.work_by_cause(old.arrays(du_old), new.arrays(du_new), lost)
+        return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, lost)
 
     def _look_around(self, x: Floats) -> None:
         """Find the nodes that may be in reach before the next look."""
-        reach = (_REACH + _MARGIN) * self.pair.segment_size
+        search, reach = self.pair.search, (_REACH + _MARGIN) * self.pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, is_new = self.pair.search.update(x, reach)
-        x = here.with_ghosts(x[: here.index_map.size_local])
+        here, is_new = search.update(x, reach)
         if is_new or np.isinf(self._travelled):
             current = here.find(self.pair.history.key)
         else:
             current = np.full(len(self._reduced_mass), -1, dtype=np.int32)
             current[self._candidates] = self._current
+        self._travelled, self._seen = 0.0, search.places(x)
+        x = here.with_ghosts(x[: here.index_map.size_local])
         self._look_at(here, here.near(x, self.pair.nodes.nodes, reach), current)
-        self._travelled, self._idle = 0.0, not reductions.total(self._comm, len(self._candidates))
+        self._idle = not reductions.total(self._comm, len(self._candidates))
 
     def _look_at(
         self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints, current: Ints
@@ -281,23 +289,21 @@ class ContactSprings:
         self,
         x_n: Floats,
         x: Floats,
-        node: Ints,
-        dofs: Ints,
+        springs: _kernels.Springs,
         segments: Ints,
         lambda_N: Floats,
-        energy: Floats,
-        force: Floats,
     ) -> dict[str, Any]:
-        """Add friction to energy and force; returns what the pair remembers of it."""
-        pair = self.pair
+        """Add friction to force and energy; returns what the pair remembers of it."""
+        pair, node = self.pair, springs.node
         assert pair.friction is not None and pair.eps_T is not None
         old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._neighbourhood.slip(x_n, x, dofs, segments))
+        slip = Slip(self._neighbourhood.slip(x_n, x, springs.dofs, segments))
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
         slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
         law = pair.friction.spring(trial, p, eps_T, trial, slides)
         t = law.explicit + p[:, None] * law.direction
+        force, energy = springs.force, springs.energy
         force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
         lasting = slip.value - (t - t_n) / eps_T[:, None]
         energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)

@@ -7,6 +7,7 @@ A *node* (literature: slave, secondary, source) may touch a *segment*
 which it uses. Positions are x = X + u; the mesh is never moved.
 """
 
+import itertools
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -273,9 +274,11 @@ def diameters(x: Floats) -> Floats:
     Args:
         x: Vertices, shape ``(s, k, 3)`` [m].
     """
-    one, other = np.triu_indices(x.shape[1], 1)
-    edges = x[:, one] - x[:, other]
-    lengths: Floats = np.sqrt(np.einsum("sei,sei->se", edges, edges).max(axis=1))
+    squared: Floats = np.zeros(len(x))
+    for one, other in itertools.combinations(range(x.shape[1]), 2):
+        edge = x[:, one] - x[:, other]
+        np.maximum(squared, np.einsum("si,si->s", edge, edge), out=squared)
+    lengths: Floats = np.sqrt(squared)
     return lengths
 
 

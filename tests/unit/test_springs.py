@@ -15,10 +15,13 @@ def test_springs_press_nodes_that_are_inside(rng, k):
     segment = np.array([1, 0, -1, 2, 1, 0], dtype=np.int32)
     node, segments = np.arange(20, 20 + c, dtype=np.int32), np.arange(3 * k).reshape(3, k)
     xi, normal, stiffness = rng.uniform(size=(c, 2)), rng.normal(size=(c, 3)), rng.uniform(size=c)
-    position, dofs, force, energy = _kernels.press(
-        node, segment, xi, gap, normal, segments.astype(np.int32), stiffness
+    number, key = np.arange(40, 40 + c, dtype=np.int32), np.array([7, 5, 9])
+    springs = _kernels.press(
+        number, node, segment, xi, gap, normal, segments.astype(np.int32), key, stiffness
     )
-    np.testing.assert_array_equal(position, [0, 3, 5])
+    position, dofs, force, energy = [0, 3, 5], springs.dofs, springs.force, springs.energy
+    np.testing.assert_array_equal(springs.node, number[position])
+    np.testing.assert_array_equal(springs.key, key[segment[position]])
     np.testing.assert_array_equal(dofs[:, 0], node[position])
     np.testing.assert_array_equal(dofs[:, 1:], segments[segment[position]])
     (s, t), rest = xi[position].T, 1 - xi[position]
@@ -45,7 +48,7 @@ def test_work_is_sorted_by_cause(rng, friction):
             rng.uniform(size=m),
             rng.normal(size=(9, 3)),
         )
-        states.append((node, key, dofs, force, energy, du))
+        states.append((_kernels.Springs(node, key, dofs, force, energy), du))
         keys, work, stored = np.full(n, -1), np.zeros(n), np.zeros(n)
         keys[node], stored[node] = key, energy
         work[node] = np.einsum("maj,maj->m", force, du[dofs])
@@ -57,7 +60,8 @@ def test_work_is_sorted_by_cause(rng, friction):
     came, same = key_n < 0, (key_n == key) | (key < 0)
     expected = [rest[part].sum() for part in (~came & same, came, ~came & ~same)]
     expected += [(energy_n - energy).sum(), -lost.sum()]
-    given = _kernels.work_by_cause(*states, lost if friction else np.empty(0))
+    (before, du_n), (after, du) = states
+    given = _kernels.work_by_cause(before, after, du_n, du, lost if friction else np.empty(0))
     np.testing.assert_allclose(given, expected)
 
 

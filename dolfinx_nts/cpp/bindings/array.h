@@ -49,6 +49,13 @@ public:
   /// @brief Take an array of this type.
   explicit Array(nb::object array) : _array(std::move(array)) {}
 
+  /// @brief The same array, to be read.
+  operator Array<const T>() const
+    requires(!std::is_const_v<T>)
+  {
+    return Array<const T>(_array);
+  }
+
   T* data() const noexcept { return static_cast<T*>(PyArray_DATA(get())); }
   std::size_t size() const noexcept { return PyArray_SIZE(get()); }
   std::size_t ndim() const noexcept { return PyArray_NDIM(get()); }

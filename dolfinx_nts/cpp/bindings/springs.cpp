@@ -11,28 +11,72 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-auto press_pairs(const Ints& node, const Ints& segment, const Doubles& xi,
-                 const Doubles& gap, const Doubles& normal,
-                 const Ints& segments, const Doubles& stiffness)
+/// @brief Springs of m nodes at one state. Arrays, which Python may change.
+class Springs
+{
+public:
+  Springs(Ints node, Keys key, Ints dofs, Out<double> force, Out<double> energy)
+      : _node(std::move(node)), _key(std::move(key)), _dofs(std::move(dofs)),
+        _force(std::move(force)), _energy(std::move(energy))
+  {
+    const std::size_t m = _node.size();
+    check("node", _node, {m});
+    check("key", _key, {m});
+    check("dofs", _dofs, {m, any});
+    check("force", _force, {m, _dofs.shape(1), 3});
+    check("energy", _energy, {m});
+  }
+
+  PressedNodes moved(const Doubles& du) const
+  {
+    check("du", du, {any, 3});
+    check_rows("dofs: expected rows of du", _dofs, du.shape(0));
+    return {view(_node),  view(_key),    view(_dofs),
+            view(_force), view(_energy), view(du)};
+  }
+
+  const Ints& node() const noexcept { return _node; }
+  const Keys& key() const noexcept { return _key; }
+  const Ints& dofs() const noexcept { return _dofs; }
+  const Out<double>& force() const noexcept { return _force; }
+  const Out<double>& energy() const noexcept { return _energy; }
+
+private:
+  Ints _node;
+  Keys _key;
+  Ints _dofs;
+  Out<double> _force, _energy;
+};
+
+Springs press_pairs(const Ints& number, const Ints& node, const Ints& segment,
+                    const Doubles& xi, const Doubles& gap,
+                    const Doubles& normal, const Ints& segments,
+                    const Keys& key, const Doubles& stiffness)
 {
   const std::size_t c = node.size();
+  check("number", number, {c});
   check("node", node, {c});
   check("segment", segment, {c});
   check("xi", xi, {c, 2});
   check("gap", gap, {c});
   check("normal", normal, {c, 3});
   check("segments", segments, {any, any});
+  check("key", key, {segments.shape(0)});
   check("stiffness", stiffness, {c});
   const Paired pairs{view(node), view(segment), view(xi), view(gap),
                      view(normal)};
   const std::vector<std::int32_t> chosen = inside(pairs);
   const std::size_t m = chosen.size(), k = segments.shape(1);
-  for (const std::int32_t i : chosen)
-    if (pairs.segment[i] < 0
-        || static_cast<std::size_t>(pairs.segment[i]) >= segments.shape(0))
+  auto numbers = create<std::int32_t>({m});
+  auto keys = create<std::int64_t>({m});
+  for (std::size_t i = 0; i < m; ++i)
+  {
+    const auto row = static_cast<std::size_t>(pairs.segment[chosen[i]]);
+    if (row >= key.size())
       throw nb::value_error("segment: expected rows of segments at gaps < 0");
-  auto positions = create<std::int32_t>({m});
-  std::copy(chosen.begin(), chosen.end(), positions.data());
+    numbers.data()[i] = number.data()[chosen[i]];
+    keys.data()[i] = key.data()[row];
+  }
   auto dofs = create<std::int32_t>({m, 1 + k});
   auto force = create<double>({m, 1 + k, 3});
   auto energy = create<double>({m});
@@ -42,38 +86,18 @@ auto press_pairs(const Ints& node, const Ints& segment, const Doubles& xi,
              press<S>(pairs, chosen, view(segments), view(stiffness),
                       view(dofs), view(force), view(energy));
            });
-  return std::tuple(positions, dofs, force, energy);
+  return {numbers, keys, dofs, force, energy};
 }
 
-PressedNodes pressed_nodes(const Ints& node, const Keys& key, const Ints& dofs,
-                           const Doubles& force, const Doubles& energy,
-                           const Doubles& du)
-{
-  const std::size_t m = node.size();
-  check("node", node, {m});
-  check("key", key, {m});
-  check("dofs", dofs, {m, any});
-  check("force", force, {m, dofs.shape(1), 3});
-  check("energy", energy, {m});
-  check("du", du, {any, 3});
-  check_rows("dofs: expected rows of du", dofs, du.shape(0));
-  return {view(node),  view(key),    view(dofs),
-          view(force), view(energy), view(du)};
-}
-
-using State = std::tuple<Ints, Keys, Ints, Doubles, Doubles, Doubles>;
-
-std::array<double, 5> work_of(const State& before, const State& after,
+std::array<double, 5> work_of(const Springs& before, const Springs& after,
+                              const Doubles& du_before, const Doubles& du_after,
                               const Doubles& lost)
 {
-  const PressedNodes a = std::apply(pressed_nodes, before);
-  const PressedNodes b = std::apply(pressed_nodes, after);
   if (lost.size())
-  {
-    check_rows("node: expected rows of lost", std::get<0>(before), lost.size());
-    check_rows("node: expected rows of lost", std::get<0>(after), lost.size());
-  }
-  return work_by_cause(a, b, view(lost));
+    for (const Springs* springs : {&before, &after})
+      check_rows("node: expected rows of lost", springs->node(), lost.size());
+  return work_by_cause(before.moved(du_before), after.moved(du_after),
+                       view(lost));
 }
 
 void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
@@ -88,16 +112,26 @@ void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
 
 void springs(nb::module_& m)
 {
-  m.def("press", &press_pairs, nb::arg("node"), nb::arg("segment"),
-        nb::arg("xi"), nb::arg("gap"), nb::arg("normal"), nb::arg("segments"),
-        nb::arg("stiffness"),
-        "(c,), (c,), (c, 2), (c,), (c, 3), (s, k), (c,) -> of gaps < 0: "
-        "position (m,), dofs (m, 1+k), force (m, 1+k, 3), energy (m,)");
+  nb::class_<Springs>(m, "Springs", "Springs of some nodes at one state")
+      .def(nb::init<Ints, Keys, Ints, Out<double>, Out<double>>(),
+           nb::arg("node"), nb::arg("key"), nb::arg("dofs"),
+           nb::arg("force").noconvert(), nb::arg("energy").noconvert(),
+           "(m,), (m,), (m, 1+k), (m, 1+k, 3), (m,)")
+      .def_prop_ro("node", &Springs::node, "Numbers, ascending, (m,)")
+      .def_prop_ro("key", &Springs::key, "Their segments, (m,)")
+      .def_prop_ro("dofs", &Springs::dofs,
+                   "Nodes and vertices of the pairs, (m, 1+k)")
+      .def_prop_ro("force", &Springs::force, "On these, (m, 1+k, 3) [N]")
+      .def_prop_ro("energy", &Springs::energy, "Stored, (m,) [J]");
+  m.def("press", &press_pairs, nb::arg("number"), nb::arg("node"),
+        nb::arg("segment"), nb::arg("xi"), nb::arg("gap"), nb::arg("normal"),
+        nb::arg("segments"), nb::arg("key"), nb::arg("stiffness"),
+        "(c,), (c,), (c,), (c, 2), (c,), (c, 3), (s, k), (s,), (c,) -> springs "
+        "of gaps < 0");
   m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),
-        nb::arg("lost"),
-        "twice (node (m,), key (m,), dofs (m, 1+k), force (m, 1+k, 3), energy "
-        "(m,), du (l, 3)), (n,) or (0,) -> work of nodes that stayed, that "
-        "came, that changed the segment, of springs, of friction");
+        nb::arg("du_before"), nb::arg("du_after"), nb::arg("lost"),
+        "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "
+        "stayed, that came, that changed the segment, of springs, of friction");
   m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(), nb::arg("rows"),
         nb::arg("values"), "adds values (..., 3) to rows (...) of (n, 3)");
 }
