@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
-from dolfinx_nts import explicit, stability
+from dolfinx_nts import explicit, springs, stability
 
 CONSERVED = 1e-12
 
@@ -376,6 +376,31 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
         stepper.advance()
     assert stepper._bulk.internal.num_assemblies == num_steps + 1
     assert stepper.pairs[0].search.exchanges <= num_steps / 10
+
+
+def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
+    seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
+    few, many = seldom.stepper, often.stepper
+    look, found = springs.ContactSprings._look_around, []
+
+    def watched(self, x):
+        since = self._travelled if np.isinf(self._travelled) else search.approach(x, seen)
+        found.append(since / self.pair.segment_size)
+        look(self, x)
+
+    search = few.pairs[0].search
+    monkeypatch.setattr(springs.ContactSprings, "_look_around", watched)
+    for _ in range(100):
+        few.advance()
+        seen = few._springs[0]._seen
+        assert search.approach(few.x, seen) <= springs._MARGIN * few.pairs[0].segment_size
+    assert np.isinf(found[0]) and 2 <= len(found) <= 10
+    assert agree(min(found[1:]) > springs._USED * springs._MARGIN)
+    monkeypatch.undo()
+    for _ in range(100):
+        many._springs[0].forget()
+        many.advance()
+    np.testing.assert_allclose(often.positions(), seldom.positions(), atol=1e-12)
 
 
 def test_report_and_ledger_are_those_of_a_step_without_iterations(comm):
