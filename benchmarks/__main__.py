@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +57,23 @@ def progress(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)
 
 
+def taken_in_turns(turns: Sequence[Mapping[str, Any]], number: int) -> list[dict[str, Any]]:
+    """Row of each case, the median of a number of runs."""
+    runs = []
+    for _ in range(number):
+        for case in turns:
+            progress(f"steps: {case}")
+            argument = {name: value for name, value in case.items() if name != "runs"}
+            runs.append(child("benchmarks.steps", argument, case.get("ranks", 1)))
+    each = (runs[i :: len(turns)] for i in range(len(turns)))
+    return [sorted(rows, key=lambda row: float(row["wall_seconds"]))[number // 2] for rows in each]
+
+
 def measure_steps(size: str) -> list[dict[str, Any]]:
     """Rows of ``steps.csv``."""
     rows = []
-    for case in cases.STEPS[size]:
-        progress(f"steps: {case}")
-        argument = {name: value for name, value in case.items() if name != "runs"}
-        ranks, number = case.get("ranks", 1), case.get("runs", 1)
-        runs = [child("benchmarks.steps", argument, ranks) for _ in range(number)]
-        rows.append(sorted(runs, key=lambda row: float(row["wall_seconds"]))[number // 2])
+    for number, turns in groupby(cases.STEPS[size], lambda case: case.get("runs", 1)):
+        rows += taken_in_turns(list(turns), number)
     if importlib.util.find_spec("getfem") is None:
         progress("no peer: python3-getfem is not installed")
     elif steps := cases.PEER_STEPS[size]:

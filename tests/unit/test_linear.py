@@ -9,7 +9,7 @@ import scenes
 from dolfinx_nts import _kernels, preconditioner
 from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.kept_factors import KeptFactors
-from dolfinx_nts.patch import _GlobalPairs
+from dolfinx_nts.patch_domain import GlobalPairs
 from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -247,13 +247,13 @@ def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
     def slabs(middle):  # the borders between ranks cross the contact
         return np.argsort(np.argsort(middle[:, 0])) * comm.size // len(middle)
 
-    given, local = {}, _GlobalPairs.local
+    given, local = {}, GlobalPairs.local
 
     def taken(self, dofs):
         given[comm.rank] = self.nodes
         return local(self, dofs)
 
-    monkeypatch.setattr(_GlobalPairs, "local", taken)
+    monkeypatch.setattr(GlobalPairs, "local", taken)
     scene = scenes.blocks(comm, owner=slabs)
     while scene.stepper.advance().num_active < 5:
         pass
