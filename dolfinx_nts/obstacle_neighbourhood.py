@@ -6,7 +6,7 @@ What a contact pair asks of a neighbourhood, answered by an `Obstacle`.
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.obstacles import Contact, Obstacle
 from dolfinx_nts.surfaces import Surface
@@ -38,7 +38,7 @@ class ObstacleNeighbourhood:
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Keep both."""
-        self.obstacle = obstacle
+        self.obstacle, self._nodes = obstacle, nodes
         self.index_map = nodes.V.dofmap.index_map
         self.num_local = int(self.index_map.size_local)
         self.key = obstacle.key
@@ -49,12 +49,13 @@ class ObstacleNeighbourhood:
         return self, False
 
     def places(self, x: Floats) -> tuple[Floats, Floats]:
-        """None that matter: `near` gives all nodes, wherever they are."""
-        return np.empty((0, 3)), np.empty((0, 3))
+        """Positions of this rank's nodes, and of no vertices, for `approach`."""
+        return x[self._nodes.nodes], np.empty((0, 3))
 
     def approach(self, x: Floats, before: tuple[Floats, Floats]) -> float:
-        """None that matters."""
-        return 0.0
+        """By how much any node may be closer than it was [m]. Collective."""
+        moved = _kernels.farthest(x, self._nodes.nodes, before[0])
+        return float(reductions.largest(self._nodes.V.mesh.comm, moved))
 
     @property
     def neighbourhood(self) -> "ObstacleNeighbourhood":
@@ -121,8 +122,8 @@ class ObstacleNeighbourhood:
         return segment, gap, springs
 
     def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
-        """All nodes: an obstacle may be anywhere. Positions in ``nodes``."""
-        return np.arange(len(nodes), dtype=np.int32)
+        """Nodes within reach of a facet, at least; positions in ``nodes``."""
+        return self.obstacle.near(x[nodes], reach)
 
     def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
         """Gap of nodes to given facets, shape ``(m,)`` [m]."""

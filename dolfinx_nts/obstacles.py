@@ -81,6 +81,15 @@ class Obstacle(ABC):
             Facet and gap [m], shape ``(m,)``.
         """
 
+    @abstractmethod
+    def near(self, x: Floats, reach: float) -> Ints:
+        """Numbers of the nodes within reach of a facet, at least.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+            reach: [m].
+        """
+
 
 class _Exact(Obstacle):
     """Obstacle given by its distance."""
@@ -122,6 +131,10 @@ class _Exact(Obstacle):
         """Facet 0 for all nodes in reach, see `Obstacle.find`."""
         gap, _ = self.distance(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
+
+    def near(self, x: Floats, reach: float) -> Ints:
+        """Numbers of the nodes in reach or inside, see `Obstacle.near`."""
+        return np.flatnonzero(self.distance(x)[0] <= reach).astype(np.int32)
 
 
 class RigidPlane(_Exact):

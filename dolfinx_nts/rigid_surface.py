@@ -75,3 +75,8 @@ class RigidSurface(Obstacle):
         """Facet of each node or -1, and gap, see `Obstacle.find`."""
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
         return found, gap
+
+    def near(self, x: Floats, reach: float) -> Ints:
+        """Numbers of the nodes within reach of the box of a facet, see `Obstacle.near`."""
+        near: Ints = self._segments.near(x, reach, self._points)
+        return near

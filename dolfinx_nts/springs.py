@@ -30,11 +30,9 @@ __all__ = ["ContactSprings"]
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
-# A node up to this part of a segment deep belongs to the segment; nodes are
-# looked at while they are within reach or may get there soon.
-_REACH, _MARGIN = 0.5, 0.5
-# Part of the margin that is used before the next look.
-_USED = 0.75
+# Parts of a segment: a node so far from it or so deep in it belongs to it, and so
+# far it may get before the next look, which is made when most of that is used.
+_REACH, _MARGIN, _USED = 0.5, 0.5, 0.75
 _NONE: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
 
@@ -239,9 +237,9 @@ class ContactSprings:
 
     def _look_around(self, x: Floats) -> None:
         """Find the nodes that may be in reach before the next look."""
-        search, reach = self.pair.search, (_REACH + _MARGIN) * self.pair.segment_size
+        search, size = self.pair.search, self.pair.segment_size
         here: Neighbourhood | ObstacleNeighbourhood
-        here, is_new = search.update(x, reach)
+        here, is_new = search.update(x, (_REACH + _MARGIN) * size)
         if is_new or np.isinf(self._travelled):
             current = here.find(self.pair.history.key)
         else:
@@ -249,7 +247,7 @@ class ContactSprings:
             current[self._candidates] = self._current
         self._travelled, self._seen = 0.0, search.places(x)
         x = here.with_ghosts(x[: here.index_map.size_local])
-        self._look_at(here, here.near(x, self.pair.nodes.nodes, reach), current)
+        self._look_at(here, here.near(x, self.pair.nodes.nodes, _MARGIN * size), current)
         self._idle = not reductions.total(self._comm, len(self._candidates))
 
     def _look_at(

@@ -204,6 +204,29 @@ def test_box_bounces_off_an_obstacle(comm, obstacle, friction):
         assert abs(v[0] - 0.3) > 1e-3
 
 
+def test_nodes_far_from_an_obstacle_are_not_looked_up(comm, monkeypatch):
+    box, floor = Box(comm), nts.RigidPlane((0.0, 0.0, -3.0), (0.0, 0.0, 1.0))
+    found, find = [], nts.RigidPlane.find
+
+    def counted(self, *arguments):
+        found.append(arguments)
+        return find(self, *arguments)
+
+    pair = nts.ContactPair(box.surface("bottom 0"), floor, nts.Penalty())
+    stepper = nts.CentralDifference([box.body], [pair])
+    stepper.set_velocity(box.body, (0.0, 0.0, -3.0))
+    monkeypatch.setattr(nts.RigidPlane, "find", counted)
+    stepper.advance()
+    found.clear()
+    height = comm.allreduce(stepper.x[:, 2].min(), op=MPI.MIN) + 3.0
+    while comm.allreduce(stepper.x[:, 2].min(), op=MPI.MIN) > 0.5 * height - 3.0:
+        stepper.advance()
+    assert not found
+    while not stepper.advance().num_active:
+        pass
+    assert comm.allreduce(len(found)) > 0
+
+
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
 def test_ball_on_plate(comm, friction):

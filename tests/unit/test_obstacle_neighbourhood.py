@@ -1,5 +1,7 @@
 """Nodes that meet an obstacle: the answers of a neighbourhood without other ranks."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
@@ -39,10 +41,36 @@ def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
 
 
 @obstacles
-def test_every_node_is_near_and_nothing_is_sent(name, nodes):
+@pytest.mark.parametrize("reach", [0.05, 0.5, 5.0])
+def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+    gap = here.pair(x, nodes.nodes, none, np.inf)[1]
+    near = here.near(x, nodes.nodes, reach)
+    assert np.all(np.isin(np.flatnonzero(gap <= reach), near))
+    # Boxes of facets are wider than the facets, but flat ones of flat facets.
+    assert name != "facets" or np.all(gap[near] <= reach)
+    counts = comm.allreduce(np.array([len(near), len(nodes.nodes)]))
+    assert (counts[0] == counts[1]) == (reach > 1)
+
+
+@obstacles
+def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    before = here.places(x)
+    assert here.approach(x, before) == 0.0
+    moved = x + [0.1, -0.2, 0.2]
+    moved[nodes.nodes[: len(nodes.nodes) // 2]] += [0.1, -0.2, 0.2]
+    farthest = 0.6 if len(nodes.nodes) > 1 else 0.3
+    assert here.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
+
+
+@obstacles
+def test_nothing_is_sent(name, nodes):
     here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     assert here.update(x, 0.1) == (here, False)
-    np.testing.assert_array_equal(here.near(x, nodes.nodes, 0.1), np.arange(len(nodes.nodes)))
     for values in (here.with_room(x), here.with_ghosts(x), here.to_owners(x)):
         assert values is x
