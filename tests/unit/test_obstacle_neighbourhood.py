@@ -61,8 +61,9 @@ def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
     x = nodes.V.tabulate_dof_coordinates()
     before = here.places(x)
     assert here.approach(x, before) == 0.0
-    moved = x + [0.1, -0.2, 0.2]
-    moved[nodes.nodes[: len(nodes.nodes) // 2]] += [0.1, -0.2, 0.2]
+    way = np.array([0.1, -0.2, 0.2])
+    moved = x + way
+    moved[nodes.nodes[: len(nodes.nodes) // 2]] += way
     farthest = 0.6 if len(nodes.nodes) > 1 else 0.3
     assert here.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
 
