@@ -4,7 +4,6 @@ The force is minus the gradient of the springs' energy at that state, so
 that every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,8 +18,7 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
-from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.lookout import Lookout
 from dolfinx_nts.slip import Slip
 from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.surfaces import Surface
@@ -30,9 +28,6 @@ __all__ = ["ContactSprings"]
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
-# Parts of a segment: a node so far from it or so deep in it belongs to it, and so
-# far it may get before the next look, which is made when most of that is used.
-_REACH, _MARGIN, _USED = 0.5, 0.5, 0.75
 _NONE: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
 
@@ -72,20 +67,11 @@ class ContactSprings:
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
-        self._neighbourhood: Neighbourhood | ObstacleNeighbourhood
-        # Nodes that are looked at, their positions in the surface's nodes, springs,
-        # and segments or -1; whether no rank has any; and where all were then.
-        self._nodes: Ints
-        self._candidates: Ints
-        self._stiffness: Floats
-        self._current: Ints
-        self._idle = False
-        self._seen: tuple[Floats, Floats]
-        self.forget()
+        self._lookout = Lookout(pair)
 
     def forget(self) -> None:
         """Look at all nodes again: the state was set."""
-        self._travelled = np.inf
+        self._lookout.forget()
 
     def exchange(
         self, archive: Archive, name: str, state: SpringState | None, x: Floats
@@ -105,18 +91,7 @@ class ContactSprings:
             The evaluation.
         """
         pair = self.pair
-        looked: Sequence[Any] | None = None
-        if not archive.giving and np.isfinite(self._travelled):
-            looked = [self._candidates, np.array([self._travelled, self._idle]), *self._seen]
-        looked = archive.local(f"{name}/looked", looked)
-        if archive.giving and looked is None:
-            self._look_around(x)
-        elif archive.giving and looked is not None:
-            candidates, (travelled, idle), nodes, vertices = looked
-            self._travelled, self._idle = float(travelled), bool(idle)
-            self._seen = nodes, vertices
-            here = pair.search.neighbourhood
-            self._look_at(here, candidates, here.find(pair.history.key))
+        self._lookout.exchange(archive, f"{name}/looked", x)
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
@@ -124,9 +99,9 @@ class ContactSprings:
         force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
         if state is not None and not archive.giving:
             return state
-        history, here = pair.history, self._neighbourhood
+        history, here = pair.history, self._lookout.here
         lost = None if pair.friction is None else history.dissipation
-        if self._idle:
+        if self._lookout.is_idle:
             return SpringState.none(lambda: history, lost)
         node = np.flatnonzero(history.active).astype(np.int32)
         key = history.key[node]
@@ -172,7 +147,7 @@ class ContactSprings:
     @property
     def num_segments(self) -> int:
         """Segments that this rank looks at."""
-        return len(self._neighbourhood.size)
+        return len(self._lookout.here.size)
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
         """Forces at x; never changes the pair.
@@ -184,21 +159,15 @@ class ContactSprings:
             step: Largest motion of any node since the last evaluation,
                 the same on all ranks [m].
         """
-        self._travelled += 2 * step
-        margin = _MARGIN * self.pair.segment_size
-        if self._travelled > margin:
-            # The bound is crude, as most bodies fly the same way.
-            if np.isfinite(self._travelled):
-                self._travelled = self.pair.search.approach(x, self._seen)
-            if self._travelled > _USED * margin:
-                self._look_around(x)
-        if self._idle:
+        pair, seen = self.pair, self._lookout
+        seen.update(x, step)
+        if seen.is_idle:
             return self._nothing()
-        pair, here = self.pair, self._neighbourhood
-        some, stiffness, reach = self._candidates, self._stiffness, _REACH * pair.segment_size
+        here, number, stiffness = seen.here, seen.number, seen.stiffness
         x = here.with_ghosts(x[: here.index_map.size_local])
-        segment, gap, springs = here.press(x, some, self._nodes, self._current, reach, stiffness)
-        self._current = segment
+        nodes, current = seen.nodes, seen.current
+        segment, gap, springs = here.press(x, number, nodes, current, seen.reach, stiffness)
+        seen.current = segment
         rubbed: dict[str, Any] = {}
         if pair.friction is not None:
             x_n = here.with_ghosts(x_n[: here.index_map.size_local])
@@ -208,8 +177,8 @@ class ContactSprings:
         def history() -> ContactHistory:
             history, node = ContactHistory.none(len(self._reduced_mass)), springs.node
             paired, inside = segment >= 0, gap < 0
-            history.key[some[paired]] = here.key[segment[paired]]
-            history.gap[some] = gap
+            history.key[number[paired]] = here.key[segment[paired]]
+            history.gap[number] = gap
             history.active[node] = True
             history.lambda_N[node] = (stiffness * gap)[inside]
             history.energy[node], history.force[node] = springs.energy, springs.force[:, 0]
@@ -234,37 +203,6 @@ class ContactSprings:
         du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
         lost = _NONE if new.dissipation is None else new.dissipation
         return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, lost)
-
-    def _look_around(self, x: Floats) -> None:
-        """Find the nodes that may be in reach before the next look."""
-        search, size = self.pair.search, self.pair.segment_size
-        here: Neighbourhood | ObstacleNeighbourhood
-        here, is_new = search.update(x, (_REACH + _MARGIN) * size)
-        if is_new or np.isinf(self._travelled):
-            current = here.find(self.pair.history.key)
-        else:
-            current = np.full(len(self._reduced_mass), -1, dtype=np.int32)
-            current[self._candidates] = self._current
-        self._travelled, self._seen = 0.0, search.places(x)
-        x = here.with_ghosts(x[: here.index_map.size_local])
-        self._look_at(here, here.near(x, self.pair.nodes.nodes, _MARGIN * size), current)
-        self._idle = not reductions.total(self._comm, len(self._candidates))
-
-    def _look_at(
-        self, here: Neighbourhood | ObstacleNeighbourhood, candidates: Ints, current: Ints
-    ) -> None:
-        """Look at some nodes, given by their positions in the surface's, from now on.
-
-        Args:
-            here: Segments in reach.
-            candidates: The nodes.
-            current: Last segment of each node of the surface or -1.
-        """
-        pair = self.pair
-        assert pair.eps_N is not None
-        self._neighbourhood, self._candidates = here, candidates
-        self._nodes, self._stiffness = pair.nodes.nodes[candidates], pair.eps_N[candidates]
-        self._current = current[candidates]
 
     def _nothing(self) -> SpringState:
         """No forces; what friction remembers is lost."""
@@ -295,7 +233,7 @@ class ContactSprings:
         pair, node = self.pair, springs.node
         assert pair.friction is not None and pair.eps_T is not None
         old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._neighbourhood.slip(x_n, x, springs.dofs, segments))
+        slip = Slip(self._lookout.here.slip(x_n, x, springs.dofs, segments))
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
         slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))

@@ -43,7 +43,7 @@ LAYERS = [
     {"obstacle_neighbourhood", "own_surface", "rigid_surface"},
     {"contact", "contact_rows", "spring_state"},
     {"active_set", "independent", "pairing", "tangential"},
-    {"normal_springs"},
+    {"lookout", "normal_springs"},
     {"contact_step", "report", "scene", "springs"},
     {"elimination", "block_rows", "stability"},
     {"assembly", "kept_factors", "patch_domain"},

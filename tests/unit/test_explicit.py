@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
-from dolfinx_nts import explicit, springs, stability
+from dolfinx_nts import explicit, lookout, stability
 
 CONSERVED = 1e-12
 
@@ -404,21 +404,21 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
     seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
     few, many = seldom.stepper, often.stepper
-    look, found = springs.ContactSprings._look_around, []
+    look, found = lookout.Lookout._look, []
+    search, size = few.pairs[0].search, few.pairs[0].segment_size
 
     def watched(self, x):
-        since = self._travelled if np.isinf(self._travelled) else search.approach(x, seen)
-        found.append(since / self.pair.segment_size)
+        since = self._travelled if np.isinf(self._travelled) else search.approach(x, places)
+        found.append(since / size)
         look(self, x)
 
-    search = few.pairs[0].search
-    monkeypatch.setattr(springs.ContactSprings, "_look_around", watched)
+    monkeypatch.setattr(lookout.Lookout, "_look", watched)
     for _ in range(100):
         few.advance()
-        seen = few._springs[0]._seen
-        assert search.approach(few.x, seen) <= springs._MARGIN * few.pairs[0].segment_size
+        places = few._springs[0]._lookout._places
+        assert search.approach(few.x, places) <= lookout._MARGIN * size
     assert np.isinf(found[0]) and 2 <= len(found) <= 10
-    assert agree(min(found[1:]) > springs._USED * springs._MARGIN)
+    assert agree(min(found[1:]) > lookout._USED * lookout._MARGIN)
     monkeypatch.undo()
     for _ in range(100):
         many._springs[0].forget()
