@@ -253,7 +253,7 @@ class CentralDifference(Stepper):
             contact = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
             sums[4:] = map(operator.add, sums[4:], contact)
         whole = reductions.total(self._comm, np.array(sums))
-        values: list[float] = whole.tolist()  # type: ignore[assignment]
+        values: Any = whole.tolist()
         load, damping, support, defect, in_reach, active, *works = values
         contact_work = ContactWork(*works)
         self._stability.count((load, support), damping + contact_work.friction)

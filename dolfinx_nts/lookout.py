@@ -20,7 +20,8 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 # Parts of a segment: a node so far from it or so deep in it belongs to it, and so
-# far it may get before the next look, which is made when most of that is used.
+# far it may get before the next look, which is made when most of that is used. The
+# margin is no less than the reach, or nodes deep inside would not be looked at.
 _REACH, _MARGIN, _USED = 0.5, 0.5, 0.75
 
 

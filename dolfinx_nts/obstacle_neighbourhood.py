@@ -3,6 +3,8 @@
 What a contact pair asks of a neighbourhood, answered by an `Obstacle`.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,10 +21,10 @@ GlobalInts = npt.NDArray[np.int64]
 
 
 class ObstacleNeighbourhood:
-    """An obstacle as `neighbourhood.Neighbourhood` and `search.Search` in one. Local.
+    """An obstacle as `neighbourhood.Neighbourhood` and `search.Search` in one.
 
     Segments are the obstacle's facets; pairs consist of the node alone, so
-    that d = 3 and no rank needs anything of another.
+    that d = 3 and no rank needs anything of another. Local, but for `approach`.
 
     Args:
         obstacle: The obstacle.
@@ -52,7 +54,7 @@ class ObstacleNeighbourhood:
         """Positions of this rank's nodes, and of no vertices, for `approach`."""
         return x[self._nodes.nodes], np.empty((0, 3))
 
-    def approach(self, x: Floats, before: tuple[Floats, Floats]) -> float:
+    def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """By how much any node may be closer than it was [m]. Collective."""
         moved = _kernels.farthest(x, self._nodes.nodes, before[0])
         return float(reductions.largest(self._nodes.V.mesh.comm, moved))

@@ -6,6 +6,8 @@ bounding box of their nodes; the vertices of what arrived become ghosts of
 an index map, which then carries positions to the contacts and forces back.
 """
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 
 import numpy as np
@@ -58,14 +60,9 @@ class Search:
         Returns:
             The neighbourhood, and whether it is a new one.
         """
-        if (
-            self._neighbourhood is not None
-            and self._covered is not None
-            and np.isinf(self._covered[2])
-        ):
-            return self._neighbourhood, False
         if self._neighbourhood is not None and self._covered is not None:
-            if self.approach(x, self._covered[:2]) + reach <= self._covered[2]:
+            *places, covered = self._covered
+            if np.isinf(covered) or self.approach(x, places) + reach <= covered:
                 return self._neighbourhood, False
         # Twice as much saves exchanges and costs a few segments.
         reach *= 2
@@ -82,7 +79,7 @@ class Search:
         """
         return x[self._nodes.nodes], x[self._vertices]
 
-    def approach(self, x: Floats, before: tuple[Floats, Floats]) -> float:
+    def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """By how much any node and segment may be closer than they were [m]. Collective.
 
         Args:

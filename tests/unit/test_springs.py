@@ -36,6 +36,21 @@ def test_springs_press_nodes_that_are_inside(rng, k):
     np.testing.assert_allclose(force.sum(axis=1), 0, atol=1e-15)
 
 
+def test_arrays_of_springs_must_fit():
+    node, key = np.zeros(2, dtype=np.int32), np.zeros(2, dtype=np.int64)
+    dofs, force, energy = np.ones((2, 5), dtype=np.int32), np.zeros((2, 5, 3)), np.zeros(2)
+    springs = _kernels.Springs(node, key, dofs, force, energy)
+    springs.force[1, 2] = 3.0
+    assert force[1, 2, 0] == 3.0  # the same array, which friction adds to
+    with pytest.raises(ValueError, match=r"force: expected shape \(2, 5, 3\), given \(2, 4, 3\)"):
+        _kernels.Springs(node, key, dofs, np.zeros((2, 4, 3)), energy)
+    with pytest.raises(ValueError, match="rows of du"):
+        _kernels.work_by_cause(springs, springs, np.zeros((1, 3)), np.zeros((2, 3)), np.empty(0))
+    with pytest.raises(ValueError, match="rows of lost"):
+        late = _kernels.Springs(node + 1, key, dofs, force, energy)
+        _kernels.work_by_cause(springs, late, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(1))
+
+
 @pytest.mark.parametrize("friction", [False, True])
 def test_work_is_sorted_by_cause(rng, friction):
     n, k = 40, 4
