@@ -23,6 +23,8 @@ from benchmarks import cases, plots, references, tables
 
 ROOT = Path(__file__).parents[1]
 
+_OF_PROCESS = ("ranks", "runs")
+
 
 def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:
     """Run a module on ranks of its own; what it prints as JSON."""
@@ -57,22 +59,28 @@ def progress(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)
 
 
-def taken_in_turns(turns: Sequence[Mapping[str, Any]], number: int) -> list[dict[str, Any]]:
-    """Row of each case, the median of a number of runs."""
+def taken_in_turns(
+    processes: Sequence[Sequence[Mapping[str, Any]]], number: int
+) -> list[dict[str, Any]]:
+    """Row of each case of some processes, the median of a number of runs."""
     runs = []
     for _ in range(number):
-        for case in turns:
-            progress(f"steps: {case}")
-            argument = {name: value for name, value in case.items() if name != "runs"}
-            runs.append(child("benchmarks.steps", argument, case.get("ranks", 1)))
-    each = (runs[i :: len(turns)] for i in range(len(turns)))
-    return [sorted(rows, key=lambda row: float(row["wall_seconds"]))[number // 2] for rows in each]
+        rows = []
+        for process in processes:
+            progress(f"steps: {process}")
+            own = [{k: v for k, v in case.items() if k not in _OF_PROCESS} for case in process]
+            rows += child("benchmarks.steps", own, process[0].get("ranks", 1))
+        runs.append(rows)
+    same = (
+        sorted(rows, key=lambda row: float(row["wall_seconds"])) for rows in zip(*runs, strict=True)
+    )
+    return [rows[number // 2] for rows in same]
 
 
 def measure_steps(size: str) -> list[dict[str, Any]]:
     """Rows of ``steps.csv``."""
     rows = []
-    for number, turns in groupby(cases.STEPS[size], lambda case: case.get("runs", 1)):
+    for number, turns in groupby(cases.STEPS[size], lambda process: process[0].get("runs", 1)):
         rows += taken_in_turns(list(turns), number)
     if importlib.util.find_spec("getfem") is None:
         progress("no peer: python3-getfem is not installed")

@@ -1,14 +1,17 @@
-"""Cost of a step: one process (or one mpirun) measures one case.
+"""Cost of a step: one process (or one mpirun) measures a case, or compares some.
 
-Run as ``python3 -m benchmarks.steps '{"scene": ..., ...}'``, which prints the
-row of ``steps.csv`` as JSON. The driver starts one for each case, so that
-the peak of memory is that of the case.
+Run as ``python3 -m benchmarks.steps '[{"scene": ..., ...}]'``, which prints
+the rows of ``steps.csv`` as JSON. Several cases take their steps in turn, so
+that a machine which changes its speed does so for all; the peak of memory is
+that of the process.
 """
 
 import json
 import resource
 import sys
 import time
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +37,6 @@ class Case:
         h: Step [s]; None: what central differences choose.
         t_start: Time from which on steps are measured [s].
         t_end: Time at the end [s].
-        ranks: Number of ranks.
         E: Young's modulus [Pa].
         rho: Density [kg/m^3].
         friction: Coefficient of friction, 0 for none.
@@ -48,7 +50,6 @@ class Case:
     h: float | None = 0.01
     t_start: float = 0.0
     t_end: float = 0.2
-    ranks: int = 1
     E: float = 1e5
     rho: float = 1e3
     friction: float = 0.0
@@ -73,113 +74,148 @@ class Case:
         )
 
 
-class Counters:
-    """What a stepper has counted so far.
+class Run:
+    """A case whose steps are measured. Collective, as its methods.
 
     Args:
-        stepper: Implicit or explicit.
+        case: The case.
+        comm: Communicator.
+        profile: Takes the time of its phases; one for all runs of a process.
     """
 
-    def __init__(self, stepper: Any) -> None:
-        """Remember where the parts are."""
-        self.bulk = stepper._bulk
+    def __init__(self, case: Case, comm: MPI.Comm, profile: Profile) -> None:
+        """Build the scene."""
+        self._case, self._comm, self._profile = case, comm, profile
+        self._scene = case.build(comm)
+        self._stepper = stepper = self._scene.stepper
+        stepper.timings = profile
+        self._diagnostics = nts.Diagnostics(stepper)
+        self._energy = self._diagnostics.balance().total_energy
+        self._skip = round(case.t_start / stepper.dt)
+        self.steps = round(case.t_end / stepper.dt) - self._skip
+        self._bulk = stepper._bulk
         self._solver = getattr(stepper, "_solver", None)  # explicit steps have none
+        # Between stretches there are energies, which cost a step of central differences
+        # and its cache.
+        stretches = 20 if self._solver else 10
+        self._stretch = max(1, -(-self.steps // stretches))
+        self._seconds: dict[str, float] = {}
+        self._counts: Counter[str] = Counter()
+        self._cpu = self._wall = self._drift = 0.0
+        self._done = self._newton = self._active = 0
+        self._residuals: list[float] = []
 
-    def now(self) -> dict[str, int]:
+    def skip(self) -> None:
+        """Advance to the first step that is measured."""
+        for _ in range(self._skip):
+            self._stepper.advance()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all steps have been measured."""
+        return self._done == self.steps
+
+    def advance(self) -> None:
+        """Measure some steps."""
+        steps = min(self._stretch, self.steps - self._done)
+        self._done += steps
+        self._profile.seconds = self._seconds
+        before = self._work()
+        self._comm.barrier()
+        start = time.process_time(), time.perf_counter()
+        for _ in range(steps):
+            report = self._stepper.advance()
+            self._newton += report.newton_iterations
+            self._active = report.num_active
+        self._cpu += time.process_time() - start[0]
+        self._wall += time.perf_counter() - start[1]
+        self._counts += self._work() - before
+        self._profile.seconds = {}
+        energy = self._diagnostics.balance().total_energy
+        self._drift = max(self._drift, abs(energy / self._energy - 1))
+        self._residuals += self._residual_seconds()
+
+    def _work(self) -> "Counter[str]":
         """Residuals, actions, tangents, Krylov iterations, whole factorisations."""
-        if self._solver is None:
-            counts = (self.bulk.internal.num_assemblies, 0, 0, 0, 0)
-        else:
-            bulk, solver = self.bulk, self._solver
-            counts = (
-                bulk.num_residuals,
-                bulk.num_actions,
-                bulk.num_tangents,
-                solver.num_iterations,
-                solver.num_direct,
-            )
-        names = ("residuals", "actions", "tangents", "krylov_iterations", "direct")
-        return dict(zip(names, counts, strict=True))
+        bulk, solver = self._bulk, self._solver
+        if solver is None:
+            return Counter(residuals=bulk.internal.num_assemblies)
+        return Counter(
+            residuals=bulk.num_residuals,
+            actions=bulk.num_actions,
+            tangents=bulk.num_tangents,
+            krylov_iterations=solver.num_iterations,
+            direct=solver.num_direct,
+        )
 
-    def residual_seconds(self, stepper: Any) -> float:
-        """CPU time of one evaluation of the forces of the bulk."""
-        evaluate = self.bulk.internal.assemble if self._solver is None else self.bulk.residual
-        u = stepper.u.x.array
-        accepted, seconds = u.copy(), []
-        for _ in range(203 if u.size < 50_000 else 23):
+    def _residual_seconds(self) -> list[float]:
+        """CPU times of evaluations of the forces of the bulk."""
+        evaluate = self._bulk.residual if self._solver else self._bulk.internal.assemble
+        u = self._stepper.u.x.array
+        accepted, seconds, warm = u.copy(), [], 1 if u.size > 50_000 else 3
+        for _ in range(2 * warm if self._solver else 10 * warm):
             # Of a state that has not changed, less would be done.
             u *= 1 + 1e-15
             start = time.process_time()
             evaluate()
             seconds.append(time.process_time() - start)
         u[:] = accepted
-        return float(np.mean(seconds[3:]))
+        return seconds[warm:]
+
+    def row(self) -> dict[str, Any]:
+        """Row of ``steps.csv``."""
+        case, comm, steps, stepper = self._case, self._comm, self.steps, self._stepper
+        shares = {name: comm.allreduce(value) / comm.size for name, value in self._seconds.items()}
+        mean = comm.allreduce(self._wall) / comm.size
+        shares["the rest"] = mean - sum(shares.values())
+        residual = comm.allreduce(float(np.mean(self._residuals)), op=MPI.MAX)
+        cpu, wall = (comm.allreduce(value, op=MPI.MAX) for value in (self._cpu, self._wall))
+        velocity = self._diagnostics.body_velocity(self._scene.body)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        counts = ("residuals", "actions", "tangents", "krylov_iterations", "direct")
+        return {
+            "scene": case.scene,
+            "scheme": case.scheme,
+            "element": case.element,
+            "n": case.n,
+            "dofs": 3 * stepper.u.function_space.dofmap.index_map.size_global,
+            "ranks": comm.size,
+            "h": stepper.dt,
+            "steps": steps,
+            "cpu_seconds": cpu,
+            "wall_seconds": wall,
+            "cpu_seconds_per_step": cpu / steps,
+            "wall_seconds_per_step": wall / steps,
+            "residual_seconds": residual,
+            "residuals_per_step": cpu / steps / residual,
+            "contact_share": sum(shares.get(name, 0.0) for name in CONTACT) / mean,
+            "newton_iterations": self._newton,
+            **{name: self._counts[name] for name in counts},
+            "peak_mb": comm.allreduce(peak, op=MPI.MAX),
+            "active": self._active,
+            "energy_drift": self._drift,
+            "v_y": velocity[1],
+            "v_z": velocity[2],
+            "strain_energy": self._diagnostics.strain_energy(),
+            **{f"share: {name}": value / mean for name, value in sorted(shares.items())},
+        }
 
 
-def measure(case: Case, comm: MPI.Comm) -> dict[str, Any]:
-    """Row of ``steps.csv``. Collective."""
+def measure(cases: Sequence[Case], comm: MPI.Comm) -> list[dict[str, Any]]:
+    """Rows of ``steps.csv``; steps are taken in turn. Collective."""
     profile = Profile()
-    scene = case.build(comm)
-    stepper, diagnostics = scene.stepper, nts.Diagnostics(scene.stepper)
-    stepper.timings = profile
-    counters = Counters(stepper)
-    energy = diagnostics.balance().total_energy
-    drift, cpu, wall, newton = 0.0, 0.0, 0.0, 0
-    skip = round(case.t_start / stepper.dt)
-    steps = round(case.t_end / stepper.dt) - skip
-    before = counters.now()
-    seldom = max(1, steps // 20)  # energies cost a step of central differences, and its cache
-    for step in range(skip + steps):
-        if step == skip:
-            profile.seconds.clear()
-            before = counters.now()
-            cpu = wall = 0.0
-            newton = 0
-        comm.barrier()
-        start = time.process_time(), time.perf_counter()
-        report = stepper.advance()
-        cpu += time.process_time() - start[0]
-        wall += time.perf_counter() - start[1]
-        newton += report.newton_iterations
-        if (step + 1) % seldom == 0:
-            drift = max(drift, abs(diagnostics.balance().total_energy / energy - 1))
-    counts = {name: value - before[name] for name, value in counters.now().items()}
-    seconds = {name: comm.allreduce(value) / comm.size for name, value in profile.seconds.items()}
-    mean = comm.allreduce(wall) / comm.size
-    residual = comm.allreduce(counters.residual_seconds(stepper), op=MPI.MAX)
-    cpu, wall = comm.allreduce(cpu, op=MPI.MAX), comm.allreduce(wall, op=MPI.MAX)
-    velocity = diagnostics.body_velocity(scene.body)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    seconds["the rest"] = mean - sum(seconds.values())
-    return {
-        "scene": case.scene,
-        "scheme": case.scheme,
-        "element": case.element,
-        "n": case.n,
-        "dofs": 3 * stepper.u.function_space.dofmap.index_map.size_global,
-        "ranks": comm.size,
-        "h": stepper.dt,
-        "steps": steps,
-        "cpu_seconds": cpu,
-        "wall_seconds": wall,
-        "cpu_seconds_per_step": cpu / steps,
-        "wall_seconds_per_step": wall / steps,
-        "residual_seconds": residual,
-        "residuals_per_step": cpu / steps / residual,
-        "contact_share": sum(seconds.get(name, 0.0) for name in CONTACT) / mean,
-        "newton_iterations": newton,
-        **counts,
-        "peak_mb": comm.allreduce(peak, op=MPI.MAX),
-        "active": report.num_active,
-        "energy_drift": drift,
-        "v_y": velocity[1],
-        "v_z": velocity[2],
-        "strain_energy": diagnostics.strain_energy(),
-        **{f"share: {name}": value / mean for name, value in sorted(seconds.items())},
-    }
+    runs = [Run(case, comm, profile) for case in cases]
+    for run in runs:
+        run.skip()
+    left = runs
+    while left:
+        for run in left:
+            run.advance()
+        left = [run for run in left if not run.is_over]
+    return [run.row() for run in runs]
 
 
 if __name__ == "__main__":
-    row = measure(Case(**json.loads(sys.argv[1])), MPI.COMM_WORLD)
+    rows = measure([Case(**case) for case in json.loads(sys.argv[1])], MPI.COMM_WORLD)
     if MPI.COMM_WORLD.rank == 0:
-        print("ROW", json.dumps(row))
+        print("ROW", json.dumps(rows))

@@ -78,6 +78,8 @@ class ExplicitBulk:
             NodalForce(CellForm(bulk_form(some, work)).everywhere, V) for some, work in works
         )
         self.loads = [NodalForce(packed(load.form(u, u)), V) for load in loads]
+        parts = enumerate((self.loads, self.damping))
+        self._working = [(i, part) for i, some in parts for part in some]
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
         # Without a copy, as it is made anew by every evaluation.
         self.total = self.internal.values
@@ -101,9 +103,8 @@ class ExplicitBulk:
             sums: Work of both [J], its first entries.
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        for i, parts in enumerate((self.loads, self.damping)):
-            for part in parts:
-                sums[i] += float(np.vdot(part.values, du)) / 2
+        for i, part in self._working:
+            sums[i] += float(np.vdot(part.values, du)) / 2
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""

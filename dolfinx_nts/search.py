@@ -41,6 +41,11 @@ class Search:
         """Start without a neighbourhood."""
         self._nodes, self._segments = nodes, segments
         self._vertices = np.unique(segments.segments)
+        space, vertices = segments.V.dofmap.index_map, segments.segments
+        ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
+        owners = _owners(space, segments.V.mesh.comm)[vertices]
+        # What is sent of a segment, but for its size.
+        self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self._covered: tuple[Floats, Floats, float] | None = None
         self._neighbourhood: Neighbourhood | None = None
         self.exchanges = 0
@@ -115,10 +120,7 @@ class Search:
     def _exchange(self, x: Floats, reach: float) -> Neighbourhood:
         space = self._segments.V.dofmap.index_map
         comm = self._segments.V.mesh.comm
-        vertices, orientation = self._segments.segments, self._segments.orientation
-        key = self._segments.key
-        ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
-        owners = _owners(space, comm)[vertices]
+        vertices = self._segments.segments
 
         box = _box(x[self._nodes.nodes], reach)
         # One rank has nobody to ask, and asking itself takes as long as all the rest.
@@ -127,11 +129,11 @@ class Search:
         lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
         size = diameters(x_vertex.swapaxes(0, 1))
-        mine = (ids, owners, orientation, key, size, self._segments.thickness)
+        mine = (*self._offer, size)
         parts = [tuple(values[n] for values in mine) for n in near]
         if comm.size > 1:
             parts = comm.alltoall(parts)
-        ids, owners, orientation, key, size, thickness = (
+        ids, owners, orientation, key, thickness, size = (
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )
         order = np.argsort(key)
@@ -144,9 +146,10 @@ class Search:
         ghost_owners[place] = owners[remote]
         local = ids - first
         local[remote] = last - first + place
-        index_map = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
+        if comm.size > 1:
+            space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
         return Neighbourhood(
-            index_map,
+            space,
             local.astype(np.int32),
             orientation[order],
             key[order],

@@ -60,20 +60,23 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.serial
-def test_rows_that_are_compared_take_turns_and_the_median_counts(monkeypatch):
-    calls, seconds = [], iter([3.0, 10.0, 1.0, 30.0, 2.0, 20.0])
+def test_processes_that_are_compared_take_turns_and_the_median_counts(monkeypatch):
+    calls, seconds = [], iter([3.0, 5.0, 10.0, 1.0, 6.0, 30.0, 2.0, 4.0, 20.0])
 
     def child(module, argument, ranks=1):
-        calls.append((argument, ranks))
-        return {**argument, "wall_seconds": next(seconds)}
+        calls.append(([case["n"] for case in argument], ranks))
+        return [{**case, "wall_seconds": next(seconds)} for case in argument]
 
     monkeypatch.setattr(driver, "child", child)
     monkeypatch.setattr(driver, "progress", lambda text: None)
-    cases = [{"n": 6, "runs": 3}, {"n": 12, "ranks": 2, "runs": 3}]
-    rows = driver.taken_in_turns(cases, 3)
-    assert [argument["n"] for argument, _ in calls] == [6, 12] * 3
-    assert [ranks for _, ranks in calls] == [1, 2] * 3
-    assert [(row["n"], row["wall_seconds"]) for row in rows] == [(6, 2.0), (12, 20.0)]
+    processes = [[{"n": 6, "runs": 3}, {"n": 8}], [{"n": 12, "ranks": 2, "runs": 3}]]
+    rows = driver.taken_in_turns(processes, 3)
+    assert calls == [([6, 8], 1), ([12], 2)] * 3
+    assert rows == [
+        {"n": 6, "wall_seconds": 2.0},
+        {"n": 8, "wall_seconds": 5.0},
+        {"n": 12, "wall_seconds": 20.0},
+    ]
 
 
 def test_each_scheme_and_rank_count_has_a_row_of_costs(folder):

@@ -64,33 +64,37 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   constexpr int max_iterations = 30;
   constexpr double degenerate = 1e-20; // det m relative to (tr m)^2
   constexpr double round_off = 1e-12;  // in xi, on the segment itself
-  const double square = squared_diameter<S>(pair.segment);
-  const Vec3 mixed = combine(S::d2phi(), pair.segment);
+  constexpr double unit = 1e-15;       // of the numbers
+  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed
+  const auto& x = pair.segment;
+  const Vec3 from = pair.node - x[0], mixed = combine(S::d2phi(), x);
+  const std::array<Vec3, 2> edge = {x[1] - x[0], x[2] - x[0]};
 
   Projection<S> p;
+  const auto finished = [&](const Vec3& r) noexcept
+  {
+    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
+    p.normal = (orientation / norm(n)) * n;
+    p.gap = dot(r, p.normal);
+    p.twist = dot(mixed, p.normal);
+    p.converged = true;
+    return p;
+  };
   for (int iteration = 0; iteration < max_iterations; ++iteration)
   {
-    const Vec3 r = pair.node - combine(S::phi(p.xi), pair.segment);
-    const Matrix<2, S::vertices> dphi = S::dphi(p.xi);
-    p.tangents
-        = {combine(dphi[0], pair.segment), combine(dphi[1], pair.segment)};
+    p.tangents = {edge[0] + p.xi[1] * mixed, edge[1] + p.xi[0] * mixed};
+    const Vec3 r = from - p.xi[0] * edge[0] - p.xi[1] * p.tangents[1];
     for (std::size_t a = 0; a < 2; ++a)
       for (std::size_t b = 0; b < 2; ++b)
         p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);
     const double trace = p.metric[0][0] + p.metric[1][1];
     const double area = det(p.metric);
     if (!(area > degenerate * trace * trace))
-      return p;
+      return {};
 
     // The last pass only evaluates the geometry at the converged xi.
     if (p.converged)
-    {
-      const Vec3 n = cross(p.tangents[0], p.tangents[1]);
-      p.normal = (orientation / norm(n)) * n;
-      p.gap = dot(r, p.normal);
-      p.twist = dot(mixed, p.normal);
-      return p;
-    }
+      return finished(r);
 
     Matrix<2, 2> A = p.metric;
     A[0][1] -= dot(r, mixed);
@@ -101,16 +105,17 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
     const Vec2 dxi = {A_inverse[0][0] * f[0] + A_inverse[0][1] * f[1],
                       A_inverse[1][0] * f[0] + A_inverse[1][1] * f[1]};
+    const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
+    if (way <= unit) // there already, as in the second pass where it is flat
+      return finished(r);
     p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
     // Round-off in xi grows with the distance of the node.
-    const double excess
-        = std::max(std::abs(dxi[0]), std::abs(dxi[1])) - round_off;
+    const double excess = way - round_off;
     p.converged
         = excess <= 0
-          || excess * excess * square <= round_off * round_off * dot(r, r);
+          || excess * excess * trace <= round_off * round_off * dot(r, r);
   }
-  p.converged = false;
-  return p;
+  return {};
 }
 
 /// @brief Distance of a node to a segment that ends at its edges.
