@@ -13,6 +13,11 @@ pytest.importorskip("pyvista")
 image = pytest.importorskip("matplotlib.image")
 
 
+def once(value):
+    """Parameter of tests that run on one rank only: one rank draws, and slowly."""
+    return pytest.param(value, marks=pytest.mark.serial)
+
+
 @pytest.fixture
 def folder(comm, tmp_path):
     """Return one folder for all ranks."""
@@ -25,9 +30,9 @@ def colours(comm, path):
     return len(np.unique(np.asarray(image.imread(path)).reshape(-1, 4)[:, :3], axis=0))
 
 
-@pytest.mark.parametrize("colour", ["stress", "displacement"])
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("colour", ["stress", once("displacement")])
+@pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
+@pytest.mark.parametrize("degree", [once(1), 2])
 def test_snapshot_shows_the_bodies(comm, folder, agree, colour, cell, degree):
     stepper = blocks(comm, cell=cell, degree=degree).stepper
     for _ in range(3):
@@ -78,8 +83,8 @@ def test_a_missing_folder_is_refused_on_all_ranks(comm, folder, refused):
         plotting.snapshot(blocks(comm).stepper, folder / "nowhere" / "a.png")
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("colour", ["pressure", "gap"])
+@pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
+@pytest.mark.parametrize("colour", [once("pressure"), "gap"])
 def test_contact_is_drawn_before_and_while_bodies_touch(comm, folder, agree, cell, colour):
     stepper = blocks(comm, cell=cell).stepper
     for name, steps in (("apart", 0), ("touching", 5)):
@@ -118,7 +123,9 @@ def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
         assert agree(np.allclose(grid["v"], np.linalg.norm(grid["velocity"], axis=1)))
 
 
-@pytest.mark.parametrize("colour", ["displacement", "contact_pressure", "gap", "body"])
+@pytest.mark.parametrize(
+    "colour", [once("displacement"), once("contact_pressure"), "gap", once("body")]
+)
 def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
     from PIL import Image
 
