@@ -79,6 +79,7 @@ def test_processes_that_are_compared_take_turns_and_the_median_counts(monkeypatc
     ]
 
 
+@pytest.mark.serial
 def test_each_scheme_and_rank_count_has_a_row_of_costs(folder):
     table = rows(folder / "steps.csv")
     assert set(table[0]) >= STEPS
