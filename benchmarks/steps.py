@@ -84,40 +84,37 @@ class Run:
     """
 
     def __init__(self, case: Case, comm: MPI.Comm, profile: Profile) -> None:
-        """Build the scene."""
+        """Build the scene and advance to the first step that is measured."""
         self._case, self._comm, self._profile = case, comm, profile
         self._scene = case.build(comm)
         self._stepper = stepper = self._scene.stepper
         stepper.timings = profile
         self._diagnostics = nts.Diagnostics(stepper)
         self._energy = self._diagnostics.balance().total_energy
-        self._skip = round(case.t_start / stepper.dt)
-        self.steps = round(case.t_end / stepper.dt) - self._skip
+        skipped = round(case.t_start / stepper.dt)
+        self._steps = round(case.t_end / stepper.dt) - skipped
         self._bulk = stepper._bulk
         self._solver = getattr(stepper, "_solver", None)  # explicit steps have none
         # Between stretches there are energies, which cost a step of central differences
         # and its cache.
         stretches = 20 if self._solver else 10
-        self._stretch = max(1, -(-self.steps // stretches))
+        self._stretch = max(1, -(-self._steps // stretches))
         self._seconds: dict[str, float] = {}
         self._counts: Counter[str] = Counter()
         self._cpu = self._wall = self._drift = 0.0
         self._done = self._newton = self._active = 0
         self._residuals: list[float] = []
-
-    def skip(self) -> None:
-        """Advance to the first step that is measured."""
-        for _ in range(self._skip):
-            self._stepper.advance()
+        for _ in range(skipped):
+            stepper.advance()
 
     @property
     def is_over(self) -> bool:
         """Whether all steps have been measured."""
-        return self._done == self.steps
+        return self._done == self._steps
 
     def advance(self) -> None:
         """Measure some steps."""
-        steps = min(self._stretch, self.steps - self._done)
+        steps = min(self._stretch, self._steps - self._done)
         self._done += steps
         self._profile.seconds = self._seconds
         before = self._work()
@@ -164,7 +161,7 @@ class Run:
 
     def row(self) -> dict[str, Any]:
         """Row of ``steps.csv``."""
-        case, comm, steps, stepper = self._case, self._comm, self.steps, self._stepper
+        case, comm, steps, stepper = self._case, self._comm, self._steps, self._stepper
         shares = {name: comm.allreduce(value) / comm.size for name, value in self._seconds.items()}
         mean = comm.allreduce(self._wall) / comm.size
         shares["the rest"] = mean - sum(shares.values())
@@ -205,8 +202,6 @@ def measure(cases: Sequence[Case], comm: MPI.Comm) -> list[dict[str, Any]]:
     """Rows of ``steps.csv``; steps are taken in turn. Collective."""
     profile = Profile()
     runs = [Run(case, comm, profile) for case in cases]
-    for run in runs:
-        run.skip()
     left = runs
     while left:
         for run in left:
