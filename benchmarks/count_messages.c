@@ -81,115 +81,24 @@ int MPI_Startall(int n, MPI_Request r[])
   return PMPI_Startall(n, r);
 }
 
-int MPI_Send(const void* b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c)
-{
-  message(n, t);
-  return PMPI_Send(b, n, t, to, tag, c);
-}
+#define COUNT int
+#define DISPLACEMENT int
+#define CALL(name) MPI_##name
+#define PROFILED(name) PMPI_##name
+#include "count_calls.h"
 
-int MPI_Isend(const void* b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c, MPI_Request* r)
-{
-  message(n, t);
-  return PMPI_Isend(b, n, t, to, tag, c, r);
-}
-
-int MPI_Issend(const void* b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c, MPI_Request* r)
-{
-  message(n, t);
-  return PMPI_Issend(b, n, t, to, tag, c, r);
-}
-
-int MPI_Sendrecv(const void* b, int n, MPI_Datatype t, int to, int tag, void* rb, int rn,
-                 MPI_Datatype rt, int from, int rtag, MPI_Comm c, MPI_Status* s)
-{
-  message(n, t);
-  return PMPI_Sendrecv(b, n, t, to, tag, rb, rn, rt, from, rtag, c, s);
-}
-
-// One message to each neighbour that gets something.
-static void neighbours(const int n[], MPI_Datatype t, MPI_Comm c)
-{
-  int in = 0, out = 0, weighted = 0;
-  PMPI_Dist_graph_neighbors_count(c, &in, &out, &weighted);
-  for (int i = 0; i < out; ++i)
-    if (n[i])
-      message(n[i], t);
-}
-
-int MPI_Neighbor_alltoallv(const void* b, const int n[], const int d[], MPI_Datatype t, void* rb,
-                           const int rn[], const int rd[], MPI_Datatype rt, MPI_Comm c)
-{
-  neighbours(n, t, c);
-  return PMPI_Neighbor_alltoallv(b, n, d, t, rb, rn, rd, rt, c);
-}
-
-int MPI_Ineighbor_alltoallv(const void* b, const int n[], const int d[], MPI_Datatype t, void* rb,
-                            const int rn[], const int rd[], MPI_Datatype rt, MPI_Comm c,
-                            MPI_Request* r)
-{
-  neighbours(n, t, c);
-  return PMPI_Ineighbor_alltoallv(b, n, d, t, rb, rn, rd, rt, c, r);
-}
-
-int MPI_Allreduce(const void* b, void* rb, int n, MPI_Datatype t, MPI_Op op, MPI_Comm c)
-{
-  collective(n, t);
-  return PMPI_Allreduce(b, rb, n, t, op, c);
-}
-
-int MPI_Iallreduce(const void* b, void* rb, int n, MPI_Datatype t, MPI_Op op, MPI_Comm c,
-                   MPI_Request* r)
-{
-  collective(n, t);
-  return PMPI_Iallreduce(b, rb, n, t, op, c, r);
-}
-
-int MPI_Reduce(const void* b, void* rb, int n, MPI_Datatype t, MPI_Op op, int root, MPI_Comm c)
-{
-  collective(n, t);
-  return PMPI_Reduce(b, rb, n, t, op, root, c);
-}
-
-int MPI_Bcast(void* b, int n, MPI_Datatype t, int root, MPI_Comm c)
-{
-  collective(n, t);
-  return PMPI_Bcast(b, n, t, root, c);
-}
-
-int MPI_Allgather(const void* b, int n, MPI_Datatype t, void* rb, int rn, MPI_Datatype rt,
-                  MPI_Comm c)
-{
-  collective(n, t);
-  return PMPI_Allgather(b, n, t, rb, rn, rt, c);
-}
-
-int MPI_Allgatherv(const void* b, int n, MPI_Datatype t, void* rb, const int rn[], const int d[],
-                   MPI_Datatype rt, MPI_Comm c)
-{
-  collective(n, t);
-  return PMPI_Allgatherv(b, n, t, rb, rn, d, rt, c);
-}
-
-int MPI_Alltoall(const void* b, int n, MPI_Datatype t, void* rb, int rn, MPI_Datatype rt,
-                 MPI_Comm c)
-{
-  int size = 0;
-  PMPI_Comm_size(c, &size);
-  collective((double)n * size, t);
-  return PMPI_Alltoall(b, n, t, rb, rn, rt, c);
-}
-
-int MPI_Alltoallv(const void* b, const int n[], const int d[], MPI_Datatype t, void* rb,
-                  const int rn[], const int rd[], MPI_Datatype rt, MPI_Comm c)
-{
-  int size = 0;
-  double total = 0;
-  PMPI_Comm_size(c, &size);
-  for (int i = 0; i < size; ++i)
-    total += n[i];
-  collective(total, t);
-  return PMPI_Alltoallv(b, n, d, t, rb, rn, rd, rt, c);
-}
+// The same with large counts, which mpi4py uses where there are any.
+#if MPI_VERSION >= 4
+#undef COUNT
+#undef DISPLACEMENT
+#undef CALL
+#undef PROFILED
+#define COUNT MPI_Count
+#define DISPLACEMENT MPI_Aint
+#define CALL(name) MPI_##name##_c
+#define PROFILED(name) PMPI_##name##_c
+#include "count_calls.h"
+#endif
 
 int MPI_Barrier(MPI_Comm c)
 {
