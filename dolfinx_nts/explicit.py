@@ -142,7 +142,7 @@ class CentralDifference(Stepper):
             return
         for number, force in enumerate((self._acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
-        # A sum has the same last digit only if it is the same partition's and its own.
+        # Summed anew, in another order than by the step, its last digit would differ.
         kept = archive.local("power", None if archive.giving else [np.array(self._power)])
         power = np.vdot(self._bulk.total, self._acceleration) if kept is None else kept[0]
         self._power = float(power)

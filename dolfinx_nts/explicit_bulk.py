@@ -78,6 +78,7 @@ class ExplicitBulk:
             NodalForce(CellForm(bulk_form(some, work)).everywhere, V) for some, work in works
         )
         self.loads = [NodalForce(packed(load.form(u, u)), V) for load in loads]
+        # All but the internal forces; by which sum of `add_work` they count.
         parts = enumerate((self.loads, self.damping))
         self._working = [(i, part) for i, some in parts for part in some]
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
@@ -87,14 +88,14 @@ class ExplicitBulk:
     def evaluate(self) -> None:
         """Set all forces but those of contact. Collective."""
         self.internal.assemble()
-        for part in (*self.loads, *self.damping):
+        for _, part in self._working:
             part.assemble()
             self.total += part.values
 
     @property
     def forces(self) -> list[Floats]:
         """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
-        return [part.values for part in (self.internal, *self.loads, *self.damping)]
+        return [self.internal.values, *(part.values for _, part in self._working)]
 
     def add_work(self, sums: list[float], du: Floats) -> None:
         """Add half of the work of the present loads and of damping. Local.

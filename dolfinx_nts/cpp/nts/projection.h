@@ -65,7 +65,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   constexpr double degenerate = 1e-20; // det m relative to (tr m)^2
   constexpr double round_off = 1e-12;  // in xi, on the segment itself
   constexpr double unit = 1e-15;       // of the numbers
-  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed
+  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed: the first
+  // vertices of all segments are those at (0,0), (1,0), (0,1).
   const auto& x = pair.segment;
   const Vec3 from = pair.node - x[0], mixed = combine(S::d2phi(), x);
   const std::array<Vec3, 2> edge = {x[1] - x[0], x[2] - x[0]};
