@@ -23,7 +23,7 @@ from benchmarks import cases, plots, references, tables
 
 ROOT = Path(__file__).parents[1]
 
-_OF_PROCESS = ("ranks", "runs")
+_OF_PROCESS = ("ranks", "runs")  # not of its cases
 
 
 def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:

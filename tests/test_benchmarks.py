@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+import dolfinx_nts as nts
 from benchmarks import __main__ as driver
 from benchmarks import publish
+from benchmarks.scenes import ball_on_plate
 
 ROOT = Path(__file__).parents[1]
 
@@ -95,6 +97,20 @@ def test_each_scheme_and_rank_count_has_a_row_of_costs(folder):
         assert float(row["residuals_per_step"]) > 1
     one, two = (row for row in table if row["scheme"] == "EM elastic")
     assert float(one["v_z"]) == pytest.approx(float(two["v_z"]), rel=1e-9)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("scheme", "h"), [("EM elastic", 0.01), ("central differences", None)])
+def test_measuring_leaves_the_steps_as_they_are(comm, folder, scheme, h):
+    scene = ball_on_plate(comm, scheme, h, n=3)
+    stepper = scene.stepper
+    for _ in range(round(0.14 / stepper.dt)):
+        report = stepper.advance()
+    (row,) = (r for r in rows(folder / "steps.csv") if (r["scheme"], r["ranks"]) == (scheme, "1"))
+    velocity = nts.Diagnostics(stepper).body_velocity(scene.body)
+    assert (float(row["v_y"]), float(row["v_z"])) == tuple(velocity[1:])
+    assert float(row["strain_energy"]) == nts.Diagnostics(stepper).strain_energy() > 0
+    assert int(row["active"]) == report.num_active > 0
 
 
 @pytest.mark.serial
