@@ -39,9 +39,16 @@ _DEFAULT: list[Rows] = [
         {"scene": "friction", **_FRICTION},
         {"scene": "friction, spring", "eps_T": 1e5, **_FRICTION},
     ],
-    *([{**_CONTACT, "n": 24, "ranks": ranks, "runs": 3, **_WINDOW}] for ranks in (1, 2)),
-    [{**_CONTACT, "n": 36, **_SHORT}],
-    [{"scene": "rho = 1", "n": 24, "rho": 1.0, **_SHORT}],
+    [
+        {**_CONTACT, "n": 24, "runs": 3, **_WINDOW},
+        {"scene": "beside n = 24", "n": 6, **_WINDOW},
+    ],
+    [{**_CONTACT, "n": 24, "ranks": 2, "runs": 3, **_WINDOW}],
+    [{**_CONTACT, "n": 36, **_SHORT}, {"scene": "beside n = 36", "n": 6, **_SHORT}],
+    [
+        {"scene": "rho = 1", "n": 24, "rho": 1.0, **_SHORT},
+        {"scene": "rho = 1000", "n": 24, **_SHORT},
+    ],
     *([{**_CONTACT, **_EXPLICIT, "n": n, "runs": 3, **_LONG}] for n in (6, 12)),
     *(
         [{**_CONTACT, **_EXPLICIT, "n": 24, "ranks": ranks, "runs": 3, **_WINDOW}]

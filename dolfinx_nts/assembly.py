@@ -218,7 +218,7 @@ class Bulk:
             fem.assemble_matrix(csr, form, self.bcs)
         csr.scatter_reverse()
         mean = self._rows.diagonal().mean(axis=1)
-        total, count = reductions.total(self.comm, np.array([np.abs(mean).sum(), len(mean)]))
+        total, count = reductions.total(self.comm, [np.abs(mean).sum(), len(mean)])
         self._stiffness = np.maximum(mean, 0.1 * total / count)
         self.num_tangents += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]

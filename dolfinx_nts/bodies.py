@@ -161,7 +161,7 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
     count = np.zeros(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     for body in bodies:
         count[body.cells] += 1
-    free, shared = reductions.total(mesh.comm, np.array([np.sum(count == 0), np.sum(count > 1)]))
+    free, shared = reductions.total(mesh.comm, [np.sum(count == 0), np.sum(count > 1)])
     if free or shared:
         raise ValueError(
             "expected every cell in exactly one body, "

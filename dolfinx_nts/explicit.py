@@ -255,9 +255,8 @@ class CentralDifference(Stepper):
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
             contact = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
             sums[4:] = map(operator.add, sums[4:], contact)
-        whole = reductions.total(self._comm, np.array(sums))
-        values: Any = whole.tolist()
-        load, damping, support, defect, in_reach, active, *works = values
+        sums = reductions.total(self._comm, sums)
+        load, damping, support, defect, in_reach, active, *works = sums
         contact_work = ContactWork(*works)
         self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:

@@ -189,9 +189,9 @@ class ImplicitStepper(Stepper):
         support_work = self._support_work(steps, solution.states, du)
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
-        in_reach = sum(len(step.neighbourhood.size) for step in steps)
-        sums = reductions.total(self._comm, np.array([loaded, -lost, solution.R @ du, in_reach]))
-        load_work, damping_work, solver_work = (float(value) for value in sums[:3])
+        near = sum(len(step.neighbourhood.size) for step in steps)
+        sums = [float(value) for value in (loaded, -lost, solution.R @ du, near)]
+        load_work, damping_work, solver_work, in_reach = reductions.total(self._comm, sums)
         v_n = self.v.x.array[:n].copy()
         self._mean_velocity = moved / dt
         self._update_velocity()
@@ -207,7 +207,7 @@ class ImplicitStepper(Stepper):
             active_set_changes=solution.report.active_set_changes,
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
-            num_segments=int(sums[3]),
+            num_segments=int(in_reach),
             num_resting=len(self._rest.bodies),
             contact_work=work,
             load_work=load_work,

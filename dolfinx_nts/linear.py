@@ -215,8 +215,9 @@ class LinearSolver:
             total: Floats = R.reshape(-1, 3).copy()
             # Close to the constraints their part is below what rtol leaves.
             force = 3 * self._bulk.nodal_stiffness()[:, None] * particular
-            sums = reductions.total(self._bulk.comm, np.array([np.vdot(force, force), R @ R]))
-            if sums[0] > (_NEGLIGIBLE * rtol) ** 2 * sums[1]:
+            squares = [float(np.vdot(force, force)), float(R @ R)]
+            part, whole = reductions.total(self._bulk.comm, squares)
+            if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
                 total += self._bulk.action(particular)
             r = -elimination.act(parts, total)
         self._b.array[:] = r.ravel()

@@ -41,7 +41,7 @@ def lost_nodes(step: ContactStep) -> str:
     here = step.neighbourhood
     if not isinstance(here, Neighbourhood):
         return ""
-    counts = np.array([_passed(step, here), _sunk(step, here), _crept(step, here)])
+    counts = [_passed(step, here), _sunk(step, here), _crept(step, here)]
     passed, sunk, crept = reductions.total(step.comm, counts)
     if passed:
         return f"nodes that pass through a surface: {passed}"

@@ -1,8 +1,8 @@
 """Sums and extremes over all ranks.
 
-Numbers and arrays go as buffers: as Python objects they take ten times as
-long, on one rank too. All functions are collective and return the type that
-they are given, on one rank the very object.
+Numbers, lists of them and arrays go as buffers: as Python objects they take
+ten times as long. All functions are collective and return the type that they
+are given, on one rank the very object.
 """
 
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ import numpy as np
 
 __all__ = ["anywhere", "everywhere", "largest", "least", "total"]
 
-T = TypeVar("T")  # int, float, bool or an array
+T = TypeVar("T")  # int, float, bool, a list of one of these, or an array
 
 
 def total(comm: MPI.Comm, value: T) -> T:
@@ -46,4 +46,4 @@ def _reduced(comm: MPI.Comm, value: T, op: MPI.Op) -> T:
         return value
     buffer: Any = np.array(value)
     comm.Allreduce(MPI.IN_PLACE, buffer, op=op)
-    return buffer if buffer.ndim else buffer.item()  # type: ignore[no-any-return]
+    return buffer if isinstance(value, np.ndarray) else buffer.tolist()  # type: ignore[no-any-return]

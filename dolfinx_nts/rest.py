@@ -123,9 +123,7 @@ class Rest:
         limit = _ROUNDING * bulk.cell_size * bulk.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]
         return {
-            body
-            for body, n in zip(bodies, reductions.total(bulk.comm, np.array(bad)), strict=True)
-            if not n
+            body for body, n in zip(bodies, reductions.total(bulk.comm, bad), strict=True) if not n
         }
 
     def _wake(self) -> None:

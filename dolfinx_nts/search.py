@@ -92,9 +92,9 @@ class Search:
             before: `places` then.
         """
         ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
-        moved = np.array([_kernels.farthest(x, rows, there) for rows, there in ways])
+        moved = [_kernels.farthest(x, rows, there) for rows, there in ways]
         # A node and a vertex of different ranks may approach each other.
-        return float(reductions.largest(self._nodes.V.mesh.comm, moved).sum())
+        return sum(reductions.largest(self._nodes.V.mesh.comm, moved))
 
     @property
     def neighbourhood(self) -> Neighbourhood:

@@ -138,9 +138,9 @@ class Cells:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
         """
         length = _kernels.cell_lengths(x, self._nodes)
-        time = (length / self._speed).min(initial=np.inf)
-        limits = np.array([time, length.min(initial=np.inf)])
-        least, shortest = (float(limit) for limit in reductions.least(self._comm, limits))
+        time = float((length / self._speed).min(initial=np.inf))
+        limits = [time, float(length.min(initial=np.inf))]
+        least, shortest = reductions.least(self._comm, limits)
         # A cell without any length has no frequency that a number can hold.
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
 

@@ -341,7 +341,7 @@ class Stepper(ABC):
             np.count_nonzero(~np.isfinite(function.x.array[: 3 * self._num_owned]))
             for function in (self.u, self.v)
         ]
-        counts = reductions.total(self._comm, np.array(bad))
+        counts = reductions.total(self._comm, bad)
         for name, count in zip(("displacement", "velocity"), counts, strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")

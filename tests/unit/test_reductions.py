@@ -39,3 +39,10 @@ def test_arrays_are_reduced_entry_by_entry_and_left_as_they_were(shape, comm, rn
     np.testing.assert_array_equal(reductions.largest(comm, mine), parts.max(axis=0))
     np.testing.assert_array_equal(reductions.least(comm, mine), parts.min(axis=0))
     np.testing.assert_array_equal(mine, parts[comm.rank])
+
+
+def test_lists_are_reduced_entry_by_entry(comm):
+    mine = [float(comm.rank), 0.5]
+    assert reductions.total(comm, mine) == [comm.size * (comm.size - 1) / 2, comm.size / 2]
+    assert reductions.largest(comm, mine) == [comm.size - 1, 0.5]
+    assert mine == [comm.rank, 0.5]
