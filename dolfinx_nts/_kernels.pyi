@@ -1,5 +1,7 @@
 """Types of the compiled module; shapes are in its docstrings."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -42,8 +44,6 @@ def close_gaps(
 ) -> None: ...
 def drift(dt: float, v: _Floats, a: _Floats, rate: _Floats, u: _Floats, du: _Floats) -> float: ...
 def kick(dt: float, mobility: _Floats, force: _Floats, a: _Floats, rate: _Floats) -> float: ...
-def follow(values: _Floats, kept: _Floats) -> bool: ...
-def pack(x: _Floats, nodes: _Ints, first: int, rows: _Floats) -> None: ...
 def cell_lengths(x: _Floats, cells: _Ints) -> _Floats: ...
 def press(
     number: _Ints,
@@ -71,6 +71,21 @@ class Springs:
     def __init__(
         self, node: _Ints, key: _Keys, dofs: _Ints, force: _Floats, energy: _Floats
     ) -> None: ...
+
+class CellIntegral:
+    def __init__(
+        self,
+        kernel: int,
+        takes_data: bool,
+        X: _Floats,
+        vertices: _Ints,
+        nodes: _Ints,
+        functions: Sequence[_Floats],
+        first: Sequence[int],
+        width: int,
+    ) -> None: ...
+    def restrict(self, cells: _Ints) -> None: ...
+    def add(self, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...
 
 class Segments:
     num_trees: int

@@ -16,15 +16,17 @@ from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts import reductions
 from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts.cell_form import CellForm
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import CellForm, compile_form, packed
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.packed_form import PackedForm
 from dolfinx_nts.supports import Supports
 
 __all__ = ["Bulk", "contact_residual"]
 
 Floats = npt.NDArray[np.float64]
+LinearForm = CellForm | PackedForm
 
 
 class Bulk:
@@ -70,18 +72,12 @@ class Bulk:
         self.fixed = self._given = self.supports.fixed
         self._direction = fem.Function(V)
         forms = [residual, *(-load for load in loads)]
+        actions = [ufl.derivative(form, u, self._direction) for form in forms]
         # First the form of the bodies, then those of the loads.
-        self._bodies = [
-            CellForm(expand_derivatives(form))
-            for form in (residual, ufl.derivative(residual, u, self._direction))
-        ]
+        self._bodies = [CellForm(expand_derivatives(some[0])) for some in (forms, actions)]
         self._residual, self._action = (
-            [body.everywhere, *(packed(part) for part in _expanded(parts))]
-            for body, parts in zip(
-                self._bodies,
-                (forms[1:], [ufl.derivative(form, u, self._direction) for form in forms[1:]]),
-                strict=True,
-            )
+            _with_loads(body, some[1:])
+            for body, some in zip(self._bodies, (forms, actions), strict=True)
         )
         self._derivatives = [ufl.derivative(form, u, ufl.TrialFunction(V)) for form in forms]
         self._tangent: list[fem.Form] = []
@@ -115,19 +111,19 @@ class Bulk:
         R[self._given] = 0
         return R
 
-    def leave_out(self, cells: npt.NDArray[np.int32] | None, nodes: npt.NDArray[np.int32]) -> None:
+    def leave_out(self, cells: npt.NDArray[np.int32], nodes: npt.NDArray[np.int32]) -> None:
         """Give nodes their present displacement until the next call.
 
         The residual and the action of the tangent are then assembled on
-        the other cells only. Collective.
+        the other cells only. Local.
 
         Args:
-            cells: Owned cells left out; None: none on any rank.
+            cells: Owned cells left out.
             nodes: Owned nodes that are only in cells left out.
         """
-        for forms, body in zip((self._residual, self._action), self._bodies, strict=True):
-            forms[0] = body.everywhere if cells is None else body.without(cells)
-        self.num_cells = self._all_cells - (0 if cells is None else len(cells))
+        for form in self._bodies:
+            form.leave_out(cells)
+        self.num_cells = self._all_cells - len(cells)
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
         self._given = np.union1d(self.fixed, dofs)
 
@@ -280,7 +276,7 @@ class Bulk:
         assert self._rows is not None
         return self._rows
 
-    def _assembled(self, forms: Sequence[PackedForm]) -> Floats:
+    def _assembled(self, forms: Sequence[LinearForm]) -> Floats:
         """Sum of linear forms on the owned dofs, a copy."""
         self._vector.array[:] = 0
         for form in forms:
@@ -288,6 +284,10 @@ class Bulk:
         self._vector.scatter_reverse(la.InsertMode.add)
         values: Floats = self._vector.array[: self.num_owned].copy()
         return values
+
+
+def _with_loads(bodies: CellForm, loads: Iterable[ufl.Form]) -> list[LinearForm]:
+    return [bodies, *map(PackedForm, _expanded(loads))]
 
 
 def _compile(forms: Iterable[ufl.Form]) -> list[fem.Form]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+import cffi
 import numpy as np
 import numpy.typing as npt
 from dolfinx.common import IndexMap
@@ -27,12 +28,15 @@ _HAS_LISTS = all(
     isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
 )
 
+_ffi = cffi.FFI()
+
 __all__ = [
     "cell_partitioner",
     "cpp_object",
     "geometry_degree",
     "geometry_nodes",
     "index_map",
+    "kernel",
     "model_to_mesh",
     "vtx_writer",
 ]
@@ -76,6 +80,14 @@ def index_map(
         return IndexMap(comm, size, ghosts, owners, 1202)
     except TypeError:
         return IndexMap(comm, size, ghosts, owners)
+
+
+def kernel(integral: Any) -> tuple[int, bool]:
+    """Address of FFCx's kernel of an integral, and whether it takes data of the user's."""
+    # It does since FFCx 0.10. Drop the second value when 0.9 is dropped.
+    function = integral.tabulate_tensor_float64
+    address = int(_ffi.cast("uintptr_t", function))
+    return address, len(_ffi.typeof(function).args) == 7
 
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:

@@ -9,7 +9,8 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.forms import CellForm, compile_form, packed
+from dolfinx_nts.cell_form import CellForm
+from dolfinx_nts.forms import compile_form
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
@@ -32,7 +33,7 @@ class NodalForce:
         num_assemblies: How often it was assembled.
     """
 
-    def __init__(self, form: PackedForm, V: fem.FunctionSpace) -> None:
+    def __init__(self, form: CellForm | PackedForm, V: fem.FunctionSpace) -> None:
         """Allocate."""
         self._form = form
         index_map = V.dofmap.index_map
@@ -75,9 +76,9 @@ class ExplicitBulk:
         damped = [body for body in bodies if body.material.is_damped]
         works = [(bodies, self._internal_work), *([(damped, self._damping_work)] if damped else [])]
         self.internal, *self.damping = (
-            NodalForce(CellForm(bulk_form(some, work)).everywhere, V) for some, work in works
+            NodalForce(CellForm(bulk_form(some, work)), V) for some, work in works
         )
-        self.loads = [NodalForce(packed(load.form(u, u)), V) for load in loads]
+        self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
         # All but the internal forces; by which sum of `add_work` they count.
         parts = enumerate((self.loads, self.damping))
         self._working = [(i, part) for i, some in parts for part in some]

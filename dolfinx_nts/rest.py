@@ -136,4 +136,4 @@ class Rest:
         none = np.empty(0, dtype=np.int32)
         cells = np.concatenate([none, *(body.cells for body in bodies)])
         nodes = np.concatenate([none, *(self._nodes[body] for body in bodies)])
-        self._bulk.leave_out(cells if bodies else None, np.unique(nodes))
+        self._bulk.leave_out(cells, np.unique(nodes))

@@ -13,7 +13,6 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 # A module may import from the rows above its own.
 LAYERS = [
     {"_kernels", "arguments", "gmsh_options", "reductions"},
-    {"packed_form"},
     {
         "archive",
         "blocks",
@@ -32,7 +31,8 @@ LAYERS = [
         "slip",
         "timing",
     },
-    {"materials", "parts", "ranks", "spaces", "step_control", "supports", "table"},
+    {"packed_form"},
+    {"cell_form", "materials", "parts", "ranks", "spaces", "step_control", "supports", "table"},
     {"energies", "meshing"},
     {"numbering"},
     {"surfaces"},

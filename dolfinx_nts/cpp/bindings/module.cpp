@@ -5,12 +5,12 @@
 
 namespace nts::bindings
 {
+void cells(nanobind::module_& m);
 void kinematics(nanobind::module_& m);
 void pairing(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
-void pack(nanobind::module_& m);
 void patch(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void springs(nanobind::module_& m);
@@ -21,12 +21,12 @@ NB_MODULE(_kernels, m)
   if (_import_array() < 0)
     throw nanobind::python_error();
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
+  nts::bindings::cells(m);
   nts::bindings::kinematics(m);
   nts::bindings::pairing(m);
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
-  nts::bindings::pack(m);
   nts::bindings::patch(m);
   nts::bindings::leapfrog(m);
   nts::bindings::springs(m);

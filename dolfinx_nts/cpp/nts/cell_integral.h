@@ -1,0 +1,112 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @brief Linear forms over cells, with the element kernels of FFCx.
+namespace nts
+{
+/// @brief Element vector of a cell, FFCx's `tabulate_tensor`.
+///
+/// Since FFCx 0.10 it takes data of the user's, which our forms do not have.
+class ElementKernel
+{
+public:
+  /// @param[in] address Of the function.
+  /// @param[in] takes_data Whether data of the user's is its last argument.
+  ElementKernel(std::uintptr_t address, bool takes_data) noexcept
+      : _address(address), _takes_data(takes_data)
+  {
+  }
+
+  /// @param[in,out] b Element vector, to which is added.
+  /// @param[in] w Values of the functions.
+  /// @param[in] c Values of the constants.
+  /// @param[in] X Vertices of the cell, (v, 3).
+  void operator()(double* b, const double* w, const double* c,
+                  const double* X) const noexcept
+  {
+    if (_takes_data)
+      reinterpret_cast<WithData>(_address)(b, w, c, X, nullptr, nullptr,
+                                           nullptr);
+    else
+      reinterpret_cast<Plain>(_address)(b, w, c, X, nullptr, nullptr);
+  }
+
+private:
+  using Plain = void (*)(double*, const double*, const double*, const double*,
+                         const int*, const std::uint8_t*);
+  using WithData
+      = void (*)(double*, const double*, const double*, const double*,
+                 const int*, const std::uint8_t*, void*);
+  std::uintptr_t _address;
+  bool _takes_data;
+};
+
+/// @brief Where a kernel finds the values of a function of the space.
+struct Gathered
+{
+  std::span<const double> values; ///< at the nodes, (l, 3)
+  std::size_t first;              ///< place of the first among those it reads
+};
+
+/// @brief A mesh and its space of vectors.
+struct CellNodes
+{
+  std::span<const double> X;              ///< vertices, (g, 3) [m]
+  std::span<const std::int32_t> vertices; ///< rows of X, (c, v)
+  std::size_t v;                          ///< vertices of a cell
+  std::span<const std::int32_t> nodes;    ///< of the space, (c, k)
+  std::size_t k;                          ///< nodes of a cell
+};
+
+/// @brief Copy rows of three numbers.
+/// @param[in] x (l, 3)
+/// @param[in] rows (n,)
+/// @param[out] out (n, 3)
+inline void gather(std::span<const double> x,
+                   std::span<const std::int32_t> rows, double* out) noexcept
+{
+  for (const std::int32_t row : rows)
+    out = std::copy_n(x.data() + 3 * static_cast<std::size_t>(row), 3, out);
+}
+
+/// @brief Add an integral over cells to a vector.
+/// @param[in] kernel Of the integral.
+/// @param[in] mesh Its cells.
+/// @param[in] cells Those to integrate over.
+/// @param[in] functions Functions of the space.
+/// @param[in] packed What the kernel reads of other functions cell by cell,
+/// (c, width), or nothing.
+/// @param[in] width Number of values that the kernel reads.
+/// @param[in] constants Their values.
+/// @param[in,out] b Values at the nodes, (l, 3).
+inline void add_cells(const ElementKernel& kernel, const CellNodes& mesh,
+                      std::span<const std::int32_t> cells,
+                      std::span<const Gathered> functions,
+                      std::span<const double> packed, std::size_t width,
+                      std::span<const double> constants, std::span<double> b)
+{
+  const auto [all_X, all_vertices, v, all_nodes, k] = mesh;
+  std::vector<double> X(3 * v), w(width), element(3 * k);
+  for (const std::int32_t cell : cells)
+  {
+    const auto c = static_cast<std::size_t>(cell);
+    const auto nodes = all_nodes.subspan(k * c, k);
+    gather(all_X, all_vertices.subspan(v * c, v), X.data());
+    if (!packed.empty())
+      std::copy_n(packed.data() + width * c, width, w.data());
+    for (const auto& [values, first] : functions)
+      gather(values, nodes, w.data() + first);
+    std::ranges::fill(element, 0.0);
+    kernel(element.data(), w.data(), constants.data(), X.data());
+    const double* from = element.data();
+    for (const std::int32_t node : nodes)
+      for (std::size_t i = 0; i < 3; ++i)
+        b[3 * static_cast<std::size_t>(node) + i] += *from++;
+  }
+}
+} // namespace nts
