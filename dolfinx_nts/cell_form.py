@@ -47,7 +47,8 @@ class CellForm:
         self._others = Coefficients(self._form, others) if others else None
         regions = dict(form.integrals()[0].subdomain_data())
         begin, end = compiled.form_integral_offsets[0:2]  # those over cells
-        self._cells = [regions[i] for i in compiled.form_integral_ids[begin:end]]
+        self._regions: list[Ints] = [regions[i] for i in compiled.form_integral_ids[begin:end]]
+        self._cells = self._regions
         self._integrals = [
             _kernels.CellIntegral(
                 *compat.kernel(integral),
@@ -61,7 +62,6 @@ class CellForm:
             for integral in compiled.form_integrals[begin:end]
         ]
         self._packed: list[Floats] = [_NOTHING] * len(self._integrals)
-        self.leave_out(np.empty(0, dtype=np.int32))
 
     def leave_out(self, cells: Ints) -> None:
         """Leave out cells until the next call. Local.
@@ -69,8 +69,7 @@ class CellForm:
         Args:
             cells: Owned cells.
         """
-        for integral, region in zip(self._integrals, self._cells, strict=True):
-            integral.restrict(np.setdiff1d(region, cells))
+        self._cells = [np.setdiff1d(region, cells) for region in self._regions]
 
     def assemble(self, b: Floats) -> None:
         """Add the form on the cells of this rank. Local.
@@ -79,13 +78,14 @@ class CellForm:
             b: Values at the local dofs, shape ``(3 l,)``.
         """
         if self._others is not None and self._others.update():
-            parts = self._others.packed
+            by_key = self._others.packed
             # In the order of their numbers, whether these or indices are in the keys.
-            rows = [parts[key] for key in sorted(parts, key=lambda key: key[1])]
-            self._packed = list(map(self._by_cell, self._cells, rows))
+            rows = [by_key[key] for key in sorted(by_key, key=lambda key: key[1])]
+            self._packed = list(map(self._by_cell, self._regions, rows))
         constants = cpp.fem.pack_constants(self._form._cpp_object)
-        for integral, packed in zip(self._integrals, self._packed, strict=True):
-            integral.add(packed, constants, b)
+        parts = zip(self._integrals, self._cells, self._packed, strict=True)
+        for integral, cells, packed in parts:
+            integral.add(cells, packed, constants, b)
 
     def _by_cell(self, cells: Ints, rows: Floats) -> Floats:
         """Rows of some cells among those of all local cells."""

@@ -44,25 +44,17 @@ public:
     }
   }
 
-  void restrict(Ints cells)
+  void add(const Ints& cells, const Doubles& packed, const Doubles& constants,
+           const Out<double>& b) const
   {
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
-    _cells = std::move(cells);
-    _is_restricted = true;
-  }
-
-  void add(const Doubles& packed, const Doubles& constants,
-           const Out<double>& b) const
-  {
-    if (!_is_restricted)
-      throw nb::value_error("expected a call of restrict before");
     if (packed.size())
       check("packed", packed, {_nodes.shape(0), _width});
     check_values("b", b);
     const CellNodes mesh{view(_X), view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1)};
-    add_cells(_kernel, mesh, view(_cells), _gathered, view(packed), _width,
+    add_cells(_kernel, mesh, view(cells), _gathered, view(packed), _width,
               view(constants), view(b));
   }
 
@@ -78,11 +70,10 @@ private:
 
   ElementKernel _kernel;
   Doubles _X;
-  Ints _vertices, _nodes, _cells;
+  Ints _vertices, _nodes;
   std::vector<Doubles> _functions;
   std::vector<Gathered> _gathered; // views of them
   std::size_t _width, _num_nodes = 0;
-  bool _is_restricted = false;
 };
 } // namespace
 
@@ -100,11 +91,9 @@ void cells(nb::module_& m)
            nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("width"),
            "-, -, (g, 3), (c, v), (c, k), each (3 l,), place of each, number "
            "of values that the kernel reads")
-      .def("restrict", &CellIntegral::restrict, nb::arg("cells"),
-           "(m,): the cells to integrate over")
-      .def("add", &CellIntegral::add, nb::arg("packed"), nb::arg("constants"),
-           nb::arg("b").noconvert(),
-           "(c, width) values of other functions or nothing, (n,); adds to b "
-           "(3 l,)");
+      .def("add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
+           nb::arg("constants"), nb::arg("b").noconvert(),
+           "(m,) of which cells, (c, width) values of other functions or "
+           "nothing, (n,); adds to b (3 l,)");
 }
 } // namespace nts::bindings
