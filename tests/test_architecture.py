@@ -46,7 +46,7 @@ LAYERS = [
     {"lookout", "normal_springs"},
     {"contact_step", "report", "scene", "springs"},
     {"elimination", "block_rows", "stability"},
-    {"assembly", "kept_factors", "patch_domain"},
+    {"assembly", "kept_factors", "kept_rows", "patch_domain"},
     {"patch"},
     {"preconditioner", "saddle", "rest", "explicit_bulk", "lost"},
     {"linear"},

@@ -9,6 +9,7 @@ import scenes
 from dolfinx_nts import _kernels, preconditioner
 from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.kept_factors import KeptFactors
+from dolfinx_nts.kept_rows import KeptRows
 from dolfinx_nts.patch_domain import GlobalPairs
 from dolfinx_nts.saddle import SaddleSystem
 
@@ -127,14 +128,19 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
-def test_multigrid_with_kept_factors_converges_as_with_those_of_petsc(comm, monkeypatch):
+def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(comm, monkeypatch):
     monkeypatch.setattr("dolfinx_nts.linear._MOST_CROSSINGS", 0.0)
     monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], preconditioner._Smoother.apply
+    multiplied, mult = [], KeptRows.mult
 
     def counted(self, pc, r, z):
         smoothed.append(pc)
         apply(self, pc, r, z)
+
+    def counted_product(self, matrix, x, y):
+        multiplied.append(matrix)
+        mult(self, matrix, x, y)
 
     def run():
         scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
@@ -145,15 +151,17 @@ def test_multigrid_with_kept_factors_converges_as_with_those_of_petsc(comm, monk
         return scene.positions(), solver.num_iterations
 
     monkeypatch.setattr(preconditioner._Smoother, "apply", counted)
+    monkeypatch.setattr(KeptRows, "mult", counted_product)
     kept, iterations = run()
     # Before and after the coarser levels.
-    count = len(smoothed)
-    assert count >= 2 * iterations > 0
-    monkeypatch.setattr(preconditioner.Preconditioner, "_smooth", lambda self, matrix: None)
-    expected, of_petsc = run()
-    assert len(smoothed) == count
+    counts = len(smoothed), len(multiplied)
+    assert min(counts) >= 2 * iterations > 0
+    of_petsc = property(lambda self: False, lambda self, value: None)
+    monkeypatch.setattr(preconditioner.Preconditioner, "_wants_own", of_petsc, raising=False)
+    expected, others = run()
+    assert (len(smoothed), len(multiplied)) == counts
     # Each run has a partition of its own.
-    assert abs(iterations - of_petsc) <= 2
+    assert abs(iterations - others) <= 2
     np.testing.assert_allclose(kept, expected, atol=1e-9)
 
 

@@ -1,4 +1,5 @@
 #include "block_matrix.h"
+#include "nts/single_matrix.h"
 
 namespace nts::bindings
 {
@@ -31,6 +32,21 @@ void apply(Factors& factors, const Doubles& b, Out<double> x)
     throw nb::value_error("x: expected no more rows than the matrix has");
   factors.apply(view(b), view(x));
 }
+
+void pack(SingleMatrix* self, const In<std::int64_t>& start,
+          const In<std::int32_t>& column, const Doubles& value)
+{
+  new (self) SingleMatrix(block_matrix(start, column, value));
+}
+
+void multiply(SingleMatrix& A, const Doubles& x, Out<double> y)
+{
+  check("x", x, {any, 3});
+  if (x.shape(0) < A.width())
+    throw nb::value_error("x: expected a row for each column of the matrix");
+  check("y", y, {A.size(), 3});
+  A.multiply(view(x), view(y));
+}
 } // namespace
 
 void factors(nb::module_& m)
@@ -45,5 +61,13 @@ void factors(nb::module_& m)
            "(n + 1,), (b,), (9 b,), (n,) rows in the order of elimination")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
            "Solve for x at the first m rows: (n, 3), (m, 3)");
+  nb::class_<SingleMatrix>(m, "SingleMatrix",
+                           "Rows of 3 x 3 blocks in single precision, see "
+                           "nts/single_matrix.h")
+      .def("__init__", &pack, nb::arg("start"), nb::arg("column"),
+           nb::arg("value"), "Copy: (n + 1,), (b,), (9 b,)")
+      .def("multiply", &multiply, nb::arg("x"), nb::arg("y").noconvert(),
+           "Set y to the product with x, columns in any number from those of "
+           "the matrix on: (m, 3), (n, 3)");
 }
 } // namespace nts::bindings
