@@ -38,6 +38,7 @@ __all__ = [
     "index_map",
     "kernel",
     "model_to_mesh",
+    "shared",
     "vtx_writer",
 ]
 
@@ -88,6 +89,17 @@ def kernel(integral: Any) -> tuple[int, bool]:
     function = integral.tabulate_tensor_float64
     address = int(_ffi.cast("uintptr_t", function))
     return address, len(_ffi.typeof(function).args) == 7
+
+
+def shared(index_map: IndexMap) -> npt.NDArray[np.int32]:
+    """Owned entries that are ghosts of other ranks. Collective."""
+    # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
+    try:
+        ranks = index_map.index_to_dest_ranks()
+    except TypeError:
+        ranks = index_map.index_to_dest_ranks(1203)
+    owned = ranks.offsets[: index_map.size_local + 1]  # then those of ghosts
+    return np.flatnonzero(np.diff(owned)).astype(np.int32)
 
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:

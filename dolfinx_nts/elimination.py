@@ -24,6 +24,7 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels, reductions
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.excerpt import Excerpt
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 
@@ -40,7 +41,10 @@ class ActivePairs(NamedTuple):
     """Active pairs of one contact pair, see `ContactState`.
 
     Attributes:
-        kernel: The projections on their constraints.
+        kernel: The projections on their constraints, in an excerpt.
+        excerpt: Their nodes; None where a rank knows all values: then it is
+            the vector itself.
+        place: Of ``dofs`` in the excerpt, shape ``(m, 1+k)``.
         here: Neighbourhood that carries their values between ranks.
         eliminable: Whether the node can give up what constraints determine.
         excess: What they should make zero, shape ``(m, 3)`` [m].
@@ -53,6 +57,8 @@ class ActivePairs(NamedTuple):
     """
 
     kernel: _kernels.Elimination
+    excerpt: Excerpt | None
+    place: Ints
     here: Neighbourhood | ObstacleNeighbourhood
     eliminable: Flags
     excess: Floats
@@ -73,7 +79,13 @@ class ActivePairs(NamedTuple):
         if not state.active.all():
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
-        return cls(_kernels.Elimination(*arrays[2:]), here, *arrays)
+        excerpt, place = None, arrays[2]
+        if isinstance(here, Neighbourhood) and not here.is_serial:
+            nodes, place = np.unique(place, return_inverse=True)
+            excerpt = Excerpt(here, nodes)
+            place = place.reshape(arrays[2].shape).astype(np.int32)
+        kernel = _kernels.Elimination(place, *arrays[3:])
+        return cls(kernel, excerpt, place, here, *arrays)
 
     def global_dofs(self) -> npt.NDArray[Any]:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
@@ -128,24 +140,24 @@ class Elimination:
         return x, self._constrain(x, [-p.excess for p in self.pairs])
 
     def constrain(self, x: Floats) -> list[Floats]:
-        """Replace x by Z x; returns Z x with ghosts for each of `pairs`."""
+        """Replace x by Z x; returns an excerpt of Z x for each of `pairs`."""
         return self._constrain(x, [_NONE] * len(self.pairs))
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
-        parts = [p.here.with_ghosts(x) for p in self.pairs]
+        parts = [x if p.excerpt is None else p.excerpt.take(x) for p in self.pairs]
         for p, value, part in zip(self.pairs, values, parts, strict=True):
             p.kernel.constrain(value, part)
             if part is not x:
-                nodes = p.constrained
-                x[nodes] = part[nodes]
+                x[p.constrained] = part[p.place[p.rank > 0, 0]]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
         for p, x in zip(self.pairs, parts, strict=True):
-            local = p.here.with_room(y)
-            p.kernel.act(x, local)
-            y = p.here.to_owners(local)
+            part = y if p.excerpt is None else p.excerpt.owned(y)
+            p.kernel.act(x, part)
+            if p.excerpt is not None:
+                p.excerpt.put(part, y)
         return y
 
 

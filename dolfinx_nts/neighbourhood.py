@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import common, la
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, compat
 
 __all__ = ["Neighbourhood"]
 
@@ -26,6 +26,11 @@ class Neighbourhood:
         key: Partition-independent number, ascending, shape ``(s,)``.
         size: Current diameters, shape ``(s,)`` [m].
         thickness: Of the cells under them, shape ``(s,)`` [m, reference].
+
+    Attributes:
+        vector: Carries values of nodes between ranks.
+        shared: Owned nodes that are ghosts of other ranks.
+        is_serial: Whether there are no other ranks' nodes.
     """
 
     def __init__(
@@ -42,8 +47,9 @@ class Neighbourhood:
         self.orientation, self.key, self.size = orientation, key, size
         self.thickness = thickness
         self._kernel = _kernels.Segments(segments, orientation, key)
-        self._serial = index_map.size_global == index_map.size_local
-        self._vector = la.vector(index_map, 3)
+        self.is_serial = index_map.size_global == index_map.size_local
+        self.vector = la.vector(index_map, 3)
+        self.shared = compat.shared(index_map)
 
     def find(self, key: GlobalInts) -> Ints:
         """Local segment of each key, -1 where it is not here."""
@@ -182,12 +188,6 @@ class Neighbourhood:
         orientation = self.orientation.take(segment)
         return x_n.take(dofs, axis=0), x.take(dofs, axis=0), orientation
 
-    def with_room(self, owned: Floats) -> Floats:
-        """Owned values, then zeros for the ghosts; the same array without. Local."""
-        if self._serial:
-            return owned
-        return np.concatenate([owned, np.zeros((self.index_map.num_ghosts, 3))])
-
     def with_ghosts(self, owned: Floats) -> Floats:
         """Owned values, then those of the ghosts. Collective.
 
@@ -198,11 +198,11 @@ class Neighbourhood:
             Values at all nodes of the map, shape ``(n + ghosts, 3)``; the
             same array if there are no ghosts.
         """
-        if self._serial:
+        if self.is_serial:
             return owned
-        self._vector.array[: owned.size] = owned.ravel()
-        self._vector.scatter_forward()
-        values: Floats = self._vector.array.reshape(-1, 3).copy()
+        self.vector.array[: owned.size] = owned.ravel()
+        self.vector.scatter_forward()
+        values: Floats = self.vector.array.reshape(-1, 3).copy()
         return values
 
     def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
@@ -213,13 +213,13 @@ class Neighbourhood:
             dofs: Nodes of the map, any shape.
             values: What is added at each, shape ``(*dofs.shape, 3)``.
         """
-        if self._serial:
+        if self.is_serial:
             _kernels.add_rows(total, dofs, values)
             return
-        forces = self._vector.array.reshape(-1, 3)
+        forces = self.vector.array.reshape(-1, 3)
         forces[:] = 0
         _kernels.add_rows(forces, dofs, values)
-        self._vector.scatter_reverse(la.InsertMode.add)
+        self.vector.scatter_reverse(la.InsertMode.add)
         total += forces[: len(total)]
 
     def to_owners(self, values: Floats) -> Floats:
@@ -232,9 +232,9 @@ class Neighbourhood:
         Returns:
             Sums at the owned nodes, shape ``(n, 3)``.
         """
-        if self._serial:
+        if self.is_serial:
             return values
-        self._vector.array[:] = values.ravel()
-        self._vector.scatter_reverse(la.InsertMode.add)
-        sums: Floats = self._vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+        self.vector.array[:] = values.ravel()
+        self.vector.scatter_reverse(la.InsertMode.add)
+        sums: Floats = self.vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
         return sums

@@ -71,10 +71,6 @@ class ObstacleNeighbourhood:
         """Facet of each key, -1 where there is none."""
         return key.astype(np.int32)
 
-    def with_room(self, owned: Floats) -> Floats:
-        """The owned values."""
-        return owned
-
     def with_ghosts(self, owned: Floats) -> Floats:
         """The owned values."""
         return owned

@@ -127,6 +127,8 @@ class OverlappingDomain:
         self._position = nodes - first
         self._position[~own] = space.size_local + np.arange(len(ghosts))
         self._inner = np.flatnonzero(own[: self._num_rows])
+        # Owned nodes whose values somebody needs.
+        self._needed = np.union1d(compat.shared(index_map), self._position[own])
         self._exists = self._factors.build()
 
     def _at_owners(self, pairs: GlobalPairs) -> GlobalPairs:
@@ -160,7 +162,8 @@ class OverlappingDomain:
         """Constrain z and correct it, as `patch.Patch.correct`."""
         elimination.constrain(z)
         both: Floats = self._vector.array.reshape(-1, 6)
-        both[: len(r), :3], both[: len(r), 3:] = r, z
+        needed = self._needed
+        both[needed, :3], both[needed, 3:] = r[needed], z[needed]
         self._vector.scatter_forward()
         if not self._exists:
             return

@@ -25,13 +25,12 @@ LAYERS = [
         "hexahedra",
         "interrupts",
         "journal",
-        "neighbourhood",
         "pivoting",
         "progress",
         "slip",
         "timing",
     },
-    {"packed_form"},
+    {"neighbourhood", "packed_form"},
     {"cell_form", "materials", "parts", "ranks", "spaces", "step_control", "supports", "table"},
     {"energies", "meshing"},
     {"numbering"},
@@ -41,7 +40,7 @@ LAYERS = [
     {"form_load", "stable_step", "step_forms"},
     {"search", "enforcement", "friction", "obstacles"},
     {"obstacle_neighbourhood", "own_surface", "rigid_surface"},
-    {"contact", "contact_rows", "spring_state"},
+    {"contact", "contact_rows", "excerpt", "spring_state"},
     {"active_set", "independent", "pairing", "tangential"},
     {"lookout", "normal_springs"},
     {"contact_step", "report", "scene", "springs"},
@@ -135,7 +134,6 @@ def test_what_differs_between_releases_is_used_through_compat(module):
 
 def test_arrays_of_contact_know_no_forms():
     for module in (
-        "neighbourhood",
         "search",
         "enforcement",
         "friction",

@@ -73,5 +73,5 @@ def test_nothing_is_sent(name, nodes):
     here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     assert here.update(x, 0.1) == (here, False)
-    for values in (here.with_room(x), here.with_ghosts(x), here.to_owners(x)):
+    for values in (here.with_ghosts(x), here.to_owners(x)):
         assert values is x
