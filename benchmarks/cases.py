@@ -49,13 +49,7 @@ _DEFAULT: list[Rows] = [
         {"scene": "rho = 1", "n": 24, "rho": 1.0, **_SHORT},
         {"scene": "rho = 1000", "n": 24, **_SHORT},
     ],
-    *(
-        [
-            {**_CONTACT, **_EXPLICIT, "n": n, "runs": 3, **_LONG},
-            {"scene": "beside central differences", "n": n, **_SHORT},
-        ]
-        for n in (6, 12)
-    ),
+    *([{**_CONTACT, **_EXPLICIT, "n": n, "runs": 3, **_LONG}] for n in (6, 12)),
     *(
         [{**_CONTACT, **_EXPLICIT, "n": 24, "ranks": ranks, "runs": 3, **_WINDOW}]
         for ranks in (1, 2)
