@@ -155,12 +155,12 @@ def _targets(steps: Rows) -> str:
                 f"central differences, step in residuals of EM elastic, n = {n}",
                 lambda n=n: (
                     explicit(n)["cpu_seconds_per_step"]
-                    / _find(steps, scene="beside central differences", n=n)["residual_seconds"]
+                    / _find(steps, scene="contact", n=n)["residual_seconds"]
                 ),
                 "<=",
                 1.5,
             )
-            for n in (6, 12)
+            for n in sizes
         ),
         *(
             (
