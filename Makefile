@@ -11,7 +11,7 @@ demo: ## ball on plate with both schemes
 	cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
 	@echo "The results lie in $(CURDIR)/results"
 
-bench: ## run time against error, SIZE=default (10 to 25 minutes) or full
+bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
 	@echo "The results lie in $(CURDIR)/results/bench"
 
