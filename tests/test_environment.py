@@ -5,6 +5,7 @@ stand-ins of ``mmdebstrap``, ``bwrap`` and ``apt``.
 """
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -276,3 +277,10 @@ def test_failure_is_explained_and_leaves_nothing(host: Host, failure: str) -> No
     else:
         (host.programs / name).unlink()
     assert host.call("true")[0] == 0
+
+
+def test_sanitized_tests_exist():
+    script = (PROJECT / "environment" / "sanitize").read_text()
+    (names,) = re.findall(r"tests/unit/test_\{(.*?)\}\.py", script)
+    files = {f"test_{name}.py" for name in names.split(",")}
+    assert files <= {file.name for file in (PROJECT / "tests" / "unit").iterdir()}
