@@ -235,6 +235,15 @@ private:
   std::vector<float> _entry;
 };
 
+/// @brief Largest absolute value, 0 of none.
+inline double largest(std::span<const double> values) noexcept
+{
+  double most = 0;
+  for (const double value : values)
+    most = std::max(most, std::abs(value));
+  return most;
+}
+
 /// @brief What brings a number to the size of 1 without rounding: numbers in
 /// single precision shall have it, whatever the units.
 inline double power_of_two(double size) noexcept

@@ -77,10 +77,7 @@ public:
   /// @param[out] x Values of the first rows, all or fewer; may be b.
   void apply(std::span<const double> b, std::span<double> x)
   {
-    double largest = 0;
-    for (const double entry : b)
-      largest = std::max(largest, std::abs(entry));
-    const double scale = power_of_two(largest);
+    const double scale = power_of_two(largest(b));
     const std::size_t n = _order.size();
     _x.resize(3 * n);
     std::size_t e = 0;

@@ -12,10 +12,7 @@ public:
   explicit SingleMatrix(const BlockMatrix& A)
       : _start(A.start.begin(), A.start.end())
   {
-    double largest = 0;
-    for (const double entry : A.value)
-      largest = std::max(largest, std::abs(entry));
-    _scale = power_of_two(largest);
+    _scale = power_of_two(largest(A.value));
     _rows.resize(A.column.size());
     for (std::size_t e = 0; e < A.column.size(); ++e)
     {
@@ -29,10 +26,7 @@ public:
   /// @param[out] y Values of the rows, (n, 3).
   void multiply(std::span<const double> x, std::span<double> y)
   {
-    double largest = 0;
-    for (const double entry : x)
-      largest = std::max(largest, std::abs(entry));
-    const double scale = power_of_two(largest);
+    const double scale = power_of_two(largest(x));
     _x.resize(x.size());
     for (std::size_t i = 0; i < x.size(); ++i)
       _x[i] = without_dust(static_cast<float>(scale * x[i]));
