@@ -290,6 +290,7 @@ class Bulk:
 
 
 def _with_loads(bodies: CellForm, loads: Iterable[ufl.Form]) -> list[LinearForm]:
+    """The form of the bodies, then those of loads that have integrals."""
     return [bodies, *map(PackedForm, _expanded(loads))]
 
 

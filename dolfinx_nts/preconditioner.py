@@ -132,9 +132,9 @@ class Preconditioner:
         if self.is_strong and self._pc.getType() in ("lu", "gamg"):
             # They want scalar entries.
             operator = matrix = self._scalar = matrix.convert("aij", self._scalar or PETSc.Mat())
-        if self._pc.getType() == "gamg":
-            matrix.setBlockSize(3)
-            matrix.setNearNullSpace(self._operator.bulk.rigid_modes())
+            if self._pc.getType() == "gamg":
+                matrix.setBlockSize(3)
+                matrix.setNearNullSpace(self._operator.bulk.rigid_modes())
         smooths = self._pc.getType() == "gamg" and self._wants_own
         if smooths:
             operator = KeptRows(self._operator.bulk.rows).matrix()
