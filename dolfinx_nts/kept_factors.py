@@ -5,9 +5,6 @@ nodes that it owns and those that their rows reach (restricted additive
 Schwarz with an overlap of 1) and keeps what it finds at its own.
 """
 
-from mpi4py import MPI
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
@@ -57,10 +54,7 @@ class KeptFactors:
         if not self._alone:
             start, column, value = self._overlapping()
         if self._order is None:
-            # On one rank that of DOLFINx will do; on several it puts ghosts at the
-            # end, which takes 15 to 19 iterations for 8 decades instead of 11.
-            natural = np.arange(len(start) - 1, dtype=np.int32)
-            self._order = natural if self._alone else _reverse_cuthill_mckee(start, column)
+            self._order = _order(start, column, self._rows.index_map.size_local)
         exist: bool = self._factors.factorise(start, column, value, self._order)
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
@@ -93,16 +87,18 @@ class KeptFactors:
         )
 
 
-def _reverse_cuthill_mckee(start: GlobalInts, column: Ints) -> Ints:
-    """Order of rows; columns beyond them are left out."""
+def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
+    """Order of rows: that of DOLFINx backwards, other ranks' next to their neighbours.
+
+    At the end, where DOLFINx has them, those would take up to 18 instead of 11
+    iterations for 8 decades; reverse Cuthill-McKee takes 2 % more than this.
+    """
     n = len(start) - 1
-    inside = column < n
-    begin = np.concatenate([[0], np.cumsum(inside)])[start]
-    pattern = (begin.astype(PETSc.IntType), column[inside].astype(PETSc.IntType))
-    csr = (*pattern, np.ones(len(pattern[1])))
-    matrix = PETSc.Mat().createAIJ(n, csr=csr, comm=MPI.COMM_SELF)
-    order, columns = matrix.getOrdering("rcm")
-    result: Ints = order.indices.astype(np.int32)
-    for item in (matrix, order, columns):
-        item.destroy()
-    return result
+    row = np.repeat(np.arange(n - num_owned), np.diff(start[num_owned:]))
+    column = column[start[num_owned] :]
+    is_owned = column < num_owned
+    row, column = row[is_owned], column[is_owned]
+    count, total = (np.bincount(row, w, minlength=n - num_owned) for w in (None, column))
+    place = np.concatenate([np.arange(num_owned), total / np.maximum(count, 1)])
+    order: Ints = np.argsort(-place, kind="stable").astype(np.int32)
+    return order
