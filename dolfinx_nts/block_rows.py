@@ -8,9 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
+from dolfinx_nts.ranks import exchanged
+
 __all__ = ["BlockRows"]
 
 Floats = npt.NDArray[np.float64]
+GlobalInts = npt.NDArray[np.int64]
 
 
 class BlockRows:
@@ -32,7 +35,7 @@ class BlockRows:
         self.matrix = matrix
         self.index_map = matrix.index_map(0)
         n = self.index_map.size_local
-        self.start: npt.NDArray[np.int64] = matrix.indptr[: n + 1]
+        self.start: GlobalInts = matrix.indptr[: n + 1]
         self.column: npt.NDArray[np.int32] = matrix.indices[: self.start[n]]
         self.value: Floats = matrix.data[: 9 * self.start[n]]
         columns = matrix.index_map(1)
@@ -50,9 +53,7 @@ class BlockRows:
         matrix.setValuesBlockedCSR(start, self._global, self.value)
         matrix.assemble()
 
-    def gather(
-        self, nodes: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
+    def gather(self, nodes: GlobalInts, ends: GlobalInts) -> tuple[GlobalInts, GlobalInts, Floats]:
         """Rows of any nodes. Collective.
 
         Args:
@@ -63,17 +64,28 @@ class BlockRows:
             Where each row begins and the end, shape ``(m + 1,)``; global
             columns, shape ``(b,)``; blocks, shape ``(9 b,)``.
         """
+        start, column, value = self._gather(nodes, ends, self._global, self.value.reshape(-1, 9))
+        return start, column.astype(np.int64), value.ravel()
+
+    def neighbours(self, nodes: GlobalInts, ends: GlobalInts) -> GlobalInts:
+        """Global columns of rows, row by row, as of `gather`. Collective."""
+        _, column = self._gather(nodes, ends, self._global)
+        neighbours: GlobalInts = column.astype(np.int64)
+        return neighbours
+
+    def _gather(self, nodes: GlobalInts, ends: GlobalInts, *arrays: Any) -> list[Any]:
+        """Where rows begin and the end, and their parts of arrays over the blocks."""
         comm = self.index_map.comm
         order = np.argsort(nodes)
-        asked = comm.alltoall(np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))
+        asked = exchanged(comm, np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))
         answers = []
         for wanted in asked:
             length, blocks = _blocks(self.start, wanted - self.index_map.local_range[0])
-            answers.append((length, self._global[blocks], self.value.reshape(-1, 9)[blocks]))
-        parts = comm.alltoall(answers)
-        length, column, value = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+            answers.append((length, *(array.take(blocks, axis=0) for array in arrays)))
+        parts = exchanged(comm, answers)
+        length, *gathered = (np.concatenate(part) for part in zip(*parts, strict=True))
         length, blocks = _blocks(_start(length), np.argsort(order))
-        return _start(length), column[blocks].astype(np.int64), value[blocks].ravel()
+        return [_start(length), *(array.take(blocks, axis=0) for array in gathered)]
 
 
 def _blocks(start: Any, rows: Any) -> tuple[Any, Any]:

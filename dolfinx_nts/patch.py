@@ -32,7 +32,6 @@ class Patch:
         self._pairing = b""
         self._version = -1
         self._domain = (WholeDomain if self._comm.size == 1 else OverlappingDomain)(rows)
-        self._elimination = Elimination((), ())
         self._pairs: list[GlobalPairs] = []
         self.num_builds = 0
 
@@ -43,7 +42,6 @@ class Patch:
             elimination: Active pairs.
             version: Number of the matrix's values.
         """
-        self._elimination = elimination
         is_new = version != self._version or elimination.pairing != self._pairing
         if not reductions.anywhere(self._comm, is_new):
             return
@@ -71,7 +69,7 @@ class Patch:
             self._build()
 
     def _build(self) -> None:
-        self._domain.build(self._pairs)
+        self._domain.build(self._pairs, self._version)
         self.num_builds += 1
 
     def correct(self, r: Floats, z: Floats) -> None:
@@ -81,4 +79,4 @@ class Patch:
             r: Right-hand side at the owned nodes, shape ``(n, 3)``.
             z: Values at the owned nodes, overwritten.
         """
-        self._domain.correct(self._elimination, r, z)
+        self._domain.correct(r, z)

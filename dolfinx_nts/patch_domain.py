@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.block_rows import BlockRows
-from dolfinx_nts.elimination import ActivePairs, Elimination
+from dolfinx_nts.elimination import ActivePairs
+from dolfinx_nts.ranks import exchanged
 
 __all__ = ["GlobalPairs", "OverlappingDomain", "WholeDomain"]
 
@@ -65,14 +66,19 @@ class WholeDomain:
         """Wait for pairs."""
         self._factors = _kernels.Patch(rows.start, rows.column, rows.value)
 
-    def build(self, pairs: Sequence[GlobalPairs]) -> None:
-        """Choose the nodes for some pairs, and factorise."""
+    def build(self, pairs: Sequence[GlobalPairs], version: int) -> None:
+        """Choose the nodes for some pairs, and factorise.
+
+        Args:
+            pairs: The pairs.
+            version: Number of the matrix's values.
+        """
         self._factors.clear()
         for p in pairs:
             self._factors.add(p.local(p.nodes))
         self._factors.build()
 
-    def correct(self, elimination: Elimination, r: Floats, z: Floats) -> None:
+    def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it, as `patch.Patch.correct`."""
         self._factors.correct(r, z)
 
@@ -94,25 +100,42 @@ class OverlappingDomain:
         reached = rows.matrix.index_map(1).ghosts
         owner = np.searchsorted(self._ends, reached, side="right")
         asked = [reached[owner == rank] for rank in range(space.comm.size)]
-        self._reached = space.comm.alltoall(asked)
+        self._reached = exchanged(space.comm, asked)
+        self._version = -1
+        self._contacts: GlobalInts  # nodes of pairs for which there are rows
 
-    def build(self, pairs: Sequence[GlobalPairs]) -> None:
-        """Choose the nodes for the pairs of this rank, and factorise."""
-        rows, space, ends = self._rows, self._rows.index_map, self._ends
-        first, last = space.local_range
+    def build(self, pairs: Sequence[GlobalPairs], version: int) -> None:
+        """Factorise for the pairs of this rank.
+
+        Rows that are here from the last time are used again.
+
+        Args:
+            pairs: The pairs.
+            version: Number of the matrix's values.
+        """
         everywhere = [self._shared(self._at_owners(p)) for p in pairs]
         contacts = _unique([p.nodes for p in everywhere])
-        _, ring, _ = rows.gather(contacts, ends)
-        domain = _unique([contacts, ring])
+        covered = version == self._version and np.isin(contacts, self._contacts).all()
+        if not reductions.everywhere(self._rows.index_map.comm, bool(covered)):
+            self._version, self._contacts = version, contacts
+            self._gather(contacts)
+        self._factors.clear()
+        for p in everywhere:
+            dofs = self._place(p.nodes.ravel()).reshape(p.nodes.shape)
+            self._factors.add(p.local(dofs))
+        self._exists = self._factors.build()
+
+    def _gather(self, contacts: GlobalInts) -> None:
+        """Gather the rows of nodes and their neighbours."""
+        rows, space, ends = self._rows, self._rows.index_map, self._ends
+        first, last = space.local_range
+        domain = _unique([contacts, rows.neighbours(contacts, ends)])
         start, column, value = rows.gather(domain, ends)
         # The domain, then what its rows reach outside.
         halo = np.setdiff1d(column, domain)
         self._num_rows = len(domain)
-        place = _Places(domain, halo)
-        self._factors = _kernels.Patch(start, place(column), value)
-        for p in everywhere:
-            dofs = place(p.nodes.ravel()).reshape(p.nodes.shape)
-            self._factors.add(p.local(dofs))
+        self._place = _Places(domain, halo)
+        self._factors = _kernels.Patch(start, self._place(column), value)
 
         nodes = np.concatenate([domain, halo])
         own = (nodes >= first) & (nodes < last)
@@ -129,7 +152,6 @@ class OverlappingDomain:
         self._inner = np.flatnonzero(own[: self._num_rows])
         # Owned nodes whose values somebody needs.
         self._needed = np.union1d(compat.shared(index_map), self._position[own])
-        self._exists = self._factors.build()
 
     def _at_owners(self, pairs: GlobalPairs) -> GlobalPairs:
         """Pairs that nodes of this rank take part in."""
@@ -151,16 +173,16 @@ class OverlappingDomain:
                 shape ``(m, 1+k)``.
         """
         masks = [nodes.any(axis=1) for nodes in taking]
-        parts = self._rows.index_map.comm.alltoall(
-            [tuple(array[mask] for array in pairs.arrays) for mask in masks]
+        parts = exchanged(
+            self._rows.index_map.comm,
+            [tuple(array[mask] for array in pairs.arrays) for mask in masks],
         )
         arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
         _, once = np.unique(arrays[0][:, 0], return_index=True)
         return GlobalPairs(*(array[once] for array in arrays))
 
-    def correct(self, elimination: Elimination, r: Floats, z: Floats) -> None:
+    def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it, as `patch.Patch.correct`."""
-        elimination.constrain(z)
         both: Floats = self._vector.array.reshape(-1, 6)
         needed = self._needed
         both[needed, :3], both[needed, 3:] = r[needed], z[needed]

@@ -1,6 +1,6 @@
-"""What one rank does for all: gather, scatter, files."""
+"""What ranks do for each other: exchange, gather, scatter, files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from mpi4py import MPI
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from dolfinx_nts.failures import portable
 
-__all__ = ["gathered", "on_root", "scattered"]
+__all__ = ["exchanged", "gathered", "on_root", "scattered"]
 
 T = TypeVar("T")
 Array = npt.NDArray[Any]
@@ -43,6 +43,26 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
     if error is not None:
         raise error
     return result  # type: ignore[return-value]
+
+
+def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
+    """What all ranks have for this one, in their order. Collective.
+
+    A message to oneself takes as long as one to another rank: there is none.
+
+    Args:
+        comm: Communicator.
+        parts: What this rank has for each.
+
+    Returns:
+        One part of each; this rank's own is the very object.
+    """
+    received: Any = list(parts)
+    if comm.size > 1:
+        own, received[comm.rank] = received[comm.rank], None
+        received = comm.alltoall(received)
+        received[comm.rank] = own
+    return received  # type: ignore[no-any-return]
 
 
 def gathered(comm: MPI.Comm, ids: GlobalInts, values: Array) -> tuple[GlobalInts, Array]:

@@ -17,6 +17,7 @@ from dolfinx import common
 from dolfinx_nts import _kernels, compat, reductions
 from dolfinx_nts.archive import Archive
 from dolfinx_nts.neighbourhood import Neighbourhood
+from dolfinx_nts.ranks import exchanged
 from dolfinx_nts.surfaces import Surface, diameters
 
 __all__ = ["Search"]
@@ -130,9 +131,7 @@ class Search:
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
         size = diameters(x_vertex.swapaxes(0, 1))
         mine = (*self._offer, size)
-        parts = [tuple(values[n] for values in mine) for n in near]
-        if comm.size > 1:
-            parts = comm.alltoall(parts)
+        parts = exchanged(comm, [tuple(values[n] for values in mine) for n in near])
         ids, owners, orientation, key, thickness, size = (
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )

@@ -8,9 +8,10 @@ import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels, preconditioner
 from dolfinx_nts.archive import Snapshot
+from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.kept_rows import KeptRows
-from dolfinx_nts.patch_domain import GlobalPairs
+from dolfinx_nts.patch_domain import GlobalPairs, OverlappingDomain
 from dolfinx_nts.saddle import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -244,6 +245,32 @@ def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
     assert patch.num_builds == count > 0
     patch.update(elimination, scene.stepper._bulk.num_tangents + 1)
     assert patch.num_builds == count + 1
+
+
+def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, monkeypatch, agree):
+    if comm.size == 1:
+        pytest.skip("for several ranks")
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    while scene.stepper.advance().num_active < 5:
+        pass
+    rows = scene.stepper._bulk.rows
+    (pairs,) = scene.stepper._solver._preconditioner._patch._pairs
+    fewer = GlobalPairs(*(array[:-1] for array in pairs.arrays))
+    gathered, gather = [], BlockRows.gather
+    monkeypatch.setattr(BlockRows, "gather", lambda *args: gathered.append(1) or gather(*args))
+    domain = OverlappingDomain(rows)
+    history = [(fewer, 1, 1), (pairs, 1, 2), (pairs, 1, 2), (pairs, 2, 3), (fewer, 2, 3)]
+    for some, version, count in history:
+        domain.build([some], version)
+        assert len(gathered) == count
+    # What there is more than needed changes nothing.
+    exact = OverlappingDomain(rows)
+    exact.build([fewer], 2)
+    r, z = np.random.default_rng(comm.rank).random((2, rows.index_map.size_local, 3))
+    expected = z.copy()
+    exact.correct(r, expected)
+    domain.correct(r, z)
+    assert agree(np.array_equal(z, expected))
 
 
 def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
