@@ -40,7 +40,7 @@ class ContactState(NamedTuple):
         residual: Contact forces of the pair, ``(m, d)`` [N].
         tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
         normal: Free part of the node's normal, unit, shape ``(m, 3)``.
-        eliminable: Whether the node can give up what the constraints
+        fixed: Whether the node cannot give up what the constraints
             determine, shape ``(m,)``.
         force: All of ``residual``, given displacements or not.
         changed: Pairs that changed their segment; that became active or
@@ -60,7 +60,7 @@ class ContactState(NamedTuple):
     residual: Floats
     tangent: Floats
     normal: Floats
-    eliminable: Flags
+    fixed: Flags
     force: Floats
     changed: int
     failed: int
@@ -93,8 +93,8 @@ class Rows:
         normal: Free part of the node's normal, unit, shape ``(m, 3)``.
         valid: Whether the kernel could be evaluated and the normal has
             turned by less than 90 degrees, shape ``(m,)``.
-        eliminable: Whether the node can give up what constraints
-            determine, shape ``(m,)``.
+        fixed: Whether the node cannot give up what constraints determine,
+            shape ``(m,)``.
         slip: Slip of the pairs, with friction only.
     """
 
@@ -110,21 +110,21 @@ class Rows:
     ) -> None:
         """Complete the normal parts; the tangential ones are zero."""
         self.node, self.segment, self.dofs, self.free = node, segment, dofs, free
-        self.gap_n, self.gap, F, G, self.tangent, turn, status = values
+        self.gap_n, self.gap, F, G, self.tangent, turn, _ = values
         m, d = F.shape
         self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
-        self.valid: Flags = (status == 0) & (turn >= 0)
+        self.valid: Flags = turn >= 0  # not if it is NaN
         self.force[:, 0], self.gradients[:, 0] = F, G
         self.columns, self.normal = self.force, G[:, :3].copy()
-        self.eliminable: Flags = np.ones(m, dtype=bool)
+        self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
             self.gradients[:, 0] *= free
             self.normal *= free[:, :3]
             length = np.linalg.norm(self.normal, axis=1)
             self.normal /= np.where(length > 0, length, 1.0)[:, None]
-            self.eliminable = length > 0.5
+            self.fixed = length <= 0.5
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
@@ -136,4 +136,4 @@ class Rows:
             self.columns[:, 1:] = self.slip.force * self.free[:, None]
             self.gradients[:, 1:] *= self.free[:, None]
             # A sticking node gives up all its displacements.
-            self.eliminable &= np.all(self.free[:, :3] == 1, axis=1)
+            self.fixed |= np.any(self.free[:, :3] != 1, axis=1)

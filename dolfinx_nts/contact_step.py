@@ -178,7 +178,7 @@ class ContactStep:
         if not self.num_active or self._set is None:
             return
         rows, here = self._evaluated, self.neighbourhood
-        held = self.active[rows.node] & rows.eliminable
+        held = self.active[rows.node] & ~rows.fixed
         if self._tangential is not None:
             held &= ~self._tangential.sticks(rows.node, held)
         nodes = rows.dofs[:, 0]
@@ -257,8 +257,9 @@ class ContactStep:
         """
         old, node = self.pair.history, state.node
         rows = self._evaluated
-        dx = (self.x - self.pairing.x_n)[state.dofs].reshape(rows.force[:, 0].shape)
-        work = -self.lambda_N[node] * np.einsum("ij,ij->i", rows.force[:, 0], dx)
+        dx = self.x.take(state.dofs, axis=0) - self.pairing.x_n.take(state.dofs, axis=0)
+        F = rows.force[:, 0]
+        work = -self.lambda_N[node] * (F * dx.reshape(F.shape)).sum(axis=1)
         before = old.active[node]
         if self._springs is not None:
             # Only what the springs do not account for.
@@ -273,7 +274,7 @@ class ContactStep:
                 -new.dissipation.sum(),
             ]
         )
-        return ContactWork(*(float(part) for part in reductions.total(self.comm, parts)))
+        return ContactWork(*reductions.total(self.comm, parts).tolist())
 
     def _lost_energy(self, node: Ints) -> float:
         """Energy of normal springs at nodes that have no pair any more [J]."""
@@ -392,7 +393,7 @@ class ContactStep:
             residual=residual,
             tangent=tangent,
             normal=rows.normal,
-            eliminable=rows.eliminable,
+            fixed=rows.fixed,
             force=force,
             changed=changed,
             failed=_failures(rows, active),

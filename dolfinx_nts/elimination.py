@@ -46,7 +46,7 @@ class ActivePairs(NamedTuple):
             the vector itself.
         place: Of ``dofs`` in the excerpt, shape ``(m, 1+k)``.
         here: Neighbourhood that carries their values between ranks.
-        eliminable: Whether the node can give up what constraints determine.
+        fixed: Whether the node cannot give up what constraints determine.
         excess: What they should make zero, shape ``(m, 3)`` [m].
         dofs: Nodes in its index map, shape ``(m, 1+k)``.
         rank: Number of constraints, shape ``(m,)``.
@@ -60,7 +60,7 @@ class ActivePairs(NamedTuple):
     excerpt: Excerpt | None
     place: Ints
     here: Neighbourhood | ObstacleNeighbourhood
-    eliminable: Flags
+    fixed: Flags
     excess: Floats
     dofs: npt.NDArray[Any]
     rank: Ints
@@ -73,7 +73,7 @@ class ActivePairs(NamedTuple):
     def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
         """The active ones of a state."""
         arrays: tuple[Any, ...] = (
-            *(state.eliminable, state.excess, state.dofs, state.rank),
+            *(state.fixed, state.excess, state.dofs, state.rank),
             *(state.normal, state.gradients, state.columns, state.tangent),
         )
         if not state.active.all():
@@ -181,7 +181,7 @@ class Coupling:
         """Whether the pairs of a Newton iteration are coupled. Collective."""
         if elimination.empty:
             return False
-        fixed = b"".join(p.eliminable.tobytes() for p in elimination.pairs)
+        fixed = b"".join(p.fixed.tobytes() for p in elimination.pairs)
         pairing = elimination.pairing, fixed
         if reductions.anywhere(self._comm, pairing != self._pairing):
             self._pairing = pairing
@@ -202,5 +202,5 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
         marks[p.dofs[:, 1:].ravel(), 1] = 1
         marks = p.here.to_owners(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
-        blocked = blocked or bool(np.any(~p.eliminable[constrained]))
+        blocked = blocked or bool(np.any(p.fixed[constrained]))
     return blocked or bool(np.any((taken > 1) | ((taken > 0) & (others > 0))))

@@ -57,7 +57,7 @@ def _sunk(step: ContactStep, here: Neighbourhood) -> int:
     next step could not begin, however short.
     """
     old, pairing = step.pair.history, step.pairing
-    before, now = here.find(old.key), pairing.segment
+    before, now = pairing.last, pairing.segment
     deep = old.active & (before >= 0)
     deep[deep] = old.gap[deep] < -_SUNK * here.size[before[deep]]
     pressing = step.active.copy()
@@ -104,7 +104,7 @@ def _passed(step: ContactStep, here: Neighbourhood) -> int:
     """Nodes outside before the step that came out on the other side."""
     nodes, size = step.pair.nodes.nodes, here.size.min(initial=np.inf)
     x_n, reach = step.pairing.x_n, step.pairing.reach
-    way = 2 * np.linalg.norm(step.x - x_n, axis=1).max(initial=0.0)
+    way = 2 * _kernels.farthest(step.x, x_n)
     if way <= _LOOK * size:
         return 0
     before, gap_n = here.pair(x_n, nodes, step.pairing.segment_n, reach)

@@ -53,10 +53,7 @@ class Neighbourhood:
 
     def find(self, key: GlobalInts) -> Ints:
         """Local segment of each key, -1 where it is not here."""
-        if len(self.key) == 0:
-            return np.full(len(key), -1, dtype=np.int32)
-        place = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return np.where(self.key[place] == key, place, -1).astype(np.int32)
+        return self._kernel.find(key)
 
     @property
     def num_local(self) -> int:

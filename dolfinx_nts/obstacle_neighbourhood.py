@@ -56,7 +56,7 @@ class ObstacleNeighbourhood:
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """By how much any node may be closer than it was [m]. Collective."""
-        moved = _kernels.farthest(x, self._nodes.nodes, before[0])
+        moved = _kernels.farthest(x.take(self._nodes.nodes, axis=0), before[0])
         return float(reductions.largest(self._nodes.V.mesh.comm, moved))
 
     @property

@@ -50,7 +50,8 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            gap_n, gap, force, gradient, tangent, turn, status.
+            gap_n, gap, force, gradient, tangent, turn (NaN if any is not
+            finite), status.
         """
 
     @abstractmethod
@@ -116,7 +117,8 @@ class _Exact(Obstacle):
         gap, normal = self.distance(x)
         force, tangent = self._force(scheme, x_n, x)
         turn = np.einsum("mi,mi->m", normal_n, normal)
-        status = np.where(np.isfinite(gap_n + gap + turn), 0, 1).astype(np.int8)
+        valid = np.isfinite(gap_n + gap + turn)
+        turn, status = np.where(valid, turn, np.nan), np.where(valid, 0, 1).astype(np.int8)
         return gap_n, gap, force, normal, tangent, turn, status
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:

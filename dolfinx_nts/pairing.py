@@ -33,6 +33,7 @@ class Pairing:
         way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the neighbourhood knows.
+        last: Segment of the last step of each node or -1, shape ``(n,)``.
         segment: Segment of each node or -1, shape ``(n,)``.
         gap: Gap to it, NaN without, shape ``(n,)`` [m].
         segment_n: Segment at t_n.
@@ -43,7 +44,7 @@ class Pairing:
     def __init__(self, pair: ContactPair, x_n: Floats, x_trial: Floats) -> None:
         """Find the segments in reach, those at t_n and those of the ballistic state."""
         comm: MPI.Comm = pair.nodes.V.mesh.comm
-        self.way: float = reductions.largest(comm, _largest_norm(x_trial - x_n))
+        self.way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
@@ -53,8 +54,8 @@ class Pairing:
         self.x_n = here.with_ghosts(x_n[: here.index_map.size_local])
         trial = here.with_ghosts(x_trial[: here.index_map.size_local])
 
-        current = here.find(pair.history.key)
-        self.segment_n, self.gap = here.pair(self.x_n, self._nodes, current, self.reach)
+        self.last = here.find(pair.history.key)
+        self.segment_n, self.gap = here.pair(self.x_n, self._nodes, self.last, self.reach)
         met, self.gap_trial = here.pair(trial, self._nodes, self.segment_n, self.reach)
         # The gap at t_n counts on the segment that the ballistic state meets.
         self.met: Ints = np.where(met >= 0, met, self.segment_n)
@@ -114,8 +115,3 @@ class Pairing:
         """Nodes that have changed their segment too often, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
-
-
-def _largest_norm(x: Floats) -> float:
-    """Largest Euclidean norm of rows of three numbers, 0 without rows."""
-    return float(np.sqrt((np.square(x) @ np.ones(3)).max(initial=0.0)))

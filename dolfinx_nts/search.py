@@ -93,7 +93,7 @@ class Search:
             before: `places` then.
         """
         ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
-        moved = [_kernels.farthest(x, rows, there) for rows, there in ways]
+        moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
         # A node and a vertex of different ranks may approach each other.
         return sum(reductions.largest(self._nodes.V.mesh.comm, moved))
 

@@ -159,7 +159,7 @@ class Tangential:
         Returns:
             Normal multipliers, those of sticking nodes too.
         """
-        stick = self.sticks(rows.node, active) & rows.eliminable
+        stick = self.sticks(rows.node, active) & ~rows.fixed
         traction = self._known(rows, active) - lambda_N[:, None] * self._direction[rows.node]
         A = rows.columns[stick, :, :3].transpose(0, 2, 1)
         solution = np.linalg.solve(A, -rest[stick][:, :, None])[:, :, 0]
@@ -190,7 +190,7 @@ class Tangential:
         if not self._pair.has_slip_spring:
             turned = rows.slip.value - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
-        stick = self.sticks(node, active) & rows.eliminable
+        stick = self.sticks(node, active) & ~rows.fixed
         return np.where(stick[:, None], 0.0, explicit)
 
     def add_to(self, rows: Rows, active: Flags, force: Floats, tangent: Floats) -> Floats:

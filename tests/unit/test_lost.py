@@ -44,11 +44,14 @@ def step_of(facets, before, after, held):
     if held[1] and segment[0] < 0:
         # Kept, as by a node that has changed its segment again and again.
         segment, gap = segment_n, here.gap(x, node, segment_n)
-    history = SimpleNamespace(key=segment_n.astype(np.int64), active=np.array(held[:1]), gap=gap_n)
+    history = SimpleNamespace(active=np.array(held[:1]), gap=gap_n)
+    pairing = SimpleNamespace(
+        x_n=x_n, reach=2.0, last=segment_n, segment_n=segment_n, segment=segment, gap=gap
+    )
     return SimpleNamespace(
         neighbourhood=here,
         pair=SimpleNamespace(history=history, nodes=SimpleNamespace(nodes=node)),
-        pairing=SimpleNamespace(x_n=x_n, reach=2.0, segment_n=segment_n, segment=segment, gap=gap),
+        pairing=pairing,
         comm=MPI.COMM_SELF,
         x=x,
         active=np.array(held[1:]),

@@ -277,13 +277,24 @@ def test_near_nodes_are_those_within_reach_of_a_box(k, rng):
 
 
 @pytest.mark.untrapped
-def test_farthest_row(rng):
-    x, rows = rng.normal(size=(9, 3)), np.array([5, 0, 5, 7], dtype=np.int32)
-    before = rng.normal(size=(4, 3))
-    ways = np.linalg.norm(x[rows] - before, axis=1)
-    assert _kernels.farthest(x, rows, before) == pytest.approx(ways.max(), rel=1e-14)
-    assert _kernels.farthest(x, rows[:0], before[:0]) == 0
+def test_farthest_point(rng):
+    x, before = rng.normal(size=(2, 9, 3))
+    ways = np.linalg.norm(x - before, axis=1)
+    assert _kernels.farthest(x, before) == pytest.approx(ways.max(), rel=1e-14)
+    assert _kernels.farthest(x[:0], before[:0]) == 0
     x[5, 1] = np.nan
-    assert np.isnan(_kernels.farthest(x, rows, before))
-    with pytest.raises(ValueError, match="rows of x"):
-        _kernels.farthest(x[:7], rows, before)
+    assert np.isnan(_kernels.farthest(x, before))
+    with pytest.raises(ValueError, match="before"):
+        _kernels.farthest(x, before[:7])
+
+
+def test_segments_by_their_keys(rng):
+    key = np.sort(rng.choice(10**12, 20, replace=False))
+    segments = np.arange(80, dtype=np.int32).reshape(20, 4)
+    kernel = _kernels.Segments(segments, np.ones(20), key)
+    some = rng.permutation(20)[:7]
+    np.testing.assert_array_equal(kernel.find(key[some]), some)
+    others = np.array([-1, key[0] - 1, key[3] + 1, key[-1] + 1])
+    np.testing.assert_array_equal(kernel.find(np.setdiff1d(others, key)), -1)
+    none = _kernels.Segments(segments[:0], np.ones(0), key[:0])
+    np.testing.assert_array_equal(none.find(key), -1)

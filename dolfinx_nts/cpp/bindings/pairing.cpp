@@ -72,6 +72,21 @@ public:
     return numbers;
   }
 
+  auto find(const Keys& keys) const
+  {
+    const auto own = view(_key);
+    auto found = create<std::int32_t>({keys.size()});
+    std::ranges::transform(
+        view(keys), found.data(),
+        [&](std::int64_t key)
+        {
+          const auto at = std::ranges::lower_bound(own, key);
+          const bool is_here = at != own.end() && *at == key;
+          return is_here ? static_cast<std::int32_t>(at - own.begin()) : -1;
+        });
+    return found;
+  }
+
   std::size_t num_trees() const noexcept { return _tree.num_built(); }
 
 private:
@@ -132,12 +147,11 @@ private:
   std::size_t _num_rows = 0;
 };
 
-double farthest_row(const Doubles& x, const Ints& rows, const Doubles& before)
+double farthest_point(const Doubles& x, const Doubles& before)
 {
   check("x", x, {any, 3});
-  check("before", before, {rows.size(), 3});
-  check_rows("rows: expected rows of x", rows, x.shape(0));
-  return farthest(view(x), view(rows), view(before));
+  check("before", before, {x.shape(0), 3});
+  return farthest(view(x), view(before));
 }
 } // namespace
 
@@ -153,7 +167,9 @@ void pairing(nb::module_& m)
       "the arrays are read, not copied")
       .def(nb::init<Ints, Doubles, Keys>(), nb::arg("vertices"),
            nb::arg("orientation"), nb::arg("key"),
-           "(s, k) rows of positions, (s,), (s,)")
+           "(s, k) rows of positions, (s,), (s,) ascending")
+      .def("find", &KeptSegments::find, nb::arg("keys"),
+           "(n,) -> segment of each key or -1 (n,)")
       .def("pair", &KeptSegments::pair, nb::arg("x_node"), nb::arg("current"),
            nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            "(n, 3), (n,), -, -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
@@ -170,9 +186,7 @@ void pairing(nb::module_& m)
            "of a segment (m,)")
       .def_prop_ro("num_trees", &KeptSegments::num_trees,
                    "How often a tree was built");
-  m.def("farthest", &farthest_row, nb::arg("x"), nb::arg("rows"),
-        nb::arg("before"),
-        "(l, 3), (n,), (n, 3) -> largest distance of rows of x from before, "
-        "NaN if one is");
+  m.def("farthest", &farthest_point, nb::arg("x"), nb::arg("before"),
+        "(n, 3), (n, 3) -> largest distance between rows, NaN if one is");
 }
 } // namespace nts::bindings

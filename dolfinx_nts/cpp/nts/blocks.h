@@ -135,8 +135,15 @@ struct BlockMatrix
 class BlockRows
 {
 public:
+  /// @brief Begin anew, with the memory there is.
   /// @param[in] columns Number of columns.
-  explicit BlockRows(std::size_t columns) : _place(columns, -1) {}
+  void clear(std::size_t columns)
+  {
+    _place.assign(columns, -1);
+    start.assign(1, 0);
+    column.clear();
+    value.clear();
+  }
 
   /// @brief Block of the last row, which no `end_row` has ended; zero if new.
   Columns& operator[](std::int32_t j)

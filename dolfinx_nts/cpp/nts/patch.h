@@ -83,11 +83,12 @@ public:
     for (std::size_t p = 0; p < _size; ++p)
       largest = std::max(largest, stiffness(p));
     _scale = power_of_two(largest);
-    const BlockRows all = rows(parts);
-    pack(all);
+    take_rows(parts);
+    pack();
+    make_projected(parts);
     std::vector<std::int32_t> order(_size);
     std::iota(order.begin(), order.end(), 0);
-    return _exists = _factors.factorise(projected(all, parts), order);
+    return _exists = _factors.factorise(_projected, order);
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the patch.
@@ -234,36 +235,34 @@ private:
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
 
-  /// @brief Rows of K + C in the patch, with all their columns, scaled.
-  BlockRows rows(const std::vector<Parts>& parts) const
+  /// @brief Take the rows of K + C, with all their columns, scaled.
+  void take_rows(const std::vector<Parts>& parts)
   {
-    BlockRows result(_nodes.size());
+    _all.clear(_nodes.size());
     for (std::size_t p = 0; p < _size; ++p)
     {
       for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
            ++e)
-        result[_number[_K.column[e]]] = _K.block(e, _scale);
+        _all[_number[_K.column[e]]] = _K.block(e, _scale);
       for (const auto& [pair, a] : parts[p])
         for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-          result[_number[pair->nodes[b]]]
+          _all[_number[pair->nodes[b]]]
               += Columns::of(pair->tangent[pair->nodes.size() * a + b], _scale);
-      result.end_row();
+      _all.end_row();
     }
-    return result;
   }
 
-  /// @brief Keep rows for products.
-  void pack(const BlockRows& rows)
+  /// @brief Keep the rows for products.
+  void pack()
   {
-    _ends.assign(rows.start.begin() + 1, rows.start.end());
-    _rows.resize(rows.column.size());
-    for (std::size_t e = 0; e < rows.column.size(); ++e)
-      _rows.put(e, rows.column[e], rows.value[e]);
+    _ends.assign(_all.start.begin() + 1, _all.start.end());
+    _rows.resize(_all.column.size());
+    for (std::size_t e = 0; e < _all.column.size(); ++e)
+      _rows.put(e, _all.column[e], _all.value[e]);
   }
 
-  /// @brief Z~^T rows Z + E E^T in the patch.
-  BlockRows projected(const BlockRows& rows,
-                      const std::vector<Parts>& parts) const
+  /// @brief Make Z~^T rows Z + E E^T in the patch.
+  void make_projected(const std::vector<Parts>& parts)
   {
     std::vector<const Pair*> constrainer(_size, nullptr); // of each node
     for (const Pair& pair : _pairs)
@@ -272,49 +271,48 @@ private:
 
     const auto add_row = [&](std::size_t p, BlockRows& result)
     {
-      for (std::int64_t e = rows.start[p]; e < rows.start[p + 1]; ++e)
+      for (std::int64_t e = _all.start[p]; e < _all.start[p + 1]; ++e)
       {
-        const std::int32_t q = rows.column[e];
+        const std::int32_t q = _all.column[e];
         if (static_cast<std::size_t>(q) >= _size)
           continue;
         if (const Pair* pair = constrainer[q])
           for (std::size_t b = 0; b < pair->nodes.size(); ++b)
-            result[_number[pair->nodes[b]]] += rows.value[e] * pair->right[b];
+            result[_number[pair->nodes[b]]] += _all.value[e] * pair->right[b];
         else
-          result[q] += rows.value[e];
+          result[q] += _all.value[e];
       }
     };
     // Z~^T adds rows of constrained nodes to those of their pairs.
-    BlockRows constrained(_size);
+    _constrained.clear(_size);
     std::vector<std::size_t> place(_size, 0); // in them
     for (std::size_t p = 0; p < _size; ++p)
       if (constrainer[p])
       {
-        place[p] = constrained.size();
-        add_row(p, constrained);
-        constrained.end_row();
+        place[p] = _constrained.size();
+        add_row(p, _constrained);
+        _constrained.end_row();
       }
-    BlockRows result(_size);
+    _projected.clear(_size);
     for (std::size_t p = 0; p < _size; ++p)
     {
       if (!constrainer[p])
-        add_row(p, result);
+        add_row(p, _projected);
       for (const auto& [pair, a] : parts[p])
         if (pair->constrained)
         {
           const std::size_t i = place[_number[pair->nodes[0]]];
-          for (std::int64_t e = constrained.start[i];
-               e < constrained.start[i + 1]; ++e)
-            result[constrained.column[e]]
-                += pair->left[a] * constrained.value[e];
+          for (std::int64_t e = _constrained.start[i];
+               e < _constrained.start[i + 1]; ++e)
+            _projected[_constrained.column[e]]
+                += pair->left[a] * _constrained.value[e];
         }
       if (constrainer[p])
-        result[static_cast<std::int32_t>(p)]
+        _projected[static_cast<std::int32_t>(p)]
             += constrainer[p]->given_up
                * static_cast<float>(_scale * stiffness(p));
-      result.end_row();
+      _projected.end_row();
     }
-    return result;
   }
 
   /// @brief Mean size of the entries on the diagonal of K at a node.
@@ -330,7 +328,8 @@ private:
 
   BlockMatrix _K;
   std::vector<Pair> _pairs;
-  std::vector<std::int32_t> _nodes;  // of the patch, then those outside
+  BlockRows _all, _constrained, _projected; // while the factors are made
+  std::vector<std::int32_t> _nodes;         // of the patch, then those outside
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the patch
   PackedRows _rows;                  // of K + C, times _scale as the factors

@@ -58,19 +58,17 @@ inline Box bounds(std::span<const double> x,
   return box;
 }
 
-/// @brief Largest distance of rows from where they were.
-/// @param[in] x Positions, (l, 3) [m].
-/// @param[in] rows (n,)
-/// @param[in] before Their positions then, (n, 3) [m].
+/// @brief Largest distance of points from where they were.
+/// @param[in] x Positions, (n, 3) [m].
+/// @param[in] before Positions then, (n, 3) [m].
 /// @return NaN if one is NaN.
 inline double farthest(std::span<const double> x,
-                       std::span<const std::int32_t> rows,
                        std::span<const double> before) noexcept
 {
   double square = 0;
-  for (std::size_t i = 0; i < rows.size(); ++i)
+  for (std::size_t i = 0; i < x.size() / 3; ++i)
   {
-    const Vec3 way = vector(x, rows[i]) - vector(before, i);
+    const Vec3 way = vector(x, i) - vector(before, i);
     const double there = dot(way, way);
     if (std::isnan(there))
       return there;
