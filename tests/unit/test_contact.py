@@ -141,8 +141,9 @@ def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeyp
     kernel = step.neighbourhood.contact
 
     def contact(*args):
-        gap_n, gap, *rest, status = kernel(*args)
-        return np.full_like(gap_n, value), np.full_like(gap, value), *rest, np.ones_like(status)
+        gap_n, gap, *rest, turn, status = kernel(*args)
+        gap_n, gap, turn = (np.full_like(gap, of) for of in (value, value, np.nan))
+        return gap_n, gap, *rest, turn, np.ones_like(status)
 
     monkeypatch.setattr(step.neighbourhood, "contact", contact)
     state = step.evaluate(x, None, 0)
