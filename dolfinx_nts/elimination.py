@@ -202,5 +202,5 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
         marks[p.dofs[:, 1:].ravel(), 1] = 1
         marks = p.here.to_owners(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
-        blocked = blocked or bool(np.any(p.fixed[constrained]))
-    return blocked or bool(np.any((taken > 1) | ((taken > 0) & (others > 0))))
+        blocked = blocked or bool(p.fixed[constrained].any())
+    return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())

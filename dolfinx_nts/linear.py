@@ -8,6 +8,7 @@ is factorised.
 """
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -208,7 +209,7 @@ class LinearSolver:
         operator = self._operator
         operator.elimination = elimination
         r: Floats = -R.reshape(-1, 3)
-        particular: Floats = np.zeros_like(r)
+        particular: Floats | float = 0.0
         if not elimination.empty:
             self._preconditioner.prepare()
             particular, parts = elimination.particular(len(r))
@@ -227,7 +228,7 @@ class LinearSolver:
         self.num_iterations += iterations
         if self._ksp.getConvergedReason() < 0:
             return None
-        self._age.count(iterations, -np.log10(rtol))
+        self._age.count(iterations, -math.log10(rtol))
         x = self._x.array.reshape(-1, 3)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()

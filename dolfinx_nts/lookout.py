@@ -107,17 +107,26 @@ class Lookout:
 
     def _look(self, x: Floats) -> None:
         pair = self._pair
-        here, is_new = pair.search.update(x, (_REACH + _MARGIN) * pair.segment_size)
-        if is_new or np.isinf(self._travelled):
+        here, _ = pair.search.update(x, (_REACH + _MARGIN) * pair.segment_size)
+        if np.isinf(self._travelled):
             current = here.find(pair.history.key)
         else:
             current = np.full(len(pair.nodes.nodes), -1, dtype=np.int32)
-            current[self.number] = self.current
+            current[self.number] = self._current_in(here)
         self._travelled, self._places = 0.0, pair.search.places(x)
         x = here.with_ghosts(x[: here.index_map.size_local])
         near = here.near(x, pair.nodes.nodes, _MARGIN * pair.segment_size)
         self._choose(here, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))
+
+    def _current_in(self, here: Neighbourhood | ObstacleNeighbourhood) -> Ints:
+        """Last segments of the nodes in a neighbourhood or -1, shape ``(c,)``."""
+        if here is self.here:
+            return self.current
+        found = self.current >= 0
+        segment: Ints = np.full(len(found), -1, dtype=np.int32)
+        segment[found] = here.find(self.here.key[self.current[found]])
+        return segment
 
     def _choose(
         self, here: Neighbourhood | ObstacleNeighbourhood, number: Ints, current: Ints

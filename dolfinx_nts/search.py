@@ -70,8 +70,8 @@ class Search:
             *places, covered = self._covered
             if np.isinf(covered) or self.approach(x, places) + reach <= covered:
                 return self._neighbourhood, False
-        # Twice as much saves exchanges and costs a few segments.
-        reach *= 2
+        # Three times as much saves exchanges and costs a few segments.
+        reach *= 3
         self._covered = (*self.places(x), reach)
         self._neighbourhood = self._exchange(x, reach)
         self.exchanges += 1

@@ -426,6 +426,24 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
     np.testing.assert_allclose(often.positions(), seldom.positions(), atol=1e-12)
 
 
+def test_nodes_keep_their_segments_in_another_neighbourhood(comm):
+    stepper = blocks(comm).stepper
+    while stepper.advance().num_active < 3:
+        pass
+    seen = stepper._springs[0]._lookout
+
+    def keys():
+        key = np.where(seen.current < 0, -1, seen.here.key[seen.current])
+        return dict(zip(seen.number.tolist(), key.tolist(), strict=True))
+
+    before, first = keys(), seen.here
+    stepper.pairs[0].search.update(stepper.x, 20 * seen.reach)
+    seen._look(stepper.x)
+    assert seen.here is not first
+    assert keys() == before
+    assert comm.allreduce(sum(key >= 0 for key in before.values())) >= 3
+
+
 def test_report_and_ledger_are_those_of_a_step_without_iterations(comm):
     report = nts.CentralDifference([Box(comm).body]).advance()
     assert (report.step, report.newton_iterations, report.residual_norms) == (1, 0, ())
