@@ -286,7 +286,7 @@ class CentralDifference(Stepper):
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
-        energy = np.vdot(self.mass, np.einsum("ni,ni->n", v, v)) / 2
+        energy = np.vdot(self.mass[:, None] * v, v) / 2
         energy += self._bulk.strain_energy()
         energy += sum(state.stored for state in self._contact_forces)
         return float(reductions.total(self._comm, energy))

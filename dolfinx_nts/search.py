@@ -139,13 +139,13 @@ class Search:
         ids, owners = ids[order], owners[order]
 
         first, last = space.local_range
-        remote = (ids < first) | (ids >= last)
-        ghosts, place = np.unique(ids[remote], return_inverse=True)
-        ghost_owners = np.empty(len(ghosts), dtype=np.int32)
-        ghost_owners[place] = owners[remote]
         local = ids - first
-        local[remote] = last - first + place
         if comm.size > 1:
+            remote = (ids < first) | (ids >= last)
+            ghosts, place = np.unique(ids[remote], return_inverse=True)
+            ghost_owners = np.empty(len(ghosts), dtype=np.int32)
+            ghost_owners[place] = owners[remote]
+            local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
         return Neighbourhood(
             space,
