@@ -124,7 +124,7 @@ class Rows:
             self.normal *= free[:, :3]
             length = np.linalg.norm(self.normal, axis=1)
             self.normal /= np.where(length > 0, length, 1.0)[:, None]
-            self.fixed = length <= 0.5
+            self.fixed = ~(length > 0.5)
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""

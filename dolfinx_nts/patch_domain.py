@@ -71,7 +71,7 @@ class WholeDomain:
 
         Args:
             pairs: The pairs.
-            version: Number of the matrix's values.
+            version: Number of the matrix's values, which are read anyway.
         """
         self._factors.clear()
         for p in pairs:
