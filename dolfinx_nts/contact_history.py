@@ -1,6 +1,8 @@
 """What an accepted step leaves of contact: state of the nodes, energy by cause."""
 
-from dataclasses import dataclass, fields
+import operator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -64,8 +66,7 @@ class ContactHistory:
         )
 
 
-@dataclass(frozen=True)
-class ContactWork:
+class ContactWork(NamedTuple):
     """Energy that contact gave to the bodies in a step, by cause [J].
 
     Attributes:
@@ -82,8 +83,6 @@ class ContactWork:
     springs: float = 0.0
     friction: float = 0.0
 
-    def __add__(self, other: "ContactWork") -> "ContactWork":
+    def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Sum by cause."""
-        return ContactWork(
-            *(getattr(self, f.name) + getattr(other, f.name) for f in fields(ContactWork))
-        )
+        return ContactWork(*map(operator.add, self, other))

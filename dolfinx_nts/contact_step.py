@@ -98,7 +98,7 @@ class ContactStep:
             urgency = 2 * history.active + (np.fmin(pairing.gap_n, pairing.gap_trial) < 0)
             eligible &= independent(here, pair.nodes, pairing.met, eligible, urgency)
         self.may_touch = reductions.anywhere(self.comm, bool(may_touch.any()))
-        self._eligible = np.flatnonzero(eligible).astype(np.int32)
+        self._eligible = eligible.nonzero()[0].astype(np.int32)
         self.active = history.active & eligible
         self.lambda_N = np.where(self.active, history.lambda_N, 0.0)
         self.num_active, self.touched = 0, False

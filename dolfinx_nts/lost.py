@@ -62,7 +62,7 @@ def _sunk(step: ContactStep, here: Neighbourhood) -> int:
     deep[deep] = old.gap[deep] < -_SUNK * here.size[before[deep]]
     pressing = step.active.copy()
     pressing[pressing] = pairing.gap[pressing] < -_SUNK * here.size[now[pressing]]
-    node = np.flatnonzero(deep | pressing).astype(np.int32)
+    node = (deep | pressing).nonzero()[0].astype(np.int32)
     if not len(node):
         return 0
     nodes = step.pair.nodes.nodes[node]
@@ -77,7 +77,7 @@ def _crept(step: ContactStep, here: Neighbourhood) -> int:
     At the bottom of a dent a node finds no place over either of two segments.
     """
     pairing = step.pairing
-    node = np.flatnonzero(step.active)
+    (node,) = step.active.nonzero()
     now, gap = pairing.segment[node], pairing.gap[node]
     after, gap_after = here.pair(step.x, step.pair.nodes.nodes[node], now, pairing.reach)
     size = here.size[now]

@@ -60,7 +60,7 @@ class Pairing:
         # The gap at t_n counts on the segment that the ballistic state meets.
         self.met: Ints = np.where(met >= 0, met, self.segment_n)
         self.gap_n = self.gap.copy()
-        moved = np.flatnonzero((met >= 0) & (met != self.segment_n)).astype(np.int32)
+        moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
             self.gap_n[moved] = here.gap(self.x_n, self._nodes[moved], met[moved])
         self.segment = self.segment_n.copy()
