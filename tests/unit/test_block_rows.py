@@ -48,6 +48,7 @@ def test_rows_of_any_nodes_are_gathered_from_their_owners(comm, matrices, agree)
     row = np.repeat(np.arange(len(nodes)), np.diff(start))
     found[row, :, column] = value.reshape(-1, 3, 3)
     expected = dense.reshape(num_nodes, 3, num_nodes, 3)[nodes]
+    assert agree(np.array_equal(rows.neighbours(nodes.astype(np.int64), ends), column))
     assert agree(np.allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(dense).max()))
 
 

@@ -1,9 +1,9 @@
-"""What one rank does for all, with rows and errors known beforehand."""
+"""What ranks do for each other, with rows and errors known beforehand."""
 
 import numpy as np
 import pytest
 
-from dolfinx_nts.ranks import gathered, on_root, scattered
+from dolfinx_nts.ranks import exchanged, gathered, on_root, scattered
 
 
 def table(ids):
@@ -16,6 +16,14 @@ def mine(comm, rng):
     """Numbers of this rank's rows, out of 20 in any order; none on the last of several."""
     shares = np.array_split(3 * rng.permutation(20), max(comm.size - 1, 1))
     return [*shares, np.empty(0, dtype=np.int64)][comm.rank]
+
+
+def test_each_rank_has_something_for_every_rank(comm, agree):
+    parts = [table(np.arange(comm.rank, other + 3)) for other in range(comm.size)]
+    received = exchanged(comm, iter(parts))
+    assert received[comm.rank] is parts[comm.rank]
+    expected = [table(np.arange(other, comm.rank + 3)) for other in range(comm.size)]
+    assert agree(all(map(np.array_equal, received, expected)) and len(received) == comm.size)
 
 
 def test_rows_of_all_ranks_come_to_the_first_in_order(comm, mine, agree):
