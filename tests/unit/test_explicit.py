@@ -426,22 +426,19 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
     np.testing.assert_allclose(often.positions(), seldom.positions(), atol=1e-12)
 
 
-def test_nodes_keep_their_segments_in_another_neighbourhood(comm):
-    stepper = blocks(comm).stepper
-    while stepper.advance().num_active < 3:
+def test_nodes_keep_their_segments_in_another_neighbourhood(comm, agree):
+    stepper = scenes.ball_plate(comm, nts.CentralDifference, nts.Penalty(), dt=2e-3).stepper
+    while stepper.advance().num_active < 5:
         pass
     seen = stepper._springs[0]._lookout
-
-    def keys():
-        key = np.where(seen.current < 0, -1, seen.here.key[seen.current])
-        return dict(zip(seen.number.tolist(), key.tolist(), strict=True))
-
-    before, first = keys(), seen.here
-    stepper.pairs[0].search.update(stepper.x, 20 * seen.reach)
-    seen._look(stepper.x)
-    assert seen.here is not first
-    assert keys() == before
-    assert comm.allreduce(sum(key >= 0 for key in before.values())) >= 3
+    # The segments under the ball, with other numbers than among all.
+    other = stepper.pairs[0].search._exchange(stepper.x, 0.3)
+    found, paired = seen._current_in(other), seen.current >= 0
+    assert comm.allreduce(np.count_nonzero(found != seen.current)) > 0
+    assert comm.allreduce(np.count_nonzero(paired)) >= 5
+    assert agree(np.array_equal(found >= 0, paired))
+    keys = seen.here.key[seen.current[paired]]
+    assert agree(np.array_equal(other.key[found[paired]], keys))
 
 
 def test_report_and_ledger_are_those_of_a_step_without_iterations(comm):

@@ -6,7 +6,7 @@ from test_incomplete_factors import definition, dense, rounding
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels, preconditioner
+from dolfinx_nts import _kernels, kept_factors, preconditioner
 from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.kept_factors import KeptFactors
@@ -180,6 +180,15 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
     singular.stepper.advance()
     assert agree(factors.is_strong and factors.num_builds == 1)
     np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
+
+
+@pytest.mark.serial
+def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
+    # Neighbours of rows 0 to 5, of which 4 and 5 are another rank's; 6 is outside.
+    rows = [[0, 1, 4], [0, 1, 2], [1, 2, 3], [2, 3, 5], [4, 0, 6], [3, 5, 6]]
+    start = np.cumsum([0, *map(len, rows)])
+    order = kept_factors._order(start, np.concatenate(rows).astype(np.int32), 4)
+    np.testing.assert_array_equal(order, [3, 5, 2, 1, 0, 4])
 
 
 def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
