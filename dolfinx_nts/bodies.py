@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts import reductions
-from dolfinx_nts.arguments import instances
+from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import compile_expression, compile_form
 from dolfinx_nts.materials import Dust, Hyperelastic

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels, reductions
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.arguments import as_call
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.arguments import as_call, positive
+from dolfinx_nts.common.arguments import as_call, positive
 
 __all__ = ["LagrangeMultiplier", "Penalty"]
 

@@ -24,8 +24,8 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import _kernels, reductions
-from dolfinx_nts.archive import Archive
 from dolfinx_nts.bodies import Body
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.arguments import as_call, nonnegative, positive
+from dolfinx_nts.common.arguments import as_call, nonnegative, positive
 
 __all__ = ["Coulomb", "Traction", "transport"]
 

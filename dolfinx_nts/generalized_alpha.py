@@ -16,9 +16,9 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts import reductions
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.arguments import finite, instances
 from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.forms import assembled, compile_form

@@ -21,9 +21,9 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts import newton, reductions
-from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.contact_rows import ContactState

@@ -5,7 +5,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.diagnostics import Balance
 from dolfinx_nts.report import StepReport
 

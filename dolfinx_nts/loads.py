@@ -13,8 +13,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import Body, bulk_form
+from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.elements import Element
 from dolfinx_nts.surfaces import Surface
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_domains
 
-from dolfinx_nts.arguments import as_call, finite, positive
+from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.energy_curve import EnergyCurve
 
 __all__ = ["Dust", "Hyperelastic", "right_cauchy_green"]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels, reductions
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.obstacles import Contact, Obstacle
 from dolfinx_nts.surfaces import Surface
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.arguments import as_call
+from dolfinx_nts.common.arguments import as_call
 
 __all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 

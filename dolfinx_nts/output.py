@@ -11,6 +11,7 @@ from typing import Literal
 from mpi4py import MPI
 
 from dolfinx_nts import checkpoint
+from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.interrupts import Interrupts
@@ -21,7 +22,6 @@ from dolfinx_nts.report import StepReport
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.sunk import SunkVertices
 from dolfinx_nts.table import Table
-from dolfinx_nts.timing import Timings
 from dolfinx_nts.vtx import VtxFile
 from dolfinx_nts.xdmf import FieldFile
 

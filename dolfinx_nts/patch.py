@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import reductions
-from dolfinx_nts.archive import Archive
 from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.elimination import Elimination
 from dolfinx_nts.patch_domain import GlobalPairs, OverlappingDomain, WholeDomain
 

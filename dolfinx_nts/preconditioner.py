@@ -7,8 +7,8 @@ from petsc4py import PETSc
 
 import numpy.typing as npt
 
-from dolfinx_nts.archive import Archive
 from dolfinx_nts.assembly import Bulk
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.elimination import Elimination
 from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.kept_rows import KeptRows

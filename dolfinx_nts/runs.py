@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_nts.archive import Archive, Snapshot
+from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.numbering import listed

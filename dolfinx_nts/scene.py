@@ -15,8 +15,8 @@ from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
 from dolfinx_nts import reductions
-from dolfinx_nts.arguments import instances
 from dolfinx_nts.bodies import Body, common_space
+from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import common
 
 from dolfinx_nts import _kernels, compat, reductions
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.ranks import exchanged
 from dolfinx_nts.surfaces import Surface, diameters

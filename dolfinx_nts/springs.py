@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels, reductions
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty

@@ -4,8 +4,8 @@ import bisect
 import math
 from collections.abc import Sequence
 
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.arguments import positive
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import positive
 
 __all__ = ["EvenSteps", "StepControl", "StepLength"]
 

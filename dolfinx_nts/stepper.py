@@ -17,9 +17,10 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from dolfinx_nts import reductions
-from dolfinx_nts.archive import Archive
-from dolfinx_nts.arguments import finite, instances, positive
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import finite, instances, positive
+from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load
@@ -29,7 +30,6 @@ from dolfinx_nts.report import StepReport
 from dolfinx_nts.runs import run_controlled, run_evenly
 from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 from dolfinx_nts.supports import Supports
-from dolfinx_nts.timing import Timings
 
 __all__ = ["Stepper"]
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import compat, reductions
-from dolfinx_nts.arguments import instances
+from dolfinx_nts.common.arguments import instances
 
 __all__ = ["Supports"]
 

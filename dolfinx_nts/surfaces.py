@@ -19,7 +19,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts import reductions
-from dolfinx_nts.arguments import as_call
+from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import assembled
 from dolfinx_nts.numbering import input_ids

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from dolfinx_nts.archive import Archive
+from dolfinx_nts.common.archive import Archive
 
 __all__ = ["Table"]
 

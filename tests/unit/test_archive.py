@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.archive import Snapshot
+from dolfinx_nts.common.archive import Snapshot
 
 pytestmark = pytest.mark.serial
 

@@ -5,7 +5,7 @@ import pytest
 import ufl
 
 import dolfinx_nts as nts
-from dolfinx_nts.arguments import finite, instances, nonnegative, positive, real
+from dolfinx_nts.common.arguments import finite, instances, nonnegative, positive, real
 
 pytestmark = pytest.mark.serial
 

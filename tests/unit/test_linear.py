@@ -7,8 +7,8 @@ from test_incomplete_factors import definition, dense, rounding
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels, kept_factors, preconditioner
-from dolfinx_nts.archive import Snapshot
 from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.kept_factors import KeptFactors
 from dolfinx_nts.kept_rows import KeptRows
 from dolfinx_nts.patch_domain import GlobalPairs, OverlappingDomain

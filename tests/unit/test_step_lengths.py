@@ -2,7 +2,7 @@
 
 import pytest
 
-from dolfinx_nts.archive import Snapshot
+from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 
 pytestmark = pytest.mark.serial

@@ -1,0 +1,1 @@
+"""What knows nothing of meshes: arrays, arguments, archives, wall time."""
