@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts.ranks import exchanged
+from dolfinx_nts.parallel.communication import exchanged
 
 __all__ = ["BlockRows"]
 

@@ -19,10 +19,10 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import reductions
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.fingerprint import fingerprint
-from dolfinx_nts.ranks import gathered, on_root, scattered
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import gathered, on_root, scattered
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["load", "save"]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
@@ -22,6 +22,7 @@ from dolfinx_nts.numbering import listed
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.own_surface import OwnSearch
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search import Search
 from dolfinx_nts.surfaces import Surface
 

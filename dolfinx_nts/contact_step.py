@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.active_set import ActiveSet
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
@@ -20,6 +20,7 @@ from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.normal_springs import NormalSprings
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.pairing import Pairing
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.slip import ConvectiveSlip, Slip
 from dolfinx_nts.tangential import Tangential
 

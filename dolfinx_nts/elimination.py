@@ -21,12 +21,13 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.excerpt import Excerpt
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["ActivePairs", "Coupling", "Elimination"]
 

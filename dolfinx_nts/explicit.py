@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
@@ -32,6 +32,7 @@ from dolfinx_nts.explicit_bulk import ExplicitBulk
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.springs import ContactSprings

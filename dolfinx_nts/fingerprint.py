@@ -17,7 +17,7 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
 from dolfinx_nts.numbering import input_ids
-from dolfinx_nts.ranks import gathered
+from dolfinx_nts.parallel.communication import gathered
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.surfaces import Surface
 

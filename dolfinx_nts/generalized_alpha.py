@@ -15,7 +15,6 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import reductions
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
@@ -25,6 +24,7 @@ from dolfinx_nts.forms import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 
 __all__ = ["GeneralizedAlpha"]

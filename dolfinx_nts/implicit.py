@@ -20,7 +20,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import newton, reductions
+from dolfinx_nts import newton
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.archive import Archive
@@ -34,6 +34,7 @@ from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.numbering import listed
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
 from dolfinx_nts.step_forms import StepForms

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["KeptFactors"]
 

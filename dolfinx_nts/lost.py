@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from basix import CellType, topology
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.neighbourhood import Neighbourhood
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["lost_nodes"]
 

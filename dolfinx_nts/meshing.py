@@ -18,9 +18,10 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
-from dolfinx_nts import compat, reductions
+from dolfinx_nts import compat
 from dolfinx_nts.gmsh_options import gmsh_options
 from dolfinx_nts.hexahedra import only_one_kind
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parts import (
     add_bowl,
     add_box,

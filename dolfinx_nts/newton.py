@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import reductions
 from dolfinx_nts.assembly import Bulk, contact_residual
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.linear import LinearSolver
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.obstacles import Contact, Obstacle
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.surfaces import Surface
 
 __all__ = ["ObstacleNeighbourhood"]

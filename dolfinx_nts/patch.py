@@ -5,10 +5,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import reductions
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.elimination import Elimination
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.patch_domain import GlobalPairs, OverlappingDomain, WholeDomain
 
 __all__ = ["Patch"]

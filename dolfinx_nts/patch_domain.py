@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts import _kernels, compat, reductions
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.elimination import ActivePairs
-from dolfinx_nts.ranks import exchanged
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import exchanged
 
 __all__ = ["GlobalPairs", "OverlappingDomain", "WholeDomain"]
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import reductions
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["Pivoting"]
 

@@ -17,14 +17,14 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import reductions
 from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
 from dolfinx_nts.elements import Element
 from dolfinx_nts.forms import compile_expression
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.movie import Movie
-from dolfinx_nts.ranks import on_root
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.stepper import Stepper
 
 __all__ = [

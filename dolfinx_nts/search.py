@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import common
 
-from dolfinx_nts import _kernels, compat, reductions
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.ranks import exchanged
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.surfaces import Surface, diameters
 
 __all__ = ["Search"]

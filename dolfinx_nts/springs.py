@@ -12,13 +12,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import _kernels, reductions
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.lookout import Lookout
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.slip import Slip
 from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.surfaces import Surface

@@ -16,16 +16,16 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 
-from dolfinx_nts import reductions
 from dolfinx_nts.bodies import Body, VolumeRatio, check_bodies
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances, positive
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.failures import agreed, end_together
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.numbering import input_ids
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed, end_together
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.runs import run_controlled, run_evenly
 from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength

@@ -11,8 +11,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts import reductions
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search import Search
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.surfaces import Surface

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_nts import compat, reductions
+from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
 

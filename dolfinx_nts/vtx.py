@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.fields import nodal_fields
-from dolfinx_nts.ranks import on_root
+from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["VtxFile"]

@@ -21,7 +21,7 @@ from dolfinx_nts.elements import Element
 from dolfinx_nts.fields import nodal_fields
 from dolfinx_nts.journal import JournaledFile
 from dolfinx_nts.numbering import input_ids
-from dolfinx_nts.ranks import gathered, on_root
+from dolfinx_nts.parallel.communication import gathered, on_root
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["FieldFile"]

@@ -12,7 +12,7 @@ import scenes
 from boxed import Ledger
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.numbering import input_ids
-from dolfinx_nts.ranks import gathered
+from dolfinx_nts.parallel.communication import gathered
 
 # Largest change, relative to the start.
 ENERGY_TOLERANCE = 1e-10

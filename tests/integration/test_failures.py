@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import failures
+from dolfinx_nts.parallel import errors
 from scenes import blocks
 
 # Wall time from the error to the end of the last process [s], where each rank
@@ -137,7 +137,7 @@ def test_the_same_error_on_all_ranks_is_told_once_and_nothing_is_aborted(tmp_pat
 @pytest.fixture
 def patient(monkeypatch):
     """Wait as long for the other ranks as a busy machine needs."""
-    monkeypatch.setattr(failures, "_PATIENCE", HANGS)
+    monkeypatch.setattr(errors, "_PATIENCE", HANGS)
 
 
 def one_rank(comm):

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from dolfinx_nts.interrupts import Interrupts
+from dolfinx_nts.parallel.signals import Interrupts
 
 
 class Stopped(Exception):

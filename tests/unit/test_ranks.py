@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.ranks import exchanged, gathered, on_root, scattered
+from dolfinx_nts.parallel.communication import exchanged, gathered, on_root, scattered
 
 
 def table(ids):

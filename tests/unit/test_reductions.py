@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts import reductions
+from dolfinx_nts.parallel import reductions
 
 
 @pytest.mark.parametrize(

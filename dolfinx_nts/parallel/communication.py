@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.failures import portable
+from dolfinx_nts.parallel.errors import portable
 
 __all__ = ["exchanged", "gathered", "on_root", "scattered"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_nts import reductions
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["Interrupts"]
 

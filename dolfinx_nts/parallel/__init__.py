@@ -1,0 +1,1 @@
+"""MPI: reductions, communication, errors and signals on all ranks."""
