@@ -15,11 +15,10 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.block_rows import BlockRows
-from dolfinx_nts.cell_form import CellForm
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import compile_form
-from dolfinx_nts.packed_form import PackedForm
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.supports import Supports
 

@@ -16,11 +16,10 @@ from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.elements import Element
-from dolfinx_nts.forms import compile_expression, compile_form
+from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.jit import compile_expression, compile_form
 from dolfinx_nts.materials import Dust, Hyperelastic
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.spaces import check_space, check_tag
 
 __all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies", "common_space"]
 

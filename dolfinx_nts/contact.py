@@ -17,8 +17,8 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.friction import Coulomb
-from dolfinx_nts.numbering import listed
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.own_surface import OwnSearch

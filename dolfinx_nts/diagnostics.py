@@ -26,7 +26,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.forms import assembled, compile_form
+from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.surfaces import Surface

@@ -9,12 +9,11 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.bodies import Body, bulk_form
-from dolfinx_nts.cell_form import CellForm
-from dolfinx_nts.forms import compile_form
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
-from dolfinx_nts.packed_form import PackedForm
 
 __all__ = ["ExplicitBulk", "NodalForce"]
 

@@ -20,7 +20,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
-from dolfinx_nts.forms import assembled, compile_form
+from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.loads import Load
 from dolfinx_nts.materials import Hyperelastic, right_cauchy_green

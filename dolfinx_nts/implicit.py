@@ -28,12 +28,12 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.forms import assembled, compile_form
+from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.lumping import lumped_mass
-from dolfinx_nts.numbering import listed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest

@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.elements import Element
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.surfaces import Surface
 
 __all__ = [

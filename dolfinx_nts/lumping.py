@@ -16,7 +16,7 @@ from dolfinx import la
 
 from dolfinx_nts import compat
 from dolfinx_nts.bodies import Body
-from dolfinx_nts.elements import Element
+from dolfinx_nts.fem.elements import Element
 
 __all__ = ["lumped_mass", "nodal_parts"]
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import Body
-from dolfinx_nts.elements import Element
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.lumping import nodal_parts
 from dolfinx_nts.materials import Hyperelastic
 from dolfinx_nts.parallel import reductions

@@ -19,11 +19,10 @@ from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.common.arguments import as_call
-from dolfinx_nts.elements import Element
-from dolfinx_nts.forms import assembled
-from dolfinx_nts.numbering import input_ids
+from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.jit import assembled
+from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.spaces import check_space, check_tag
 
 __all__ = ["Surface", "area_vectors", "diameters"]
 

@@ -11,7 +11,7 @@ import dolfinx_nts as nts
 import scenes
 from boxed import Ledger
 from dolfinx_nts.assembly import Bulk
-from dolfinx_nts.numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel.communication import gathered
 
 # Largest change, relative to the start.

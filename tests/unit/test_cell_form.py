@@ -10,9 +10,8 @@ import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import bulk_form
-from dolfinx_nts.cell_form import CellForm
-from dolfinx_nts.forms import compile_form
-from dolfinx_nts.packed_form import PackedForm
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 
 SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
 

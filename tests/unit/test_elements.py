@@ -6,8 +6,8 @@ import pytest
 from dolfinx import fem
 
 import scenes
-from dolfinx_nts.elements import Element
-from dolfinx_nts.numbering import input_ids, listed
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import input_ids, listed
 
 ROUNDING = 1e-12
 

@@ -13,7 +13,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from dolfinx_nts.spaces import check_space, check_tag
+from dolfinx_nts.fem.elements import check_space, check_tag
 
 
 def cube(comm, cell):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import compat
-from dolfinx_nts.elements import Element
+from dolfinx_nts.fem.elements import Element
 
 __all__ = ["input_ids", "listed"]
 

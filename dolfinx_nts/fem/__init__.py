@@ -1,0 +1,1 @@
+"""What is needed beside `dolfinx.fem`: elements, compiled forms, numbers of nodes."""
