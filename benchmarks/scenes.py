@@ -9,7 +9,7 @@ import gmsh
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.meshing import MeshData, add_box, add_hollow_ball
+from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball
 
 __all__ = ["ELEMENTS", "SCHEMES", "Scene", "ball_on_plate", "bar_on_wall", "pressed_block"]
 

@@ -12,7 +12,7 @@ from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 from dolfinx_nts.materials import Hyperelastic
-from dolfinx_nts.meshing import MeshData, read_mesh
+from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.output import Recorder

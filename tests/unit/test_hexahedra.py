@@ -9,7 +9,7 @@ import pytest
 from dolfinx.mesh import CellType
 from test_meshing import BOX, ROUNDING, count, measure, model, read_mesh
 
-from dolfinx_nts.meshing import add_box
+from dolfinx_nts.meshing.gmsh import add_box
 
 __all__ = ["model"]  # a fixture
 

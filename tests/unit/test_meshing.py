@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags, entities_to_geometry
 
-from dolfinx_nts.meshing import MeshData, add_box, add_hollow_ball, read_mesh
+from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BALL_PLATE = MESHES / "ball_plate.msh"

@@ -11,7 +11,7 @@ from dolfinx import fem
 from dolfinx.mesh import entities_to_geometry
 
 from dolfinx_nts import parts
-from dolfinx_nts.meshing import MeshData, read_mesh
+from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 
 ROUNDING = 1e3 * np.finfo(float).eps  # of a sum over some hundred cells
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -10,7 +10,7 @@ from dolfinx.mesh import GhostMode
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import parts
-from dolfinx_nts.meshing import read_mesh
+from dolfinx_nts.meshing.gmsh import read_mesh
 
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
 

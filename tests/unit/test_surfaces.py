@@ -9,7 +9,7 @@ from dolfinx.mesh import GhostMode, meshtags
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.meshing import read_mesh
+from dolfinx_nts.meshing.gmsh import read_mesh
 from dolfinx_nts.surfaces import area_vectors
 
 # Of sums over some hundred facets of lengths of about one.

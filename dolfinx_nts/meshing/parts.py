@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.blocks import SIDES, Block, Floats, add_body, hexahedra, join, quadrangles
+from dolfinx_nts.meshing.structured_blocks import (
+    SIDES,
+    Block,
+    Floats,
+    add_body,
+    hexahedra,
+    join,
+    quadrangles,
+)
 
 __all__ = ["add_bowl", "add_box", "add_hollow_ball", "add_ring", "add_solid_ball", "add_torus"]
 

@@ -3,6 +3,8 @@
 Cells are cut at the midpoints of their edges and the centres of their faces: a
 tetrahedron becomes four hexahedra, a prism six, a hexahedron eight. Neighbours
 keep fitting each other whatever they were, and volumes stay the same.
+
+Options of gmsh that are set for a while.
 """
 
 import logging
@@ -12,9 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from dolfinx_nts.gmsh_options import gmsh_options
-
-__all__ = ["only_one_kind"]
+__all__ = ["gmsh_options", "only_one_kind"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -64,3 +64,22 @@ def only_one_kind(model: Any) -> Iterator[Any]:
         finally:
             model.remove()
             model.setCurrent(current)
+
+
+@contextmanager
+def gmsh_options(gmsh: Any, **values: float) -> Iterator[None]:
+    """Context in which options of gmsh have other values. Local.
+
+    Args:
+        gmsh: The module, initialised.
+        values: Numbers by name, ``Mesh_SaveAll`` for ``Mesh.SaveAll``.
+    """
+    names = {key: key.replace("_", ".") for key in values}
+    before = {key: gmsh.option.getNumber(name) for key, name in names.items()}
+    try:
+        for key, value in values.items():
+            gmsh.option.setNumber(names[key], value)
+        yield
+    finally:
+        for key, value in before.items():
+            gmsh.option.setNumber(names[key], value)

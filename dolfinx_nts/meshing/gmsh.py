@@ -19,10 +19,8 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
-from dolfinx_nts.gmsh_options import gmsh_options
-from dolfinx_nts.hexahedra import only_one_kind
-from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parts import (
+from dolfinx_nts.meshing.mixed_cells import gmsh_options, only_one_kind
+from dolfinx_nts.meshing.parts import (
     add_bowl,
     add_box,
     add_hollow_ball,
@@ -30,6 +28,7 @@ from dolfinx_nts.parts import (
     add_solid_ball,
     add_torus,
 )
+from dolfinx_nts.parallel import reductions
 
 __all__ = [
     "MeshData",
