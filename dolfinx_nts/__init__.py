@@ -3,7 +3,6 @@
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
-from dolfinx_nts.energies import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
 from dolfinx_nts.form_load import FormLoad
@@ -11,7 +10,8 @@ from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
-from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere

@@ -18,7 +18,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import compile_expression, compile_form
-from dolfinx_nts.materials import Dust, Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Dust, Hyperelastic
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies", "common_space"]

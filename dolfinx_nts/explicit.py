@@ -30,7 +30,7 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk
 from dolfinx_nts.loads import Load
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport

@@ -13,7 +13,7 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.loads import Load
 from dolfinx_nts.lumping import lumped_mass
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 
 __all__ = ["ExplicitBulk", "NodalForce"]
 

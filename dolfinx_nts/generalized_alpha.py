@@ -23,7 +23,7 @@ from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.loads import Load
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 

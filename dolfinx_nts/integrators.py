@@ -11,7 +11,7 @@ import numpy.typing as npt
 import ufl
 
 from dolfinx_nts.implicit import ImplicitStepper
-from dolfinx_nts.materials import Hyperelastic, right_cauchy_green
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 

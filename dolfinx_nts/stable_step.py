@@ -22,7 +22,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.bodies import Body
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.lumping import nodal_parts
-from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.parallel import reductions
 
 __all__ = [

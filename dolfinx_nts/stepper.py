@@ -23,7 +23,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.loads import Load
-from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed, end_together
 from dolfinx_nts.report import StepReport

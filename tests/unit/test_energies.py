@@ -7,7 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from boxed import Box, Ledger, swirl
-from dolfinx_nts.energies import MooneyRivlin, NeoHookean, Yeoh
+from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, Yeoh
 from reference.bulk import rotation
 
 EPS = np.finfo(float).eps

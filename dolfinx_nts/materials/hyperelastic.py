@@ -17,7 +17,7 @@ import ufl
 from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
-from dolfinx_nts.energy_curve import EnergyCurve
+from dolfinx_nts.materials.energy_curve import EnergyCurve
 
 __all__ = ["Dust", "Hyperelastic", "right_cauchy_green"]
 

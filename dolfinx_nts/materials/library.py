@@ -9,7 +9,7 @@ from typing import Any
 import ufl
 
 from dolfinx_nts.common.arguments import positive, real
-from dolfinx_nts.materials import Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
 __all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 
