@@ -1,26 +1,25 @@
 """Energy-momentum consistent node-to-segment contact for DOLFINx."""
 
-from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
-from dolfinx_nts.form_load import FormLoad
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
-from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Pressure, Traction
+from dolfinx_nts.model.obstacles import RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.newton import ConvergenceError
-from dolfinx_nts.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.rigid_surface import RigidSurface
 from dolfinx_nts.scene import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.step_control import StepControl
-from dolfinx_nts.surfaces import Surface
 
 __version__ = "0.1.0"
 

@@ -19,8 +19,8 @@ from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
+from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.supports import Supports
 
 __all__ = ["Bulk", "contact_residual"]
 

@@ -19,12 +19,12 @@ from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.obstacles import Obstacle
 from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search import Search
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["ContactPair"]
 

@@ -25,11 +25,11 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.stepper import Stepper
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Balance", "Diagnostics"]
 

@@ -24,13 +24,14 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.bodies import Body
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
 from dolfinx_nts.explicit_bulk import ExplicitBulk
-from dolfinx_nts.loads import Load
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.loads import Load
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
@@ -38,7 +39,6 @@ from dolfinx_nts.spring_state import SpringState
 from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stability import Stability
 from dolfinx_nts.stepper import Stepper
-from dolfinx_nts.supports import Supports
 
 __all__ = ["CentralDifference"]
 

@@ -8,12 +8,12 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
-from dolfinx_nts.loads import Load
-from dolfinx_nts.lumping import lumped_mass
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.lumped_mass import lumped_mass
 
 __all__ = ["ExplicitBulk", "NodalForce"]
 

@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 
-from dolfinx_nts.bodies import bulk_form
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import gathered
 from dolfinx_nts.stepper import Stepper
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["fingerprint"]
 

@@ -15,15 +15,15 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
-from dolfinx_nts.loads import Load
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 

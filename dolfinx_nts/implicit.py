@@ -22,7 +22,6 @@ from dolfinx import fem
 
 from dolfinx_nts import newton
 from dolfinx_nts.assembly import Bulk, contact_residual
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactWork
@@ -31,9 +30,10 @@ from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.linear import LinearSolver
-from dolfinx_nts.loads import Load
 from dolfinx_nts.lost import lost_nodes
-from dolfinx_nts.lumping import lumped_mass
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest

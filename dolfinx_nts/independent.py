@@ -10,8 +10,8 @@ on which they are, or their own, has a vertex with a multiplier.
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["independent"]
 

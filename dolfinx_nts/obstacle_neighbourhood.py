@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.obstacles import Contact, Obstacle
+from dolfinx_nts.model.obstacles import Contact, Obstacle
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["ObstacleNeighbourhood"]
 

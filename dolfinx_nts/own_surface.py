@@ -7,9 +7,9 @@ and by the positions at rest, see `cpp/nts/own_surface.h`.
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_nts.model.surfaces import area_vectors
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.search import Search
-from dolfinx_nts.surfaces import area_vectors
 
 __all__ = ["OwnNeighbourhood", "OwnSearch"]
 

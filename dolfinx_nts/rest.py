@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk
-from dolfinx_nts.bodies import Body
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.loads import Load
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["Rest"]
 

@@ -14,14 +14,14 @@ import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
-from dolfinx_nts.bodies import Body, common_space
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.friction import Coulomb
-from dolfinx_nts.obstacles import Obstacle
+from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 

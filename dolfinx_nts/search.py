@@ -16,10 +16,10 @@ from dolfinx import common
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
-from dolfinx_nts.surfaces import Surface, diameters
 
 __all__ = ["Search"]
 

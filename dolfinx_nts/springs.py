@@ -19,10 +19,10 @@ from dolfinx_nts.contact_history import ContactHistory
 from dolfinx_nts.enforcement import Penalty
 from dolfinx_nts.friction import transport
 from dolfinx_nts.lookout import Lookout
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.slip import Slip
 from dolfinx_nts.spring_state import SpringState
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["ContactSprings"]
 

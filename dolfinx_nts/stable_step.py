@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.bodies import Body
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.lumping import nodal_parts
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.lumped_mass import nodal_parts
 from dolfinx_nts.parallel import reductions
 
 __all__ = [

@@ -7,8 +7,8 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body, bulk_form
 
 __all__ = ["StepForms"]
 

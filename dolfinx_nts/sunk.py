@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search import Search
 from dolfinx_nts.stepper import Stepper
-from dolfinx_nts.surfaces import Surface
 
 __all__ = ["SunkVertices"]
 

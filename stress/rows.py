@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_nts as nts
-from dolfinx_nts.obstacles import Obstacle
+from dolfinx_nts.model.obstacles import Obstacle
 
 __all__ = [
     "COLUMNS",

@@ -10,7 +10,7 @@ from dolfinx.mesh import GhostMode, meshtags
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.bodies import VolumeRatio, bulk_form, check_bodies
+from dolfinx_nts.model.bodies import VolumeRatio, bulk_form, check_bodies
 
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e3, nu=0.3, rho=10.0)
 # Of sums over some hundred quadrature points.

@@ -9,9 +9,9 @@ from ufl.algorithms import expand_derivatives
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels
-from dolfinx_nts.bodies import bulk_form
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
+from dolfinx_nts.model.bodies import bulk_form
 
 SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
 

@@ -10,9 +10,9 @@ from dolfinx.mesh import GhostMode, create_unit_cube
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.bodies import bulk_form
 from dolfinx_nts.fem.jit import assembled, compile_expression, compile_form
 from dolfinx_nts.fem.linear_forms import CellForm
+from dolfinx_nts.model.bodies import bulk_form
 
 RHO, VOLUME, CELLS = 3.0, 1.2 * 1.0 * 0.5, 24
 ROUNDING = 1e3 * np.finfo(float).eps

@@ -8,7 +8,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
-from dolfinx_nts.loads import BodyForce, Gravity, Pressure, Traction
+from dolfinx_nts.model.loads import BodyForce, Gravity, Pressure, Traction
 
 EPS = np.finfo(float).eps
 

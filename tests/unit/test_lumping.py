@@ -7,8 +7,8 @@ from dolfinx import fem, la
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.bodies import bulk_form
-from dolfinx_nts.lumping import lumped_mass
+from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.lumped_mass import lumped_mass
 
 ROUNDING = 1e-12
 

@@ -8,8 +8,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels, stable_step
-from dolfinx_nts.bodies import bulk_form
-from dolfinx_nts.lumping import lumped_mass
+from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.lumped_mass import lumped_mass
 
 
 def lengths(cells):

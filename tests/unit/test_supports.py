@@ -7,7 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
-from dolfinx_nts.loads import Gravity, Pressure, Traction
+from dolfinx_nts.model.loads import Gravity, Pressure, Traction
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])

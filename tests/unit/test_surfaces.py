@@ -10,7 +10,7 @@ from dolfinx.mesh import GhostMode, meshtags
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts.meshing.gmsh import read_mesh
-from dolfinx_nts.surfaces import area_vectors
+from dolfinx_nts.model.surfaces import area_vectors
 
 # Of sums over some hundred facets of lengths of about one.
 ROUNDING = 1e3 * np.finfo(float).eps

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from dolfinx import la
 
 from dolfinx_nts import compat
-from dolfinx_nts.bodies import Body
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.bodies import Body
 
 __all__ = ["lumped_mass", "nodal_parts"]
 

@@ -3,6 +3,8 @@ r"""Loads on bodies: forms of virtual work.
 A load is a linear form of virtual work, evaluated once per step, so that its
 work in the step is the form at u_{n+1} - u_n. Values that are functions of
 time are taken at the middle of the step.
+
+Loads that users write as forms: sources, springs, followers.
 """
 
 from abc import ABC, abstractmethod
@@ -13,19 +15,12 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.bodies import Body, bulk_form
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.surfaces import Surface
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.surfaces import Surface
 
-__all__ = [
-    "BodyForce",
-    "Gravity",
-    "Load",
-    "LoadWithValue",
-    "Pressure",
-    "Traction",
-]
+__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "LoadWithValue", "Pressure", "Traction"]
 
 
 class Load(ABC):
@@ -235,3 +230,59 @@ def _cofactor(A: Any) -> Any:
     a, b, c = (A[:, i] for i in range(3))
     columns = ufl.cross(b, c), ufl.cross(c, a), ufl.cross(a, b)
     return ufl.as_matrix([[column[i] for column in columns] for i in range(3)])
+
+
+class FormLoad(Load):
+    r"""A load given by the form of its virtual work.
+
+    As on the right-hand side of a DOLFINx problem, ``inner(f, eta) * dx``
+    pushes along f. Functions and constants in it may be set by ``update``
+    of the stepper. Its work in a step, the form at :math:`u_{n+1} - u_n`,
+    is in the ledger with that of the other loads.
+
+    Args:
+        V: Space of the displacement.
+        work: Form, linear in the test function of V; or function
+            ``work(u, eta, t)`` that returns it for a displacement
+            (in the middle of a step; at its end in `QuasiStatic`, where
+            it is in `CentralDifference`), a test function, and the time
+            there, a `fem.Constant` [s]. The derivative by u is taken
+            care of.
+
+    Attributes:
+        V: The space.
+
+    Raises:
+        TypeError: ``work`` is, or returns, no form.
+        ValueError: The form is on another mesh, or not linear in the test
+            function of V.
+    """
+
+    def __init__(self, V: fem.FunctionSpace, work: ufl.Form | Callable[..., ufl.Form]) -> None:
+        """Check the form, a function at rest."""
+        self.V, self._work = V, work
+        self._t = fem.Constant(V.mesh, 0.0)
+        u = fem.Function(V)
+        form: Any = self.form(u, u)
+        if not isinstance(form, ufl.Form):
+            raise TypeError(f"expected a form of virtual work, given {type(form).__name__}")
+        try:
+            spaces = [argument.ufl_function_space() for argument in form.arguments()]
+        except ValueError as error:
+            raise ValueError(f"expected a form linear in one test function, {error}") from error
+        if len(spaces) != 1 or spaces[0] != V:
+            raise ValueError(
+                "expected a form linear in the test function of the bodies' space, "
+                f"given one with {len(spaces)} arguments"
+            )
+
+    def update(self, t: float) -> None:
+        """Set the time, see `Load.update`."""
+        self._t.value = t
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step, see `Load.form`."""
+        # Forms are callable too, with other arguments.
+        if isinstance(self._work, ufl.Form) or not callable(self._work):
+            return self._work
+        return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.obstacles import Contact, Obstacle
+from dolfinx_nts.model.obstacles import Contact, Obstacle
 
 __all__ = ["RigidSurface"]
 

@@ -8,7 +8,6 @@ is for terms of the energy that a material names.
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -17,11 +16,10 @@ from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.fem.jit import compile_expression, compile_form
 from dolfinx_nts.materials.hyperelastic import Dust, Hyperelastic
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Body", "VolumeRatio", "bulk_form", "check_bodies", "common_space"]
+__all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
 
 
 class Body:
@@ -167,45 +165,3 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
             f"given {free} cells in none and {shared} in several"
         )
     return V
-
-
-class VolumeRatio:
-    """Finds inverted cells, where det F <= 0 at a quadrature point.
-
-    Args:
-        u: Displacement.
-    """
-
-    def __init__(self, u: fem.Function) -> None:
-        """Compile det F at the points of the bulk forms."""
-        mesh = u.function_space.mesh
-        cell = basix.CellType[mesh.topology.cell_name()]
-        degree = Element.of(u.function_space).stress_degree
-        points, _ = basix.make_quadrature(cell, degree)
-        ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
-        self._u = u
-        self._expression = compile_expression(ratio, points)
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
-        self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
-        num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
-        self._cells = np.arange(num_cells, dtype=np.int32)
-
-    def inverted(self) -> str:
-        """Describe the worst inverted cell; empty if there is none.
-
-        Collective.
-        """
-        V = self._u.function_space
-        mesh, worst, text = V.mesh, np.inf, ""
-        if fem.assemble_scalar(self._inverted_volume) > 0:
-            ratio = self._expression.eval(mesh, self._cells).min(axis=1)
-            cell = int(np.argmin(ratio))
-            worst = float(ratio[cell])
-            if not worst > 0:
-                x = V.tabulate_dof_coordinates() + self._u.x.array.reshape(-1, 3)
-                middle = x[V.dofmap.cell_dofs(cell)].mean(axis=0)
-                number = mesh.topology.original_cell_index[cell]
-                place = " ".join(f"{value:.4g}" for value in middle)
-                text = f"cell {number} near [{place}] is inverted, det F = {worst:.3g}"
-        _, text = min(mesh.comm.allgather((worst, text)))
-        return text

@@ -1,0 +1,1 @@
+"""What a user declares, without contact: bodies, surfaces, obstacles, loads, supports."""

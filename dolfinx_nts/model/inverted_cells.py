@@ -1,0 +1,53 @@
+"""Inverted cells, where det F <= 0."""
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.jit import compile_expression, compile_form
+
+__all__ = ["VolumeRatio"]
+
+
+class VolumeRatio:
+    """Finds inverted cells, where det F <= 0 at a quadrature point.
+
+    Args:
+        u: Displacement.
+    """
+
+    def __init__(self, u: fem.Function) -> None:
+        """Compile det F at the points of the bulk forms."""
+        mesh = u.function_space.mesh
+        cell = basix.CellType[mesh.topology.cell_name()]
+        degree = Element.of(u.function_space).stress_degree
+        points, _ = basix.make_quadrature(cell, degree)
+        ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
+        self._u = u
+        self._expression = compile_expression(ratio, points)
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
+        self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
+        num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+        self._cells = np.arange(num_cells, dtype=np.int32)
+
+    def inverted(self) -> str:
+        """Describe the worst inverted cell; empty if there is none.
+
+        Collective.
+        """
+        V = self._u.function_space
+        mesh, worst, text = V.mesh, np.inf, ""
+        if fem.assemble_scalar(self._inverted_volume) > 0:
+            ratio = self._expression.eval(mesh, self._cells).min(axis=1)
+            cell = int(np.argmin(ratio))
+            worst = float(ratio[cell])
+            if not worst > 0:
+                x = V.tabulate_dof_coordinates() + self._u.x.array.reshape(-1, 3)
+                middle = x[V.dofmap.cell_dofs(cell)].mean(axis=0)
+                number = mesh.topology.original_cell_index[cell]
+                place = " ".join(f"{value:.4g}" for value in middle)
+                text = f"cell {number} near [{place}] is inverted, det F = {worst:.3g}"
+        _, text = min(mesh.comm.allgather((worst, text)))
+        return text
