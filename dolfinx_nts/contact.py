@@ -21,10 +21,10 @@ from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
-from dolfinx_nts.own_surface import OwnSearch
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search import Search
+from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.self_contact import OwnSearch
 
 __all__ = ["ContactPair"]
 

@@ -15,12 +15,12 @@ from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.contact_history import ContactHistory, ContactWork
 from dolfinx_nts.contact_rows import ContactState, Rows
 from dolfinx_nts.enforcement import LagrangeMultiplier
-from dolfinx_nts.independent import independent
-from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.normal_springs import NormalSprings
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.pairing import Pairing
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.self_contact import independent
 from dolfinx_nts.slip import ConvectiveSlip, Slip
 from dolfinx_nts.tangential import Tangential
 

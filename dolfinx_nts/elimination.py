@@ -25,9 +25,9 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.contact_rows import ContactState
 from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.excerpt import Excerpt
-from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["ActivePairs", "Coupling", "Elimination"]
 

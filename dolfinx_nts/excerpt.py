@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
-from dolfinx_nts.neighbourhood import Neighbourhood
+from dolfinx_nts.search.candidates import Neighbourhood
 
 __all__ = ["Excerpt"]
 

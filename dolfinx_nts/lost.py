@@ -11,8 +11,8 @@ from basix import CellType, topology
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact_step import ContactStep
-from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Neighbourhood
 
 __all__ = ["lost_nodes"]
 

@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["Pairing"]
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact_history import ContactHistory
-from dolfinx_nts.neighbourhood import Neighbourhood
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["SpringState"]
 

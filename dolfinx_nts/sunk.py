@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx_nts.contact import ContactPair
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search import Search
+from dolfinx_nts.search.global_search import Search
 from dolfinx_nts.stepper import Stepper
 
 __all__ = ["SunkVertices"]

@@ -5,7 +5,7 @@ import pytest
 
 import scenes
 from dolfinx_nts.excerpt import Excerpt
-from dolfinx_nts.search import Search
+from dolfinx_nts.search.global_search import Search
 
 ROUNDING = 1e2 * np.finfo(float).eps
 

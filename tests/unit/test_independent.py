@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.independent import independent
-from dolfinx_nts.own_surface import OwnSearch
+from dolfinx_nts.search.self_contact import OwnSearch, independent
 from scenes import part
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.lost import lost_nodes
-from dolfinx_nts.neighbourhood import Neighbourhood
+from dolfinx_nts.search.candidates import Neighbourhood
 
 pytestmark = pytest.mark.serial
 

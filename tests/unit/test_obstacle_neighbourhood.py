@@ -7,7 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.obstacle_neighbourhood import ObstacleNeighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 OBSTACLES = {
     "sphere": nts.RigidSphere((0.5, 0.5, -1.0), 1.1),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import scenes
-from dolfinx_nts.search import Search
+from dolfinx_nts.search.global_search import Search
 
 ROUNDING = 1e2 * np.finfo(float).eps
 

@@ -17,9 +17,9 @@ from dolfinx import common
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.model.surfaces import Surface, diameters
-from dolfinx_nts.neighbourhood import Neighbourhood
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
+from dolfinx_nts.search.candidates import Neighbourhood
 
 __all__ = ["Search"]
 

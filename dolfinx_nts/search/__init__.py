@@ -1,0 +1,1 @@
+"""Which segments are near which nodes, also across ranks."""
