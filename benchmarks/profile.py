@@ -5,16 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dolfinx_nts import (
-    assembly,
-    contact_step,
-    elimination,
-    linear,
-    newton,
-    patch,
-    preconditioner,
-    saddle,
-)
+from dolfinx_nts import assembly, elimination, linear, newton, patch, preconditioner, saddle
+from dolfinx_nts.contact.implicit import contact_step
 
 __all__ = ["CONTACT", "Profile"]
 

@@ -1,10 +1,11 @@
 """Energy-momentum consistent node-to-segment contact for DOLFINx."""
 
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
-from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.explicit import CentralDifference
-from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -18,7 +19,6 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.scene import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.step_control import StepControl
 
 __version__ = "0.1.0"

@@ -15,14 +15,12 @@ from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.block_rows import BlockRows
-from dolfinx_nts.contact_rows import ContactState
-from dolfinx_nts.contact_step import ContactStep
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Bulk", "contact_residual"]
+__all__ = ["Bulk"]
 
 Floats = npt.NDArray[np.float64]
 LinearForm = CellForm | PackedForm
@@ -313,15 +311,3 @@ def _inputs(forms: Sequence[ufl.Form]) -> list[npt.NDArray[Any]]:
 def _set(arrays: Sequence[npt.NDArray[Any]], values: Sequence[npt.NDArray[Any]]) -> None:
     for array, value in zip(arrays, values, strict=True):
         array[...] = value
-
-
-def contact_residual(
-    steps: Sequence[ContactStep], states: Sequence[ContactState], num_owned: int
-) -> Floats:
-    """Sum of lambda_N F on the owned dofs, shape (num_owned,) [N]. Collective."""
-    total: Floats = np.zeros((num_owned // 3, 3))
-    for step, state in zip(steps, states, strict=True):
-        if step.num_active:
-            forces = state.residual.reshape(*state.dofs.shape, 3)
-            step.neighbourhood.add_to_owners(total, state.dofs, forces)
-    return total.ravel()

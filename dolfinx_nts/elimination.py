@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact_rows import ContactState
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.excerpt import Excerpt
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood

@@ -25,8 +25,9 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_history import ContactWork
+from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringState
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.explicit_bulk import ExplicitBulk
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
@@ -35,8 +36,6 @@ from dolfinx_nts.model.loads import Load
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
-from dolfinx_nts.spring_state import SpringState
-from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stability import Stability
 from dolfinx_nts.stepper import Stepper
 

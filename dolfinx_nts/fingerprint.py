@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

@@ -17,8 +17,8 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.implicit import ImplicitStepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

@@ -21,16 +21,16 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts import newton
-from dolfinx_nts.assembly import Bulk, contact_residual
+from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_history import ContactWork
-from dolfinx_nts.contact_rows import ContactState
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contributions import ContactState
+from dolfinx_nts.contact.implicit.penetration import lost_nodes
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.linear import LinearSolver
-from dolfinx_nts.lost import lost_nodes
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass

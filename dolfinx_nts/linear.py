@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.contact_rows import ContactState
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.elimination import Coupling, Elimination
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.preconditioner import Operator, Preconditioner

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from dolfinx_nts.contact_history import ContactWork
+from dolfinx_nts.contact.history import ContactWork
 
 __all__ = ["StepReport"]
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.assembly import Bulk
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface

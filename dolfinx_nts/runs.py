@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive, Snapshot
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.progress import progress

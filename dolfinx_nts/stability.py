@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.contact.explicit.penalty import ContactSprings
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.springs import ContactSprings
 from dolfinx_nts.stable_step import Cells, Damping, largest_step
 
 __all__ = ["Stability"]

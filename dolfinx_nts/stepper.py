@@ -19,7 +19,7 @@ from dolfinx import fem, la
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances, positive
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, check_bodies

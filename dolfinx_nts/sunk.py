@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import Search

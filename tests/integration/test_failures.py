@@ -24,7 +24,7 @@ import sys, time
 from pathlib import Path
 from mpi4py import MPI
 import dolfinx_nts as nts
-from dolfinx_nts import contact_step
+from dolfinx_nts.contact.implicit import contact_step
 from scenes import blocks
 
 comm, folder, where = MPI.COMM_WORLD, Path(sys.argv[1]), sys.argv[2]

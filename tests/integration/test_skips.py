@@ -56,7 +56,7 @@ def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
 
     for _ in range(8):
         expected = reference.stepper.advance()
-    monkeypatch.setattr("dolfinx_nts.contact_step.ContactStep.__init__", blind)
+    monkeypatch.setattr("dolfinx_nts.contact.implicit.contact_step.ContactStep.__init__", blind)
     for _ in range(8):
         report = scene.stepper.advance()
     assert expected.num_active == report.num_active > 0

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import contact_step, implicit, linear, newton, progress
-from dolfinx_nts.contact_history import ContactHistory
+from dolfinx_nts import implicit, linear, newton, progress
+from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.implicit import contact_step
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
 

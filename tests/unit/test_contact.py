@@ -12,7 +12,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from reference import nts as reference
 
 EPS = np.finfo(float).eps

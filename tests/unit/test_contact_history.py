@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from dolfinx_nts.contact_history import ContactHistory, ContactWork
+from dolfinx_nts.contact.history import ContactHistory, ContactWork
 
 pytestmark = pytest.mark.serial
 

@@ -6,7 +6,7 @@ import pytest
 import dolfinx_nts as nts
 import scenes
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from reference import nts as reference
 from reference.bulk import rotation, sample_pairs, taylor_order
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from reference.bulk import taylor_order
 
 pytestmark = pytest.mark.serial

@@ -11,7 +11,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 import scenes
 from boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
-from dolfinx_nts import explicit, lookout, stability
+from dolfinx_nts import explicit, stability
+from dolfinx_nts.contact.explicit import neighbour_list
 
 CONSERVED = 1e-12
 
@@ -404,7 +405,7 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
     seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
     few, many = seldom.stepper, often.stepper
-    look, found = lookout.Lookout._look, []
+    look, found = neighbour_list.Lookout._look, []
     search, size = few.pairs[0].search, few.pairs[0].segment_size
 
     def watched(self, x):
@@ -412,13 +413,13 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
         found.append(since / size)
         look(self, x)
 
-    monkeypatch.setattr(lookout.Lookout, "_look", watched)
+    monkeypatch.setattr(neighbour_list.Lookout, "_look", watched)
     for _ in range(100):
         few.advance()
         places = few._springs[0]._lookout._places
-        assert search.approach(few.x, places) <= lookout._MARGIN * size
+        assert search.approach(few.x, places) <= neighbour_list._MARGIN * size
     assert np.isinf(found[0]) and 2 <= len(found) <= 10
-    assert agree(min(found[1:]) > lookout._USED * lookout._MARGIN)
+    assert agree(min(found[1:]) > neighbour_list._USED * neighbour_list._MARGIN)
     monkeypatch.undo()
     for _ in range(100):
         many._springs[0].forget()

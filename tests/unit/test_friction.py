@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.friction import transport
+from dolfinx_nts.contact.friction import transport
 from reference.bulk import rotation, taylor_order
 
 ROUNDING = 1e2 * np.finfo(float).eps

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.contact_history import ContactWork
+from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.diagnostics import Balance
 from dolfinx_nts.ledger import EnergyLedger
 from dolfinx_nts.report import StepReport

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
-from dolfinx_nts.lost import lost_nodes
+from dolfinx_nts.contact.implicit.penetration import lost_nodes
 from dolfinx_nts.search.candidates import Neighbourhood
 
 pytestmark = pytest.mark.serial

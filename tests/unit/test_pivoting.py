@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.pivoting import Pivoting
+from dolfinx_nts.contact.implicit.active_set import Pivoting
 
 
 def ids_of(comm, n=4):

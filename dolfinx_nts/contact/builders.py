@@ -15,9 +15,9 @@ from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.friction import Coulomb
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface

@@ -15,10 +15,10 @@ import numpy.typing as npt
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call
-from dolfinx_nts.contact_history import ContactHistory
-from dolfinx_nts.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.friction import Coulomb
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions

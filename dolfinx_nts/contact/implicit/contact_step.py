@@ -4,27 +4,29 @@ A `ContactStep` never touches the pair. Evaluating it gives a
 `ContactState`, from which residual and tangent are assembled. No PETSc here.
 """
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.active_set import ActiveSet
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_history import ContactHistory, ContactWork
-from dolfinx_nts.contact_rows import ContactState, Rows
-from dolfinx_nts.enforcement import LagrangeMultiplier
-from dolfinx_nts.normal_springs import NormalSprings
-from dolfinx_nts.pairing import Pairing
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.history import ContactHistory, ContactWork
+from dolfinx_nts.contact.implicit.active_set import ActiveSet
+from dolfinx_nts.contact.implicit.contributions import ContactState, Rows
+from dolfinx_nts.contact.implicit.local_search import Pairing
+from dolfinx_nts.contact.implicit.penalty import NormalSprings
+from dolfinx_nts.contact.implicit.stick_slip import Tangential
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.slip import ConvectiveSlip, Slip
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
 from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 from dolfinx_nts.search.self_contact import independent
-from dolfinx_nts.slip import ConvectiveSlip, Slip
-from dolfinx_nts.tangential import Tangential
 
-__all__ = ["ContactStep"]
+__all__ = ["ContactStep", "contact_residual"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -412,3 +414,15 @@ def _all_free(free: Floats, nodes: Ints, here: Neighbourhood | ObstacleNeighbour
     """Whether pairs have no given displacements. Local."""
     there = isinstance(here, ObstacleNeighbourhood) or free[here.segments].all()
     return bool(there and free[nodes].all())
+
+
+def contact_residual(
+    steps: Sequence[ContactStep], states: Sequence[ContactState], num_owned: int
+) -> Floats:
+    """Sum of lambda_N F on the owned dofs, shape (num_owned,) [N]. Collective."""
+    total: Floats = np.zeros((num_owned // 3, 3))
+    for step, state in zip(steps, states, strict=True):
+        if step.num_active:
+            forces = state.residual.reshape(*state.dofs.shape, 3)
+            step.neighbourhood.add_to_owners(total, state.dofs, forces)
+    return total.ravel()

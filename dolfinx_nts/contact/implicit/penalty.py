@@ -3,10 +3,10 @@
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_rows import Rows
-from dolfinx_nts.enforcement import Penalty
-from dolfinx_nts.pairing import Pairing
+from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.implicit.contributions import Rows
+from dolfinx_nts.contact.implicit.local_search import Pairing
+from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["NormalSprings"]
 

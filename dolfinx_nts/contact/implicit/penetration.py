@@ -10,7 +10,7 @@ import numpy.typing as npt
 from basix import CellType, topology
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
 

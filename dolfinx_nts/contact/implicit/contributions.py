@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.slip import Slip
+from dolfinx_nts.contact.slip import Slip
 
 __all__ = ["ContactState", "Rows"]
 

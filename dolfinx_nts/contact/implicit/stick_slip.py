@@ -5,10 +5,10 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.contact import ContactPair
-from dolfinx_nts.contact_rows import Rows
-from dolfinx_nts.friction import transport
-from dolfinx_nts.pivoting import Pivoting
+from dolfinx_nts.contact.friction import transport
+from dolfinx_nts.contact.implicit.active_set import Pivoting
+from dolfinx_nts.contact.implicit.contributions import Rows
+from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["Tangential"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.contact import ContactPair
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
 from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood

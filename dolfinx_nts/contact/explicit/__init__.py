@@ -1,0 +1,1 @@
+"""Contact by penalty springs in explicit steps."""

@@ -1,0 +1,1 @@
+"""Contact within one attempt at an implicit step."""

@@ -1,0 +1,124 @@
+"""Active set of exact contact: which nodes have a normal multiplier.
+
+Pivoting: which nodes of a set of violators change their state.
+
+Contact or none and stick or slip are decided node by node, but each decision
+changes what all others see.
+"""
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.implicit.contributions import Rows
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["ActiveSet", "Pivoting"]
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+# Force of an active node, and gap times stiffness, that are none: of k h, as in
+# the round-off of the residual.
+_ROUNDING = 16 * np.finfo(np.float64).eps
+
+GlobalInts = npt.NDArray[np.int64]
+
+_PATIENCE = 3  # iterations without fewer violators until one node changes at a time
+_PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between
+
+
+class Pivoting:
+    """Block pivoting (Judice, Pires 1994) within Newton's method.
+
+    All violators change while they become fewer; Murty's rule, only the
+    lowest, ends cycles. The rule knows linear problems: between its changes
+    an iteration without any brings the iterate near to equilibrium, where
+    decisions are to be trusted.
+
+    Args:
+        comm: Communicator.
+    """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        """Start with nothing known."""
+        self._comm = comm
+        self._fewest: float = np.inf
+        self._last: float = np.inf
+        self._patience = _PATIENCE
+
+    def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
+        """Which nodes change. Collective.
+
+        Args:
+            violates: Nodes whose state contradicts its condition, ``(m,)``.
+            ids: Their global numbers, shape ``(m,)``.
+            iteration: Number of the Newton iteration.
+
+        Returns:
+            Flags, shape ``(m,)``; and the violators on this rank.
+        """
+        here = int(np.count_nonzero(violates))
+        count = reductions.total(self._comm, here)
+        if count < self._fewest:
+            self._fewest, self._patience = count, _PATIENCE
+        elif count and count >= self._last:
+            self._patience -= 1
+        self._last = count
+        if count and self._patience < 0:
+            if iteration % _PERIOD:
+                return np.zeros_like(violates), here
+            last = np.iinfo(np.int64).max
+            lowest = reductions.least(self._comm, ids[violates].min(initial=last))
+            violates = violates & (ids == lowest)
+        return violates, here
+
+
+class ActiveSet:
+    """Decides node by node between contact and none.
+
+    Args:
+        pair: The contact pair.
+        law: Its enforcement.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        comm: Communicator of the mesh.
+    """
+
+    def __init__(
+        self, pair: ContactPair, law: LagrangeMultiplier, stiffness: Floats, comm: MPI.Comm
+    ) -> None:
+        """Start with nothing known."""
+        self._law, self._stiffness = law, stiffness
+        self._ids, self._size = pair.nodes.node_ids, pair.segment_size
+        self._pivoting = Pivoting(comm)
+
+    def update(
+        self, rows: Rows, before: Flags, lambda_N: Floats, iteration: int
+    ) -> tuple[Flags, int]:
+        """Decide. Collective.
+
+        Args:
+            rows: The pairs.
+            before: Whether they were active, shape ``(m,)``.
+            lambda_N: Their multipliers, shape ``(m,)`` [N].
+            iteration: Number of the Newton iteration, from 0.
+
+        Returns:
+            Whether they are active now; and how many here do not fit.
+        """
+        excess = rows.excess[:, 0]
+        if iteration == 0:
+            wrong = (excess < 0) & ~before
+        else:
+            stiffness = self._stiffness[rows.node]
+            wrong = self._law.active(lambda_N, excess, stiffness) != before
+            if wrong.any():
+                # Vertices of triangles of degree 2 carry nothing under a uniform
+                # pressure: rounding must not decide again and again.
+                force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
+                wrong &= ~(force <= _ROUNDING * stiffness * self._size)
+        changes, violators = self._pivoting.select(wrong, self._ids[rows.node], iteration)
+        return before ^ changes if violators else before, violators
