@@ -5,8 +5,16 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dolfinx_nts import assembly, elimination, linear, newton, patch, preconditioner, saddle
 from dolfinx_nts.contact.implicit import contact_step
+from dolfinx_nts.solvers import (
+    bulk,
+    contact_schwarz,
+    elimination,
+    krylov,
+    newton,
+    preconditioner,
+    saddle_point,
+)
 
 __all__ = ["CONTACT", "Profile"]
 
@@ -33,17 +41,17 @@ class Profile:
         self._since = 0.0
         for owner, name, phase in (
             (contact_step.ContactStep, "accepted", "contact"),
-            (assembly.Bulk, "action", "action"),
-            (assembly.Bulk, "residual", "assembly"),
-            (saddle.SaddleSystem, "solve", "direct"),
+            (bulk.Bulk, "action", "action"),
+            (bulk.Bulk, "residual", "assembly"),
+            (saddle_point.SaddleSystem, "solve", "direct"),
             (preconditioner.Preconditioner, "build", "factors"),
-            (linear, "Elimination", "elimination"),
+            (krylov, "Elimination", "elimination"),
             (elimination.Coupling, "of", "elimination"),
             (elimination.Elimination, "particular", "elimination"),
             (elimination.Elimination, "constrain", "elimination"),
             (elimination.Elimination, "act", "elimination"),
-            (patch.Patch, "update", "patch"),
-            (patch.Patch, "correct", "patch"),
+            (contact_schwarz.Patch, "update", "patch"),
+            (contact_schwarz.Patch, "correct", "patch"),
             (newton, "contact_residual", "contact"),
         ):
             setattr(owner, name, self._watched(getattr(owner, name), phase))

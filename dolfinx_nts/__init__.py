@@ -16,9 +16,9 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Pressure, Trac
 from dolfinx_nts.model.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.output import Recorder
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.solvers.newton import ConvergenceError
 from dolfinx_nts.step_control import StepControl
 
 __version__ = "0.1.0"

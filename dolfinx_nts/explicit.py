@@ -33,9 +33,9 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
-from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.solvers.newton import ConvergenceError
 from dolfinx_nts.stability import Stability
 from dolfinx_nts.stepper import Stepper
 

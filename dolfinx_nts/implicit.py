@@ -20,8 +20,6 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts import newton
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
@@ -30,13 +28,15 @@ from dolfinx_nts.contact.implicit.penetration import lost_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.report import StepReport
 from dolfinx_nts.rest import Rest
+from dolfinx_nts.solvers import newton
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.step_forms import StepForms
 from dolfinx_nts.stepper import Stepper
 

@@ -15,10 +15,10 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.diagnostics import Diagnostics
 from dolfinx_nts.ledger import EnergyLedger
-from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.solvers.newton import ConvergenceError
 from dolfinx_nts.stepper import Stepper
 from dolfinx_nts.sunk import SunkVertices
 from dolfinx_nts.table import Table

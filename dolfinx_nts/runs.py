@@ -14,9 +14,9 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.newton import ConvergenceError
 from dolfinx_nts.progress import progress
 from dolfinx_nts.report import StepReport
+from dolfinx_nts.solvers.newton import ConvergenceError
 from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 
 __all__ = ["Steps", "run_controlled", "run_evenly"]

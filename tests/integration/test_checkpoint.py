@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import checkpoint, linear
+from dolfinx_nts import checkpoint
+from dolfinx_nts.solvers import krylov
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
 
@@ -55,7 +56,7 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
     if "strong" in request.node.callspec.id:
         if comm.size > 1:
             pytest.skip("MUMPS on several ranks does not repeat itself")
-        monkeypatch.setattr(linear, "_SLOW", 0.0)
+        monkeypatch.setattr(krylov, "_SLOW", 0.0)
     whole = scene(comm, scheme, owner=layers).stepper
     record(whole, folder / "whole", NUM_STEPS, every=3)
     record(scene(comm, scheme, owner=layers).stepper, folder / "parts", BREAK, every=3)

@@ -118,7 +118,7 @@ def test_segments_are_the_same_however_linear_systems_are_solved(
     ends = []
     for tight in (False, True):
         if tight:
-            monkeypatch.setattr("dolfinx_nts.newton._forcing", lambda norms, target: 1e-6)
+            monkeypatch.setattr("dolfinx_nts.solvers.newton._forcing", lambda norms, target: 1e-6)
         stepper = case.build(comm).stepper
         for _ in range(num_steps):
             stepper.advance()

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import implicit, linear, newton, progress
+from dolfinx_nts import implicit, progress
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
+from dolfinx_nts.solvers import krylov, newton
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
 
@@ -70,7 +71,7 @@ def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
 
 
 def test_a_step_that_was_solved_and_then_cut_leaves_no_trace(comm, agree, monkeypatch):
-    monkeypatch.setattr(linear, "_REBUILD_COST", 2.0)
+    monkeypatch.setattr(krylov, "_REBUILD_COST", 2.0)
     cut = scene(comm, owner=layers).stepper
     reports = list(cut.run(UNTIL, nts.StepControl(gap_tol=0.005)))
     plain = scene(comm, owner=layers).stepper

@@ -8,9 +8,9 @@ import pytest
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.solvers.bulk import Bulk
 
 # Of an observed order that tends to 2.
 ORDER = 1.9

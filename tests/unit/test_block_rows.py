@@ -7,7 +7,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 import scenes
-from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts.solvers.block_csr import BlockRows
 
 ROUNDING = 1e3 * np.finfo(float).eps
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import scenes
-from dolfinx_nts.excerpt import Excerpt
 from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.solvers.elimination import Excerpt
 
 ROUNDING = 1e2 * np.finfo(float).eps
 

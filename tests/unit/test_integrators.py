@@ -11,7 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import newton
+from dolfinx_nts.solvers import newton
 
 # Of positions and velocities of order one, after Newton's tolerance.
 SOLVED = 1e-9

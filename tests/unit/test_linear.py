@@ -6,13 +6,13 @@ from test_incomplete_factors import definition, dense, rounding
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels, kept_factors, preconditioner
-from dolfinx_nts.block_rows import BlockRows
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.kept_factors import KeptFactors
-from dolfinx_nts.kept_rows import KeptRows
-from dolfinx_nts.patch_domain import GlobalPairs, OverlappingDomain
-from dolfinx_nts.saddle import SaddleSystem
+from dolfinx_nts.solvers import block_ilu, preconditioner
+from dolfinx_nts.solvers.block_csr import BlockRows
+from dolfinx_nts.solvers.block_ilu import KeptFactors, KeptRows
+from dolfinx_nts.solvers.contact_schwarz import GlobalPairs, OverlappingDomain
+from dolfinx_nts.solvers.saddle_point import SaddleSystem
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
 AGREEMENT = 1e-8
@@ -73,7 +73,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
     for direct in (False, True):
         scene = scenes.blocks(comm, friction=friction, cell="tetrahedron")
         if direct:
-            monkeypatch.setattr("dolfinx_nts.linear.Coupling.of", lambda self, pairs: True)
+            monkeypatch.setattr("dolfinx_nts.solvers.krylov.Coupling.of", lambda self, pairs: True)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
         assert (scene.stepper._solver.num_direct > 0) == direct
@@ -117,11 +117,11 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
 ):
     # One iteration never reaches the tolerance with an incomplete
     # factorisation; what follows must give the same steps.
-    monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", direct_up_to)
+    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", direct_up_to)
     reference, limited = scenes.blocks(comm), scenes.blocks(comm)
     for _ in range(8):
         reference.stepper.advance()
-    monkeypatch.setattr("dolfinx_nts.linear._MAX_ITERATIONS", 1)
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._MAX_ITERATIONS", 1)
     for _ in range(8):
         limited.stepper.advance()
     solver = limited.stepper._solver
@@ -130,8 +130,8 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
 
 
 def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(comm, monkeypatch):
-    monkeypatch.setattr("dolfinx_nts.linear._MOST_CROSSINGS", 0.0)
-    monkeypatch.setattr("dolfinx_nts.preconditioner._DIRECT_UP_TO", 0)
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], preconditioner._Smoother.apply
     multiplied, mult = [], KeptRows.mult
 
@@ -187,7 +187,7 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
     # Neighbours of rows 0 to 5, of which 4 and 5 are another rank's; 6 is outside.
     rows = [[0, 1, 4], [0, 1, 2], [1, 2, 3], [2, 3, 5], [4, 0, 6], [3, 5, 6]]
     start = np.cumsum([0, *map(len, rows)])
-    order = kept_factors._order(start, np.concatenate(rows).astype(np.int32), 4)
+    order = block_ilu._order(start, np.concatenate(rows).astype(np.int32), 4)
     np.testing.assert_array_equal(order, [3, 5, 2, 1, 0, 4])
 
 

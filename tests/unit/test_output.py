@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import newton
 from dolfinx_nts.output import Recorder
+from dolfinx_nts.solvers import newton
 from readers import read_grids
 from reference.bulk import Bulk
 from scenes import BLOCK_RUBBER, BLOCK_STEP, blocks

@@ -6,7 +6,7 @@ from test_block_rows import matrices
 from test_incomplete_factors import NODES, matrix
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.kept_rows import KeptRows
+from dolfinx_nts.solvers.block_ilu import KeptRows
 
 __all__ = ["matrices"]  # a fixture
 

@@ -14,11 +14,11 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.block_rows import BlockRows
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.block_csr import BlockRows
 
 __all__ = ["Bulk"]
 

@@ -17,14 +17,14 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
-from dolfinx_nts.elimination import Coupling, Elimination
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.preconditioner import Operator, Preconditioner
-from dolfinx_nts.saddle import SaddleSystem
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.elimination import Coupling, Elimination
+from dolfinx_nts.solvers.preconditioner import Operator, Preconditioner
+from dolfinx_nts.solvers.saddle_point import SaddleSystem
 
 __all__ = ["LinearSolver"]
 

@@ -18,10 +18,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["SaddleSystem"]
 

@@ -7,12 +7,11 @@ from petsc4py import PETSc
 
 import numpy.typing as npt
 
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.elimination import Elimination
-from dolfinx_nts.kept_factors import KeptFactors
-from dolfinx_nts.kept_rows import KeptRows
-from dolfinx_nts.patch import Patch
+from dolfinx_nts.solvers.block_ilu import KeptFactors, KeptRows
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.contact_schwarz import Patch
+from dolfinx_nts.solvers.elimination import Elimination
 
 __all__ = ["Operator", "Preconditioner"]
 

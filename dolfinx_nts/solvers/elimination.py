@@ -11,6 +11,8 @@ normal at the node, the gap gradients G, the forces F, and
 the increment is :math:`\Delta u = x_p + Z y` with a particular part
 :math:`x_p` that satisfies the constraints, and the multipliers follow from
 the balance of normal forces at the nodes.
+
+Values at the few nodes of a neighbourhood that a rank needs.
 """
 
 from collections.abc import Sequence
@@ -20,22 +22,67 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import la
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
-from dolfinx_nts.excerpt import Excerpt
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
 from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
-__all__ = ["ActivePairs", "Coupling", "Elimination"]
+__all__ = ["ActivePairs", "Coupling", "Elimination", "Excerpt"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
 _NONE = np.empty(0)
+
+
+class Excerpt:
+    """Some nodes: only what they and other ranks need of a nodal vector is touched.
+
+    Vectors are over the owned nodes, shape ``(n, 3)``, and excerpts over
+    these nodes, shape ``(m, 3)``.
+
+    Args:
+        here: The neighbourhood.
+        nodes: Numbers in its index map, ascending, shape ``(m,)``.
+    """
+
+    def __init__(self, here: Neighbourhood, nodes: Ints) -> None:
+        """Divide them into owned ones and ghosts."""
+        self._here, self._num_nodes = here, len(nodes)
+        self._num_owned = int(np.searchsorted(nodes, here.index_map.size_local))
+        self._owned, self._ghosts = np.split(nodes, [self._num_owned])
+
+    def take(self, x: Floats) -> Floats:
+        """Excerpt of a vector. Collective."""
+        shared, values = self._here.shared, self._values
+        values[shared] = x[shared]
+        self._here.vector.scatter_forward()
+        return np.concatenate([x[self._owned], values[self._ghosts]])
+
+    def owned(self, y: Floats) -> Floats:
+        """Excerpt of a vector, zero at ghosts. Local."""
+        part = np.zeros((self._num_nodes, 3))
+        part[: self._num_owned] = y[self._owned]
+        return part
+
+    def put(self, part: Floats, y: Floats) -> None:
+        """Set a vector at the owned nodes, and add at owners what ghosts have. Collective."""
+        y[self._owned], ghosts = np.split(part, [self._num_owned])
+        shared, values = self._here.shared, self._values
+        values[shared] = values[self._here.index_map.size_local :] = 0.0
+        values[self._ghosts] = ghosts
+        self._here.vector.scatter_reverse(la.InsertMode.add)
+        y[shared] += values[shared]
+
+    @property
+    def _values(self) -> Floats:
+        values: Floats = self._here.vector.array.reshape(-1, 3)
+        return values
 
 
 class ActivePairs(NamedTuple):

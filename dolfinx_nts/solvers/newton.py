@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.assembly import Bulk
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactState
-from dolfinx_nts.linear import LinearSolver
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 
