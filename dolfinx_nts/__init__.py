@@ -5,9 +5,11 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics import Diagnostics
-from dolfinx_nts.explicit import CentralDifference
-from dolfinx_nts.generalized_alpha import GeneralizedAlpha
-from dolfinx_nts.integrators import EnergyMomentum, Midpoint, QuasiStatic
+from dolfinx_nts.integrators.central_difference import CentralDifference
+from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
+from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
@@ -17,9 +19,7 @@ from dolfinx_nts.model.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.output import Recorder
-from dolfinx_nts.report import StepReport
 from dolfinx_nts.solvers.newton import ConvergenceError
-from dolfinx_nts.step_control import StepControl
 
 __version__ = "0.1.0"
 

@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.fingerprint import fingerprint
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import gathered, on_root, scattered
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["load", "save"]
 

@@ -26,10 +26,10 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["Balance", "Diagnostics"]
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.stepper import Stepper
+from dolfinx_nts.integrators.stepper import Stepper
 
 __all__ = ["nodal_fields"]
 

@@ -14,12 +14,12 @@ import ufl
 
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import gathered
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["fingerprint"]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.diagnostics import Balance
-from dolfinx_nts.report import StepReport
+from dolfinx_nts.integrators.report import StepReport
 
 __all__ = ["EnergyLedger"]
 

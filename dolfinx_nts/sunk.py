@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import Search
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["SunkVertices"]
 

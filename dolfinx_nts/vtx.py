@@ -10,8 +10,8 @@ from dolfinx import fem
 
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.fields import nodal_fields
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["VtxFile"]
 

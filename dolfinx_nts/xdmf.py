@@ -20,9 +20,9 @@ from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.fields import nodal_fields
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.journal import JournaledFile
 from dolfinx_nts.parallel.communication import gathered, on_root
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["FieldFile"]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import implicit, progress
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
+from dolfinx_nts.integrators import implicit, time_loop
 from dolfinx_nts.solvers import krylov, newton
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks
@@ -233,7 +233,9 @@ class Bar(nullcontext):
 @pytest.mark.parametrize("control", [None, nts.StepControl()])
 def test_the_bar_reaches_its_end_on_the_first_rank_only(comm, agree, monkeypatch, control):
     bars = []
-    monkeypatch.setattr(progress, "tqdm", lambda **options: bars.append(Bar(**options)) or bars[-1])
+    monkeypatch.setattr(
+        time_loop, "tqdm", lambda **options: bars.append(Bar(**options)) or bars[-1]
+    )
     stepper = scene(comm).stepper
     list(stepper.run(UNTIL / 2, control))
     list(stepper.run(UNTIL, control))

@@ -7,7 +7,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 import scenes
-from dolfinx_nts import _kernels, stable_step
+from dolfinx_nts import _kernels
+from dolfinx_nts.integrators import stability
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
 
@@ -49,7 +50,7 @@ def test_frequency_of_a_cube_is_that_of_its_swelling(nu):
     """Dilation by e: energy 9 K e^2 h^3/2, kinetic energy 3 rho h^5 e'^2/8."""
     E, rho, h = 4.0, 2.0, 0.5
     corners = h * np.array(list(np.ndindex(2, 2, 2)), dtype=float)[None]
-    squared = stable_step.cell_frequency(nts.SaintVenantKirchhoff(E, nu, rho), corners)
+    squared = stability.cell_frequency(nts.SaintVenantKirchhoff(E, nu, rho), corners)
     np.testing.assert_allclose(squared, 12 * (E / (3 * (1 - 2 * nu))) / (rho * h**2))
 
 
@@ -74,7 +75,7 @@ def test_estimate_is_on_the_safe_side_and_not_far_from_the_limit(comm, rng, cell
     scale = 1 / np.sqrt(np.repeat(lumped_mass([body]), 3))
     highest = np.linalg.eigvalsh(scale[:, None] * K * scale)[-1]
     x = V.tabulate_dof_coordinates()
-    bound, _ = stable_step.Cells([body]).limits(x)
+    bound, _ = stability.Cells([body]).limits(x)
     assert highest <= bound <= 4 * highest
 
 
@@ -82,8 +83,8 @@ def test_estimate_is_on_the_safe_side_and_not_far_from_the_limit(comm, rng, cell
 def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
     """Steps v += dt (-w^2 u - c v), u += dt v: eigenvalues within the unit circle."""
     squared = 100.0
-    damping = stable_step.Damping(alpha, beta)
-    limit = stable_step.largest_step(squared, damping)
+    damping = stability.Damping(alpha, beta)
+    limit = stability.largest_step(squared, damping)
     assert damping.highest(limit) == pytest.approx(squared)
     c = alpha + beta * squared
 
@@ -97,7 +98,7 @@ def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
 
 def test_no_step_is_stable_for_a_cell_without_length(comm):
     stepper = scenes.blocks(comm).stepper
-    squared, shortest = stable_step.Cells(stepper.bodies).limits(np.zeros_like(stepper.x))
+    squared, shortest = stability.Cells(stepper.bodies).limits(np.zeros_like(stepper.x))
     assert squared == np.inf and shortest == 0
-    for damping in (stable_step.Damping(0.0, 0.0), stable_step.Damping(1.0, 0.1)):
-        assert stable_step.largest_step(squared, damping) == 0
+    for damping in (stability.Damping(0.0, 0.0), stability.Damping(1.0, 0.1)):
+        assert stability.largest_step(squared, damping) == 0

@@ -3,7 +3,7 @@
 import pytest
 
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
+from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
 
 pytestmark = pytest.mark.serial
 

@@ -20,12 +20,12 @@ from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
-from dolfinx_nts.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit import ImplicitStepper
+from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.report import StepReport
 
 __all__ = ["GeneralizedAlpha"]
 

@@ -28,17 +28,17 @@ from dolfinx_nts.contact.implicit.penetration import lost_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.sleeping import Rest
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.report import StepReport
-from dolfinx_nts.rest import Rest
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
-from dolfinx_nts.step_forms import StepForms
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["ImplicitStepper"]
 

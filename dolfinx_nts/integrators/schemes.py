@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 
-from dolfinx_nts.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]

@@ -21,6 +21,9 @@ from dolfinx_nts.common.arguments import finite, instances, positive
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
+from dolfinx_nts.integrators.time_loop import run_controlled, run_evenly
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, check_bodies
 from dolfinx_nts.model.dirichlet import Supports
@@ -28,9 +31,6 @@ from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed, end_together
-from dolfinx_nts.report import StepReport
-from dolfinx_nts.runs import run_controlled, run_evenly
-from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 
 __all__ = ["Stepper"]
 

@@ -1,25 +1,28 @@
-"""Runs: step by step to a time, in equal steps or in steps that are cut and grow."""
+"""Runs: step by step to a time, in equal steps or in steps that are cut and grow.
+
+Progress of a run on the terminal.
+"""
 
 import logging
 import math
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.progress import progress
-from dolfinx_nts.report import StepReport
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
 from dolfinx_nts.solvers.newton import ConvergenceError
-from dolfinx_nts.step_control import EvenSteps, StepControl, StepLength
 
-__all__ = ["Steps", "run_controlled", "run_evenly"]
+__all__ = ["Steps", "progress", "run_controlled", "run_evenly"]
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -161,3 +164,19 @@ def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]
             [],
         )
     return after
+
+
+def progress(comm: MPI.Comm, total: float, **options: Any) -> Any:
+    """Bar on the terminal of rank 0, if it takes longer than a second. Local.
+
+    Args:
+        comm: Communicator of the run.
+        total: What is to be done.
+        options: Those of tqdm: the unit, for instance.
+
+    Returns:
+        The bar, a context; its method ``update`` takes what has been done.
+    """
+    # None: where there is a terminal.
+    silent = None if comm.rank == 0 else True
+    return tqdm(total=total, delay=1, leave=False, disable=silent, **options)

@@ -28,16 +28,16 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringState
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.explicit_bulk import ExplicitBulk
+from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.stability import Stability
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.report import StepReport
 from dolfinx_nts.solvers.newton import ConvergenceError
-from dolfinx_nts.stability import Stability
-from dolfinx_nts.stepper import Stepper
 
 __all__ = ["CentralDifference"]
 

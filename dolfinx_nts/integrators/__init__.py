@@ -1,0 +1,1 @@
+"""Time integration: the schemes, the stepper, runs in time."""
