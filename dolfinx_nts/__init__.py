@@ -4,7 +4,7 @@ from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.diagnostics import Diagnostics
+from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.diagnostics import Diagnostics
+from dolfinx_nts.diagnostics.balance import Diagnostics
 from reference.bulk import Bulk, rotation
 from scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
 

@@ -5,9 +5,9 @@ import pytest
 
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.diagnostics import Balance
+from dolfinx_nts.diagnostics.balance import Balance
+from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.ledger import EnergyLedger
 
 CONTACT = ContactWork(
     persistent=1.0, activation=-2.0, facet_change=4.0, springs=512.0, friction=-8.0

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.sunk import SunkVertices
+from dolfinx_nts.diagnostics.reverse_penetration import SunkVertices
 
 RUBBER = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
 

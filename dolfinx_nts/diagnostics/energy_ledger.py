@@ -6,7 +6,7 @@ from operator import attrgetter
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.diagnostics import Balance
+from dolfinx_nts.diagnostics.balance import Balance
 from dolfinx_nts.integrators.report import StepReport
 
 __all__ = ["EnergyLedger"]

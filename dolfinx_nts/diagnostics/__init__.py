@@ -1,0 +1,1 @@
+"""Energies, momenta and penetration of an accepted state."""
