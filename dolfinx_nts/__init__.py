@@ -10,6 +10,7 @@ from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.integrators.step_control import StepControl
+from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
@@ -18,7 +19,6 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Pressure, Trac
 from dolfinx_nts.model.obstacles import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.output import Recorder
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __version__ = "0.1.0"

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import checkpoint
+from dolfinx_nts.io import checkpoint
 from dolfinx_nts.solvers import krylov
 from interrupted import SCHEMES, layers, scene
 from scenes import BLOCK_STEP, blocks

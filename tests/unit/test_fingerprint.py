@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.fingerprint import fingerprint
+from dolfinx_nts.io.fingerprint import fingerprint
 from scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, rotation
 
 

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dolfinx_nts.journal import JournaledFile
+from dolfinx_nts.io.crash_safe_file import JournaledFile
 
 NUM_STATES = 12
 FIELDS = ("displacement", "velocity", "gap")

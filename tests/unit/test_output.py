@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.output import Recorder
+from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.solvers import newton
 from readers import read_grids
 from reference.bulk import Bulk

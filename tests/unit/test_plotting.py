@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import plotting
-from dolfinx_nts.output import Recorder
+from dolfinx_nts.io.recorder import Recorder
 from scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytest.importorskip("pyvista")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dolfinx_nts.table import Table
+from dolfinx_nts.io.csv_table import Table
 
 pytestmark = pytest.mark.serial
 

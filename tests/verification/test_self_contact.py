@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts import checkpoint
+from dolfinx_nts.io import checkpoint
 from scenes import part
 
 CONSERVED = 1e-11

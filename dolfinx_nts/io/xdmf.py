@@ -19,9 +19,9 @@ import numpy.typing as npt
 from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.fields import nodal_fields
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.journal import JournaledFile
+from dolfinx_nts.io.crash_safe_file import JournaledFile
+from dolfinx_nts.io.fields import nodal_fields
 from dolfinx_nts.parallel.communication import gathered, on_root
 
 __all__ = ["FieldFile"]

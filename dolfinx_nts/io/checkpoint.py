@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.fingerprint import fingerprint
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import gathered, on_root, scattered
 

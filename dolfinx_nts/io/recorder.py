@@ -10,7 +10,6 @@ from typing import Literal
 
 from mpi4py import MPI
 
-from dolfinx_nts import checkpoint
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.diagnostics.balance import Diagnostics
@@ -18,12 +17,13 @@ from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.reverse_penetration import SunkVertices
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io import checkpoint
+from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.vtx import VtxFile
+from dolfinx_nts.io.xdmf import FieldFile
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton import ConvergenceError
-from dolfinx_nts.table import Table
-from dolfinx_nts.vtx import VtxFile
-from dolfinx_nts.xdmf import FieldFile
 
 __all__ = ["Recorder"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.compat import vtx_writer
-from dolfinx_nts.fields import nodal_fields
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.fields import nodal_fields
 from dolfinx_nts.parallel.communication import on_root
 
 __all__ = ["VtxFile"]

@@ -1,0 +1,1 @@
+"""Files: fields, tables and checkpoints."""
