@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dolfinx_nts.movie import Movie
+from dolfinx_nts.plotting.movie import Movie
 
 pytestmark = pytest.mark.serial
 

@@ -17,15 +17,15 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.diagrams import energies, energy_error, forces, momenta
-from dolfinx_nts.drawing import CELLS, FACETS, aim, canvas, grid_of, paint
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
-from dolfinx_nts.movie import Movie
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.plotting.canvas import CELLS, FACETS, aim, canvas, grid_of, paint
+from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
+from dolfinx_nts.plotting.movie import Movie
 
 __all__ = [
     "animate",
