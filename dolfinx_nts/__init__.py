@@ -13,6 +13,7 @@ from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
+from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Pressure, Traction
@@ -57,6 +58,7 @@ __all__ = [
     "Yeoh",
     "all_pairs",
     "boundary_of",
+    "parts",
     "read_mesh",
     "two_half_passes",
 ]

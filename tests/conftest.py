@@ -16,7 +16,7 @@ import basix.ufl
 import numpy as np
 import pytest
 
-import traps
+from helpers import traps
 
 # Seconds that a rank on which a test failed waits for the others.
 _PATIENCE = 30.0

@@ -1,7 +1,7 @@
 r"""Coulomb friction: the traction of a node that slips on its segment.
 
 Pure functions of arrays over pairs. The slip g_T of a step has two
-components in an orthonormal frame of the segment (`cpp/nts/slip.h`); the
+components in an orthonormal frame of the segment (`cpp/nts/contact/slip.h`); the
 traction t is a nodal force that opposes it, with
 
 .. math:: |t| \le \mu p, \qquad p = -\lambda_N.
@@ -52,7 +52,7 @@ class Coulomb:
             stiffness of the node itself.
         law: How slip is measured. ``"objective"``: by an increment that is
             quadratic in the positions, so that dissipation is exact
-            (`cpp/nts/slip.h`). ``"convective"``: by the convective
+            (`cpp/nts/contact/slip.h`). ``"convective"``: by the convective
             coordinates on the segment, as Franke, Hesch and Betsch
             (2011), eqs. 60-64; for comparison, with `Midpoint`,
             `Penalty` and a deformable counterpart only.

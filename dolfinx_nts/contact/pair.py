@@ -44,7 +44,7 @@ class ContactPair:
 
     A surface may be both: then it touches itself. A node touches segments
     that face it, but no neighbours on the mesh, nor the other side of its own
-    wall (`cpp/nts/own_surface.h`); it must not move by more than a cell of the
+    wall (`cpp/nts/search/own_surface.h`); it must not move by more than a cell of the
     wall in a step. Springs act from both sides; multipliers go to nodes of
     which none is a vertex of the segment of another (`independent`).
 

@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Slip:
-    """Slip of pairs, see `cpp/nts/slip.h`.
+    """Slip of pairs, see `cpp/nts/contact/slip.h`.
 
     Args:
         values: What `Neighbourhood.slip` gives.
@@ -58,7 +58,7 @@ class Slip:
 
 
 class ConvectiveSlip(Slip):
-    """The same by coordinates, see `cpp/nts/convective_slip.h`."""
+    """The same by coordinates, see `cpp/nts/contact/convective_slip.h`."""
 
     def work(self, t: Floats, dx: Floats) -> Floats:
         """Work of a traction in the step, not exactly t . slip."""

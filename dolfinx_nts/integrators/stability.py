@@ -207,7 +207,7 @@ class Cells:
     """The cells of bodies, as far as they limit the step.
 
     The length of a cell is twice the least radius of gyration of its nodes,
-    the edge of a cube of degree 1 (`cpp/nts/cell_length.h`).
+    the edge of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
 
     Args:
         bodies: The bodies, of one space.

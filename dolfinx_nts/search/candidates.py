@@ -74,7 +74,7 @@ class Neighbourhood:
         reach: float,
         slack: float = _kernels.HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Pair nodes with segments, see `cpp/nts/pairing.h`. Local.
+        """Pair nodes with segments, see `cpp/nts/search/pairing.h`. Local.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -99,7 +99,7 @@ class Neighbourhood:
         reach: float,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Springs of nodes that `pair` finds inside, see `cpp/nts/springs.h`. Local.
+        """Springs of nodes that `pair` finds inside, see `cpp/nts/contact/springs.h`. Local.
 
         Args:
             x: As of `pair`, and so are ``nodes``, ``current`` and ``reach``.
@@ -168,14 +168,14 @@ class Neighbourhood:
     def slip(
         self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
     ) -> tuple[npt.NDArray[Any], ...]:
-        """Slip of pairs between two states, see `cpp/nts/slip.h`. Local."""
+        """Slip of pairs between two states, see `cpp/nts/contact/slip.h`. Local."""
         pairs = self._of_pairs(x_n, x, dofs, segment)
         return *_kernels.slip(*pairs), pairs[2]
 
     def convective_slip(
         self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
     ) -> tuple[npt.NDArray[Any], ...]:
-        """The same by coordinates, see `cpp/nts/convective_slip.h`. Local."""
+        """The same by coordinates, see `cpp/nts/contact/convective_slip.h`. Local."""
         pairs = self._of_pairs(x_n, x, dofs, segment)
         return *_kernels.convective_slip(*pairs), pairs[2]
 

@@ -1,7 +1,7 @@
 """Contact of a surface with itself: search that leaves out neighbours.
 
 What a node may touch is decided by normals, by the thickness of the cells
-and by the positions at rest, see `cpp/nts/own_surface.h`.
+and by the positions at rest, see `cpp/nts/search/own_surface.h`.
 
 Multipliers on a surface that touches itself: which nodes may have one.
 

@@ -27,7 +27,7 @@ GlobalInts = npt.NDArray[np.int64]
 
 
 class KeptFactors:
-    """ILU(0) of a matrix in single precision, see `cpp/nts/incomplete_factors.h`.
+    """ILU(0) of a matrix in single precision, see `cpp/nts/solvers/incomplete_factors.h`.
 
     Args:
         rows: Owned rows of the matrix; their values may change.

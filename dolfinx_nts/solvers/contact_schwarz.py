@@ -222,7 +222,7 @@ def _unique(arrays: list[Any]) -> GlobalInts:
 
 
 class Patch:
-    """Corrects a nodal vector around the contacts, see `cpp/nts/patch.h`.
+    """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/patch.h`.
 
     Args:
         rows: Bulk tangent of the owned nodes; its values may change.

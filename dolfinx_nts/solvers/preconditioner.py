@@ -63,7 +63,7 @@ class Preconditioner:
     """Context of the shell preconditioner: kept factors and a patch.
 
     The factors are of the bulk and age slowly; the patch is of the
-    contacts of this Newton iteration (`cpp/nts/patch.h`).
+    contacts of this Newton iteration (`cpp/nts/solvers/patch.h`).
 
     Args:
         operator: The operator.

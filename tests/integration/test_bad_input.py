@@ -9,7 +9,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 

@@ -17,8 +17,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.solvers import krylov
-from interrupted import SCHEMES, layers, scene
-from scenes import BLOCK_STEP, blocks
+from helpers.interrupted import SCHEMES, layers, scene
+from helpers.scenes import BLOCK_STEP, blocks
 
 # Between numbers of ranks, relative to lengths of about one.
 POSITION_TOLERANCE = 1e-10
@@ -223,7 +223,7 @@ import os, signal, sys
 sys.path.insert(0, sys.argv[1])
 from mpi4py import MPI
 import dolfinx_nts as nts
-from scenes import blocks
+from helpers.scenes import blocks
 stepper = blocks(MPI.COMM_WORLD, num_bodies=3).stepper
 when, signum = sys.argv[3], int(sys.argv[4])
 calls = 0

@@ -8,11 +8,11 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import scenes
-from boxed import Ledger
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel.communication import gathered
 from dolfinx_nts.solvers.bulk import Bulk
+from helpers import scenes
+from helpers.boxed import Ledger
 
 # Largest change, relative to the start.
 ENERGY_TOLERANCE = 1e-10

@@ -11,7 +11,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.parallel import errors
-from scenes import blocks
+from helpers.scenes import blocks
 
 # Wall time from the error to the end of the last process [s], where each rank
 # has a core of its own.
@@ -25,7 +25,7 @@ from pathlib import Path
 from mpi4py import MPI
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit import contact_step
-from scenes import blocks
+from helpers.scenes import blocks
 
 comm, folder, where = MPI.COMM_WORLD, Path(sys.argv[1]), sys.argv[2]
 ranks, checkpoint_every = [int(rank) for rank in sys.argv[3].split(",")], int(sys.argv[4]) or None

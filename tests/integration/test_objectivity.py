@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 # Relative to lengths of about one: rounding and Newton's tolerance,
 # amplified by the impacts.

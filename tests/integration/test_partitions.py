@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 from stress.run import CASES
 
 # Relative, of energies: scenes without ties, so that only rounding and

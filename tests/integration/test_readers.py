@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from readers import read_grids
-from scenes import BLOCK_STEP, blocks, gathered, input_ids
+from helpers.readers import read_grids
+from helpers.scenes import BLOCK_STEP, blocks, gathered, input_ids
 
 STEPS = 6
 VERTICES = {"hexahedron": 8, "tetrahedron": 4}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 # A page of memory in a hundred steps; a lost vector is one in three.
 BYTES_PER_STEP = 64
@@ -64,7 +64,7 @@ import ctypes, sys
 from mpi4py import MPI
 import numpy as np
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 scene = scenes.ball_plate(MPI.COMM_WORLD, nts.EnergyMomentum)
 assert ctypes.CDLL(None).feenableexcept(0x4 | 0x8) >= 0
 if "divide" in sys.argv:

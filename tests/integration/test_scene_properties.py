@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dolfinx_nts as nts
-from scenes import gathered
+from helpers.scenes import gathered
 from stress.parts import box, rotation
 from stress.rows import Case, Setup, run
 from stress.world import Touch, World

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 LAWS = {
     "elastic": nts.LagrangeMultiplier(),

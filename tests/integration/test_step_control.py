@@ -12,8 +12,8 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import implicit, time_loop
 from dolfinx_nts.solvers import krylov, newton
-from interrupted import SCHEMES, layers, scene
-from scenes import BLOCK_STEP, blocks
+from helpers.interrupted import SCHEMES, layers, scene
+from helpers.scenes import BLOCK_STEP, blocks
 
 # Of the energy at the start.
 ENERGY_TOLERANCE = 1e-11

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.solvers.bulk import Bulk
+from helpers import scenes
 
 # Of an observed order that tends to 2.
 ORDER = 1.9

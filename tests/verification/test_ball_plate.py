@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 # Of the energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10

@@ -17,8 +17,8 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import shapes
 from dolfinx_nts import meshing
+from helpers import shapes
 
 # Of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-import scenes
+from helpers import scenes
 
 END, STEP = 1.0, 0.01
 # Kinetic and strain energy at the end, and total dissipation [J].

@@ -18,8 +18,8 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import shapes
 from dolfinx_nts import meshing
+from helpers import shapes
 
 G, MU, RHO = 10.0, 0.3, 1e3
 PLANE = nts.RigidPlane((0, 0, 0), (0, 0, 1))

@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import shapes
+from helpers import shapes
 
 E, NU, RHO, R = 1.0, 0.3, 1.0, 1.0
 E_STAR = E / (1 - NU**2)

@@ -19,8 +19,8 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-import shapes
 from dolfinx_nts import meshing
+from helpers import shapes
 
 # Relative to the start, at any step: energy, and both momenta.
 ENERGY_TOLERANCE = 1e-10

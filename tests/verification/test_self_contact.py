@@ -7,7 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
-from scenes import part
+from helpers.scenes import part
 
 CONSERVED = 1e-11
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)

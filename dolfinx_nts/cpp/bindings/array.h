@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/segment.h"
+#include "nts/geometry/segment.h"
 #include "numpy.h"
 
 #include <concepts>

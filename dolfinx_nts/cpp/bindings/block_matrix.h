@@ -1,7 +1,7 @@
 #pragma once
 
 #include "array.h"
-#include "nts/incomplete_factors.h"
+#include "nts/solvers/incomplete_factors.h"
 
 namespace nts::bindings
 {

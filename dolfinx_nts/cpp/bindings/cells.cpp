@@ -1,5 +1,5 @@
 #include "array.h"
-#include "nts/cell_integral.h"
+#include "nts/fem/cell_integral.h"
 
 #include <nanobind/stl/vector.h>
 

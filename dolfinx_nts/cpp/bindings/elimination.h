@@ -1,7 +1,7 @@
 #pragma once
 
 #include "array.h"
-#include "nts/elimination.h"
+#include "nts/solvers/elimination.h"
 
 namespace nts::bindings
 {

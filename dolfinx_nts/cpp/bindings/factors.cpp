@@ -1,5 +1,5 @@
 #include "block_matrix.h"
-#include "nts/single_matrix.h"
+#include "nts/solvers/single_matrix.h"
 
 namespace nts::bindings
 {

@@ -1,5 +1,5 @@
 #include "array.h"
-#include "nts/batch.h"
+#include "nts/contact/batch.h"
 
 #include <nanobind/stl/tuple.h>
 

@@ -1,6 +1,6 @@
-#include "nts/leapfrog.h"
+#include "nts/contact/leapfrog.h"
 #include "array.h"
-#include "nts/cell_length.h"
+#include "nts/geometry/cell_length.h"
 
 namespace nts::bindings
 {

@@ -1,4 +1,4 @@
-#include "nts/patch.h"
+#include "nts/solvers/patch.h"
 #include "block_matrix.h"
 #include "elimination.h"
 

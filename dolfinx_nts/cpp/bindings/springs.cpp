@@ -1,4 +1,4 @@
-#include "nts/springs.h"
+#include "nts/contact/springs.h"
 #include "array.h"
 
 #include <nanobind/stl/array.h>

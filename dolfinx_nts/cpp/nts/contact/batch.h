@@ -1,0 +1,187 @@
+#pragma once
+
+#include "nts/contact/convective_slip.h"
+#include "nts/contact/discrete_gradient.h"
+#include "nts/contact/slip.h"
+#include "nts/search/kept_tree.h"
+#include "nts/search/own_surface.h"
+
+/// @brief Loops over pairs and nodes. Inputs and outputs are flat, row-major,
+/// allocated by the caller; every pair is independent of all others.
+namespace nts
+{
+/// @brief Pair number i of x, shape (m, 1 + k, 3).
+template <class S>
+Pair<S> load(std::span<const double> x, std::size_t i) noexcept
+{
+  const double* first = x.data() + pair_size<S> * i;
+  Pair<S> pair;
+  for (std::size_t c = 0; c < 3; ++c)
+  {
+    pair.node[c] = first[c];
+    for (std::size_t K = 0; K < S::vertices; ++K)
+      pair.segment[K][c] = first[3 * (K + 1) + c];
+  }
+  return pair;
+}
+
+template <std::size_t N>
+void store(const std::array<double, N>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  std::copy(values.begin(), values.end(), out.begin() + N * i);
+}
+
+template <std::size_t R, std::size_t C>
+void store(const Matrix<R, C>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  for (std::size_t r = 0; r < R; ++r)
+    store(values[r], out, R * i + r);
+}
+
+/// @brief Where the contact batch writes, sizes as in `Contact` times m.
+struct ContactArrays
+{
+  std::span<double> gap_n, gap, force, gradient, tangent, turn;
+  std::span<std::int8_t> status; ///< 0 valid, 1 not
+};
+
+/// @brief What the contact force of a step is.
+enum class Scheme
+{
+  midpoint,
+  conserving,
+  statics
+};
+
+/// @brief Contact of m pairs in one step; invalid pairs are filled with NaN.
+template <class S, Scheme scheme>
+void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
+             std::span<const double> orientation,
+             const ContactArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    Contact<S> c;
+    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    if constexpr (scheme == Scheme::conserving)
+      contact_conserving(pair_n, pair, orientation[i], c);
+    else if constexpr (scheme == Scheme::midpoint)
+      contact_midpoint(pair_n, pair, orientation[i], c);
+    else
+      contact_static(pair_n, pair, orientation[i], c);
+    if (!c.valid)
+    {
+      c.gap_n = c.gap = c.turn = NAN;
+      c.force.fill(NAN);
+      c.gradient.fill(NAN);
+      for (PairVector<S>& row : c.tangent)
+        row.fill(NAN);
+    }
+    out.gap_n[i] = c.gap_n;
+    out.gap[i] = c.gap;
+    out.turn[i] = c.turn;
+    out.status[i] = c.valid ? 0 : 1;
+    store(c.force, out.force, i);
+    store(c.gradient, out.gradient, i);
+    store(c.tangent, out.tangent, i);
+  }
+}
+
+/// @brief Where the slip batch writes, sizes as in `Slip` times m.
+struct SlipArrays
+{
+  std::span<double> value, force, gradient, w, b, frame_n, frame;
+};
+
+/// @brief Slip of m pairs in one step; NaN where a projection fails.
+template <class S>
+void slips(std::span<const double> x_pair_n, std::span<const double> x_pair,
+           std::span<const double> orientation, const SlipArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    const Projection<S> p_n = project(pair_n, orientation[i]);
+    const Projection<S> p = project(pair, orientation[i]);
+    Slip<S> s;
+    if (p_n.converged && p.converged)
+      s = slip(pair_n, pair, p_n, p);
+    else
+      s.value = {NAN, NAN};
+    store(s.value, out.value, i);
+    store(s.force, out.force, i);
+    store(s.gradient, out.gradient, i);
+    store(s.w, out.w, i);
+    store(s.b, out.b, i);
+    store(s.frame_n, out.frame_n, i);
+    store(s.frame, out.frame, i);
+  }
+}
+
+/// @brief Where the convective slip batch writes, sizes as in
+/// `ConvectiveSlip` times m.
+struct ConvectiveSlipArrays
+{
+  std::span<double> value, force, gradient, hessian, frame_n, frame;
+};
+
+/// @brief Convective slip of m pairs in one step; NaN where it fails.
+template <class S>
+void convective_slips(std::span<const double> x_pair_n,
+                      std::span<const double> x_pair,
+                      std::span<const double> orientation,
+                      const ConvectiveSlipArrays& out) noexcept
+{
+  for (std::size_t i = 0; i < orientation.size(); ++i)
+  {
+    ConvectiveSlip<S> s = convective_slip(load<S>(x_pair_n, i),
+                                          load<S>(x_pair, i), orientation[i]);
+    if (!s.valid)
+      s.value = {NAN, NAN};
+    store(s.value, out.value, i);
+    store(s.force, out.force, i);
+    store(s.gradient, out.gradient, i);
+    for (std::size_t c = 0; c < 2; ++c)
+      store(s.hessian[c], out.hessian, 2 * i + c);
+    store(s.frame_n, out.frame_n, i);
+    store(s.frame, out.frame, i);
+  }
+}
+
+/// @brief Any node may touch any segment.
+inline constexpr auto any_segment
+    = [](std::size_t) noexcept { return Anything{}; };
+
+/// @brief Pair every node with a segment.
+/// @param[in] x_node Positions, (n, 3).
+/// @param[in] current Segment of the previous pairing or -1, (n,).
+/// @param[in] slack See `find_segment`.
+/// @param[in] reach Largest distance of interest.
+/// @param[in] surface The segments.
+/// @param[in,out] tree Tree over the segments.
+/// @param[in] may_touch Returns what a node may touch, see `find_segment`.
+/// @param[out] segment, xi, gap, normal See `Found`.
+template <class S, class MayTouch>
+void pair_nodes(std::span<const double> x_node,
+                std::span<const std::int32_t> current, double slack,
+                double reach, const SegmentSurface<S>& surface, KeptTree& tree,
+                const MayTouch& may_touch, std::span<std::int32_t> segment,
+                std::span<double> xi, std::span<double> gap,
+                std::span<double> normal)
+{
+  const Tree* present = nullptr;
+  const auto get_tree = [&]() -> const Tree&
+  { return present ? *present : *(present = &tree.at(surface.x)); };
+  for (std::size_t i = 0; i < current.size(); ++i)
+  {
+    const Found found = find_segment(vector(x_node, i), current[i], slack,
+                                     reach, surface, get_tree, may_touch(i));
+    segment[i] = found.segment;
+    gap[i] = found.gap;
+    store(found.xi, xi, i);
+    store(found.normal, normal, i);
+  }
+}
+} // namespace nts

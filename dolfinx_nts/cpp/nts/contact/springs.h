@@ -1,0 +1,150 @@
+#pragma once
+
+#include "nts/geometry/gap.h"
+#include "nts/search/own_surface.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @brief Penalty springs of nodes that are paired with segments.
+namespace nts
+{
+/// @brief Pairs of nodes and segments, see `Found`; flat arrays.
+struct Paired
+{
+  std::span<const std::int32_t> node;    ///< (c,)
+  std::span<const std::int32_t> segment; ///< (c,) or -1
+  std::span<const double> xi;            ///< (c, 2)
+  std::span<const double> gap;           ///< (c,) [m], NaN without segment
+  std::span<const double> normal;        ///< (c, 3)
+};
+
+/// @brief Positions of the pairs whose gap is negative, ascending.
+inline std::vector<std::int32_t> inside(const Paired& pairs)
+{
+  std::vector<std::int32_t> positions;
+  for (std::size_t i = 0; i < pairs.gap.size(); ++i)
+    if (std::isless(pairs.gap[i], 0.)) // quiet where it is NaN
+      positions.push_back(static_cast<std::int32_t>(i));
+  return positions;
+}
+
+/// @brief Springs of some pairs.
+/// @param[in] pairs The pairs.
+/// @param[in] positions Which of them, (m,).
+/// @param[in] segments Vertices of all segments, (s, k).
+/// @param[in] stiffness Of the spring of each pair, (c,) [N/m].
+/// @param[out] dofs Node and vertices, (m, 1 + k).
+/// @param[out] force On each of them, (m, 1 + k, 3) [N].
+/// @param[out] energy Stored, (m,) [J].
+template <class S>
+void press(const Paired& pairs, std::span<const std::int32_t> positions,
+           std::span<const std::int32_t> segments,
+           std::span<const double> stiffness, std::span<std::int32_t> dofs,
+           std::span<double> force, std::span<double> energy) noexcept
+{
+  constexpr std::size_t k = S::vertices;
+  for (std::size_t m = 0; m < positions.size(); ++m)
+  {
+    const std::size_t i = positions[m];
+    Projection<S> p;
+    p.xi = {pairs.xi[2 * i], pairs.xi[2 * i + 1]};
+    p.normal = vector(pairs.normal, i);
+    const double lambda = stiffness[i] * pairs.gap[i];
+    const PairVector<S> gradient = gap_gradient(p);
+    for (std::size_t d = 0; d < gradient.size(); ++d)
+      force[gradient.size() * m + d] = -lambda * gradient[d];
+    energy[m] = lambda * pairs.gap[i] / 2;
+    dofs[(1 + k) * m] = pairs.node[i];
+    for (std::size_t K = 0; K < k; ++K)
+      dofs[(1 + k) * m + 1 + K] = segments[k * pairs.segment[i] + K];
+  }
+}
+
+/// @brief Springs of m nodes at one state, and a displacement.
+struct PressedNodes
+{
+  std::span<const std::int32_t> node; ///< numbers, ascending, (m,)
+  std::span<const std::int64_t> key;  ///< their segments, (m,)
+  std::span<const std::int32_t> dofs; ///< rows of du, (m, 1 + k)
+  std::span<const double> force;      ///< on each of them, (m, 1 + k, 3) [N]
+  std::span<const double> energy;     ///< stored, (m,) [J]
+  std::span<const double> du;         ///< displacement, (l, 3) [m]
+
+  /// @brief Work of the force of a node [J].
+  double work(std::size_t m) const noexcept
+  {
+    const std::size_t width = dofs.size() / node.size();
+    double sum = 0;
+    for (std::size_t a = width * m; a < width * (m + 1); ++a)
+      sum += dot(vector(force, a), vector(du, dofs[a]));
+    return sum;
+  }
+};
+
+/// @brief Work of the mean of two forces, by its cause: what springs and
+/// friction do not account for, then both of these.
+/// @param[in] before, after Springs at the ends of a step.
+/// @param[in] lost Dissipation of each node in the step, (n,) [J]; empty if
+/// there is none.
+/// @return Of nodes that stayed on their segment, that came, that changed it;
+/// taken from springs; minus the dissipation [J].
+inline std::array<double, 5>
+work_by_cause(const PressedNodes& before, const PressedNodes& after,
+              std::span<const double> lost) noexcept
+{
+  enum Cause
+  {
+    stayed,
+    came,
+    changed,
+    springs,
+    friction
+  };
+  std::array<double, 5> work = {};
+  const auto dissipated = [&](std::int32_t node) noexcept
+  { return lost.empty() ? 0. : lost[node]; };
+  std::size_t i = 0, j = 0;
+  while (i < before.node.size() || j < after.node.size())
+  {
+    const bool old
+        = i < before.node.size()
+          && (j == after.node.size() || before.node[i] <= after.node[j]);
+    const bool now
+        = j < after.node.size()
+          && (i == before.node.size() || after.node[j] <= before.node[i]);
+    const bool same = !old || !now || before.key[i] == after.key[j];
+    double& sum = work[!old ? came : same ? stayed : changed];
+    sum += dissipated(old ? before.node[i] : after.node[j]);
+    if (old)
+    {
+      sum += before.work(i) / 2 - before.energy[i];
+      work[springs] += before.energy[i];
+      ++i;
+    }
+    if (now)
+    {
+      sum += after.work(j) / 2 + after.energy[j];
+      work[springs] -= after.energy[j];
+      ++j;
+    }
+  }
+  for (const double energy : lost)
+    work[friction] -= energy;
+  return work;
+}
+
+/// @brief Add values to rows of total, which may repeat.
+/// @param[in,out] total (n, 3)
+/// @param[in] rows (r,)
+/// @param[in] values (r, 3)
+inline void add_rows(std::span<double> total,
+                     std::span<const std::int32_t> rows,
+                     std::span<const double> values) noexcept
+{
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    for (std::size_t c = 0; c < 3; ++c)
+      total[3 * rows[i] + c] += values[3 * i + c];
+}
+} // namespace nts

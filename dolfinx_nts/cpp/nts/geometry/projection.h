@@ -1,0 +1,142 @@
+#pragma once
+
+#include "nts/geometry/segment.h"
+
+/// @brief Closest-point projection of a node onto the (extended) surface of a
+/// segment.
+namespace nts
+{
+/// @brief A contact node and the vertices of one segment, current positions.
+template <class S>
+struct Pair
+{
+  Vec3 node;
+  std::array<Vec3, S::vertices> segment;
+};
+
+/// @brief Geometry of the segment's surface at the projection point.
+///
+/// The projection is not clamped: `xi` may lie outside the reference cell.
+template <class S>
+struct Projection
+{
+  Vec2 xi = S::centre;               ///< convective coordinates
+  double gap = 0;                    ///< (x_s - x_bar) . normal, > 0 open
+  Vec3 normal = {};                  ///< unit normal, outward
+  std::array<Vec3, 2> tangents = {}; ///< a_alpha = x_bar,alpha
+  Matrix<2, 2> metric = {};          ///< a_alpha . a_beta
+  double twist = 0;                  ///< n . x_bar,12 (the curvature)
+  bool converged = false;            ///< false: nothing else is to be used
+};
+
+/// @brief Longest distance between two vertices, squared.
+template <class S>
+double squared_diameter(const std::array<Vec3, S::vertices>& segment) noexcept
+{
+  double square = 0;
+  for (std::size_t i = 0; i < S::vertices; ++i)
+    for (std::size_t j = 0; j < i; ++j)
+    {
+      const Vec3 edge = segment[i] - segment[j];
+      square = std::max(square, dot(edge, edge));
+    }
+  return square;
+}
+
+/// @brief Longest distance between two vertices.
+template <class S>
+double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
+{
+  return std::sqrt(squared_diameter<S>(segment));
+}
+
+/// @brief Solve (x_s - x_bar(xi)) . a_alpha(xi) = 0 by Newton's method from
+/// the segment's centre.
+///
+/// Newton's matrix m_ab - (x_s - x_bar) . x_bar,ab is replaced by the metric
+/// m_ab where it is not safely positive definite (a node far off a twisted
+/// segment). Franke, Hesch, Betsch (2011), eq. (24).
+/// @param[in] pair Node and segment.
+/// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
+template <class S>
+Projection<S> project(const Pair<S>& pair, double orientation) noexcept
+{
+  constexpr int max_iterations = 30;
+  constexpr double degenerate = 1e-20; // det m relative to (tr m)^2
+  constexpr double round_off = 1e-12;  // in xi, on the segment itself
+  constexpr double unit = 1e-15;       // of the numbers
+  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed: the first
+  // vertices of all segments are those at (0,0), (1,0), (0,1).
+  const auto& x = pair.segment;
+  const Vec3 from = pair.node - x[0], mixed = combine(S::d2phi(), x);
+  const std::array<Vec3, 2> edge = {x[1] - x[0], x[2] - x[0]};
+
+  Projection<S> p;
+  const auto finished = [&](const Vec3& r) noexcept
+  {
+    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
+    p.normal = (orientation / norm(n)) * n;
+    p.gap = dot(r, p.normal);
+    p.twist = dot(mixed, p.normal);
+    p.converged = true;
+    return p;
+  };
+  for (int iteration = 0; iteration < max_iterations; ++iteration)
+  {
+    p.tangents = {edge[0] + p.xi[1] * mixed, edge[1] + p.xi[0] * mixed};
+    const Vec3 r = from - p.xi[0] * edge[0] - p.xi[1] * p.tangents[1];
+    for (std::size_t a = 0; a < 2; ++a)
+      for (std::size_t b = 0; b < 2; ++b)
+        p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);
+    const double trace = p.metric[0][0] + p.metric[1][1];
+    const double area = det(p.metric);
+    if (!(area > degenerate * trace * trace))
+      return {};
+
+    // The last pass only evaluates the geometry at the converged xi.
+    if (p.converged)
+      return finished(r);
+
+    Matrix<2, 2> A = p.metric;
+    A[0][1] -= dot(r, mixed);
+    A[1][0] = A[0][1];
+    if (!(det(A) > 0.1 * area))
+      A = p.metric;
+    const Matrix<2, 2> A_inverse = inverse(A);
+    const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
+    const Vec2 dxi = {A_inverse[0][0] * f[0] + A_inverse[0][1] * f[1],
+                      A_inverse[1][0] * f[0] + A_inverse[1][1] * f[1]};
+    const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
+    if (way <= unit) // there already, as in the second pass where it is flat
+      return finished(r);
+    p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
+    // Round-off in xi grows with the distance of the node.
+    const double excess = way - round_off;
+    p.converged
+        = excess <= 0
+          || excess * excess * trace <= round_off * round_off * dot(r, r);
+  }
+  return {};
+}
+
+/// @brief Distance of a node to a segment that ends at its edges.
+/// @param[in] pair Node and segment.
+/// @param[in] p Its projection, converged.
+template <class S>
+double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
+{
+  if (S::outside(p.xi) <= 0)
+    return std::abs(p.gap);
+  double nearest = INFINITY;
+  for (const auto& [begin, end] : S::edges)
+  {
+    const Vec3 edge = pair.segment[end] - pair.segment[begin];
+    const Vec3 r = pair.node - pair.segment[begin];
+    const double square = dot(edge, edge);
+    const double part
+        = square > 0 ? std::clamp(dot(r, edge) / square, 0., 1.) : 0;
+    nearest = std::min(nearest, norm(r - part * edge));
+  }
+  return nearest;
+}
+} // namespace nts

@@ -1,0 +1,116 @@
+#pragma once
+
+#include "nts/search/tree.h"
+
+#include <optional>
+
+/// @brief A tree over segments that is built anew only when they have moved.
+namespace nts
+{
+/// @brief Tree over segments at any positions.
+///
+/// Its boxes are wider than the segments by a margin, and it holds for all
+/// positions to which no vertex has moved farther than that.
+class KeptTree
+{
+public:
+  /// @param[in] vertices Rows of the positions, (s, k); must outlive the tree.
+  /// @param[in] k Vertices of a segment.
+  KeptTree(std::span<const std::int32_t> vertices, std::size_t k)
+      : _vertices(vertices), _k(k), _rows(vertices.begin(), vertices.end())
+  {
+    std::ranges::sort(_rows);
+    const auto [first, last] = std::ranges::unique(_rows);
+    _rows.erase(first, last);
+  }
+
+  /// @brief A tree that holds at these positions, (l, 3).
+  const Tree& at(std::span<const double> x)
+  {
+    if (!_tree || !holds(x))
+      build(x);
+    return *_tree;
+  }
+
+  /// @brief Points within reach of the box of any segment.
+  /// @param[in] points Where to look from, (n, 3) [m].
+  /// @param[in] reach [m]
+  /// @param[in] x Positions, (l, 3) [m].
+  /// @return Their numbers, ascending.
+  std::vector<std::int32_t> near(std::span<const double> points, double reach,
+                                 std::span<const double> x)
+  {
+    const Tree& tree = at(x);
+    std::vector<std::int32_t> numbers;
+    for (std::size_t n = 0; n < points.size() / 3; ++n)
+    {
+      const Vec3 point = vector(points, n);
+      bool found = false;
+      tree.nearest(point, reach,
+                   [&](std::int32_t i)
+                   {
+                     const Box box = bounds(x, segment(i));
+                     found = found
+                             || box.squared_distance(point) <= reach * reach;
+                     return found ? 0 : reach;
+                   });
+      if (found)
+        numbers.push_back(static_cast<std::int32_t>(n));
+    }
+    return numbers;
+  }
+
+  /// @brief How often a tree was built.
+  std::size_t num_built() const noexcept { return _num_built; }
+
+private:
+  /// Part of the mean segment by which the boxes are wider.
+  static constexpr double _part = 0.2;
+
+  std::span<const std::int32_t> segment(std::size_t i) const noexcept
+  {
+    return _vertices.subspan(_k * i, _k);
+  }
+
+  bool holds(std::span<const double> x) const noexcept
+  {
+    for (std::size_t i = 0; i < _rows.size(); ++i)
+    {
+      const Vec3 moved = vector(x, _rows[i]) - _x[i];
+      for (const double component : moved)
+        // Quiet where it is NaN, and false.
+        if (!std::islessequal(std::abs(component), _margin))
+          return false;
+    }
+    return true;
+  }
+
+  void build(std::span<const double> x)
+  {
+    std::vector<Box> boxes(_vertices.size() / _k);
+    double extents = 0;
+    for (std::size_t i = 0; i < boxes.size(); ++i)
+    {
+      boxes[i] = bounds(x, segment(i));
+      const Vec3 extent = boxes[i].upper - boxes[i].lower;
+      extents += std::ranges::max(extent);
+    }
+    _margin = boxes.empty() ? 0 : _part * extents / boxes.size();
+    for (Box& box : boxes)
+      box.widen(_margin);
+    _x.clear();
+    for (const std::int32_t row : _rows)
+      _x.push_back(vector(x, row));
+    _tree.emplace(std::move(boxes));
+    ++_num_built;
+  }
+
+  std::span<const std::int32_t> _vertices;
+  std::size_t _k;
+  std::vector<std::int32_t> _rows; // vertices, each once
+  std::vector<Vec3> _x;            // where they were
+  double _margin = 0;
+  std::optional<Tree> _tree;
+  std::size_t _num_built = 0;
+};
+} // namespace nts

@@ -1,0 +1,137 @@
+#pragma once
+
+#include "nts/geometry/projection.h"
+#include "nts/search/tree.h"
+
+/// @brief Local search: the segment that a node may touch.
+namespace nts
+{
+/// @brief Numbers of the pairing rule; lengths are relative to the segment.
+struct PairingRule
+{
+  /// Usual `slack`: a node keeps its segment while xi is at most this far
+  /// outside. Without it, nodes on an edge flip from step to step.
+  static constexpr double hysteresis = 0.01;
+  /// Farther outside the nearest segment a node faces no segment at all: it
+  /// is beyond the rim of the surface.
+  static constexpr double overhang = 0.15;
+  /// Deeper below a segment than this a node belongs to another side of the
+  /// body.
+  static constexpr double depth = 0.5;
+};
+
+/// @brief A node's segment; segment -1 where there is none in reach.
+struct Found
+{
+  std::int32_t segment = -1;
+  Vec2 xi = {NAN, NAN};
+  double gap = NAN;
+  Vec3 normal = {NAN, NAN, NAN};
+};
+
+/// @brief The surface that nodes are paired with.
+template <class S>
+struct SegmentSurface
+{
+  std::span<const double> x;              ///< positions, (l, 3) [m]
+  std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
+  std::span<const double> orientation;    ///< (s,) +1 or -1
+  std::span<const std::int64_t> key;      ///< (s,) breaks ties
+
+  std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
+  {
+    std::array<Vec3, S::vertices> positions;
+    for (std::size_t K = 0; K < S::vertices; ++K)
+      positions[K] = vector(x, vertices[S::vertices * i + K]);
+    return positions;
+  }
+
+  Box box(std::size_t i) const noexcept
+  {
+    return bounds(x, vertices.subspan(S::vertices * i, S::vertices));
+  }
+
+  /// @brief Diameter [m].
+  double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
+};
+
+/// @brief Any node may touch any segment.
+struct Anything
+{
+  template <class S>
+  bool operator()(std::int32_t, const Projection<S>&) const noexcept
+  {
+    return true;
+  }
+};
+
+/// @brief Find a node's segment.
+///
+/// The current segment is kept while the node stays over it. Otherwise the
+/// nearest segment is taken; the lowest key wins a tie, as at edges and
+/// vertices. A node that lies off the nearest segment (`overhang`, `depth`)
+/// has none.
+/// @param[in] node Position [m].
+/// @param[in] current Segment of the previous pairing, or -1.
+/// @param[in] slack By how much xi may be outside the current segment.
+/// @param[in] reach Largest distance of interest [m].
+/// @param[in] surface The segments.
+/// @param[in] tree Returns the tree over the segments (asked only if needed).
+/// @param[in] may_touch Whether the node may touch a segment, given the
+/// projection on it.
+template <class S, class GetTree, class MayTouch = Anything>
+Found find_segment(const Vec3& node, std::int32_t current, double slack,
+                   double reach, const SegmentSurface<S>& surface,
+                   GetTree&& tree, const MayTouch& may_touch = {})
+{
+  constexpr double tie = 1e-9; // relative to the segment
+  const auto project_on = [&](std::int32_t i) noexcept
+  { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
+  const auto over
+      = [&](const Projection<S>& p, std::int32_t i, double allowed) noexcept
+  {
+    return p.converged && S::outside(p.xi) <= allowed
+           && (p.gap >= 0 || p.gap >= -PairingRule::depth * surface.size(i));
+  };
+
+  if (current >= 0)
+  {
+    const Projection<S> p = project_on(current);
+    if (over(p, current, slack) && p.gap <= reach && may_touch(current, p))
+      return {current, p.xi, p.gap, p.normal};
+  }
+
+  std::int32_t best = -1;
+  Projection<S> best_projection;
+  double nearest = reach;
+  tree().nearest(node, reach,
+                 [&](std::int32_t i) noexcept
+                 {
+                   const double margin = tie * surface.size(i);
+                   // The boxes of a kept tree are wider than the segments.
+                   if (surface.box(i).squared_distance(node)
+                       > (nearest + margin) * (nearest + margin))
+                     return nearest + margin;
+                   const Projection<S> p = project_on(i);
+                   if (!p.converged || !may_touch(i, p))
+                     return nearest + margin;
+                   const double away
+                       = distance<S>({node, surface.segment(i)}, p);
+                   const bool nearer
+                       = away <= nearest - (best < 0 ? 0 : margin);
+                   const bool wins_tie = best >= 0 && away <= nearest + margin
+                                         && surface.key[i] < surface.key[best];
+                   if (nearer || wins_tie)
+                   {
+                     best = i;
+                     best_projection = p;
+                     nearest = away;
+                   }
+                   return nearest + margin; // ties must be seen
+                 });
+  if (best < 0 || !over(best_projection, best, PairingRule::overhang))
+    return {};
+  return {best, best_projection.xi, best_projection.gap,
+          best_projection.normal};
+}
+} // namespace nts

@@ -1,0 +1,173 @@
+#pragma once
+
+#include "nts/geometry/small.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+#include <span>
+#include <vector>
+
+/// @brief Bounding-volume tree over segments, for nearest-segment queries.
+namespace nts
+{
+/// @brief Axis-aligned box.
+struct Box
+{
+  Vec3 lower = {INFINITY, INFINITY, INFINITY};
+  Vec3 upper = {-INFINITY, -INFINITY, -INFINITY};
+
+  void include(const Vec3& point) noexcept
+  {
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      lower[i] = std::min(lower[i], point[i]);
+      upper[i] = std::max(upper[i], point[i]);
+    }
+  }
+
+  void widen(double margin) noexcept
+  {
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      lower[i] -= margin;
+      upper[i] += margin;
+    }
+  }
+
+  /// @brief Squared distance of a point to the box (0 inside).
+  double squared_distance(const Vec3& point) const noexcept
+  {
+    double sum = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      const double d = std::max({lower[i] - point[i], 0., point[i] - upper[i]});
+      sum += d * d;
+    }
+    return sum;
+  }
+};
+
+/// @brief Box of some rows of x, (n, 3).
+inline Box bounds(std::span<const double> x,
+                  std::span<const std::int32_t> rows) noexcept
+{
+  Box box;
+  for (const std::int32_t row : rows)
+    box.include(vector(x, row));
+  return box;
+}
+
+/// @brief Largest distance of points from where they were.
+/// @param[in] x Positions, (n, 3) [m].
+/// @param[in] before Positions then, (n, 3) [m].
+/// @return NaN if one is NaN.
+inline double farthest(std::span<const double> x,
+                       std::span<const double> before) noexcept
+{
+  double square = 0;
+  for (std::size_t i = 0; i < x.size() / 3; ++i)
+  {
+    const Vec3 way = vector(x, i) - vector(before, i);
+    const double there = dot(way, way);
+    if (std::isnan(there))
+      return there;
+    square = std::max(square, there);
+  }
+  return std::sqrt(square);
+}
+
+/// @brief Balanced binary tree of boxes, O(n log n) to build.
+class Tree
+{
+public:
+  /// @brief Build the tree.
+  /// @param[in] boxes One box per segment, inflated by what a query may find
+  /// outside the segment itself.
+  explicit Tree(std::vector<Box> boxes)
+      : _boxes(std::move(boxes)), _order(_boxes.size())
+  {
+    std::iota(_order.begin(), _order.end(), 0);
+    if (!_order.empty())
+      build(0, static_cast<std::int32_t>(_order.size()));
+  }
+
+  /// @brief Visit the segments whose box is nearer than the bound.
+  /// @param[in] point Where to look from.
+  /// @param[in] bound Distance beyond which nothing is of interest.
+  /// @param[in] visit Called with a segment; returns the new bound.
+  template <class Visit>
+  void nearest(const Vec3& point, double bound, Visit&& visit) const
+  {
+    if (!_branches.empty())
+      descend(0, point, bound, visit);
+  }
+
+private:
+  /// Segments [begin, end) of the order; children, or -1 for a leaf.
+  struct Branch
+  {
+    std::int32_t begin, end;
+    Box box = {};
+    std::int32_t left = -1, right = -1;
+  };
+
+  std::int32_t build(std::int32_t begin, std::int32_t end)
+  {
+    constexpr std::int32_t leaf = 4;
+    Branch branch{.begin = begin, .end = end};
+    for (std::int32_t i = begin; i < end; ++i)
+    {
+      branch.box.include(_boxes[_order[i]].lower);
+      branch.box.include(_boxes[_order[i]].upper);
+    }
+    const auto index = static_cast<std::int32_t>(_branches.size());
+    _branches.push_back(branch);
+    if (end - begin > leaf)
+    {
+      const Vec3 extent = branch.box.upper - branch.box.lower;
+      const std::size_t axis
+          = std::max_element(extent.begin(), extent.end()) - extent.begin();
+      const std::int32_t middle = begin + (end - begin) / 2;
+      std::nth_element(_order.begin() + begin, _order.begin() + middle,
+                       _order.begin() + end,
+                       [this, axis](std::int32_t a, std::int32_t b) noexcept
+                       {
+                         return _boxes[a].lower[axis] + _boxes[a].upper[axis]
+                                < _boxes[b].lower[axis] + _boxes[b].upper[axis];
+                       });
+      const std::int32_t left = build(begin, middle);
+      const std::int32_t right = build(middle, end);
+      _branches[index].left = left;
+      _branches[index].right = right;
+    }
+    return index;
+  }
+
+  template <class Visit>
+  void descend(std::int32_t index, const Vec3& point, double& bound,
+               Visit& visit) const
+  {
+    const Branch& branch = _branches[index];
+    if (branch.left < 0)
+    {
+      for (std::int32_t i = branch.begin; i < branch.end; ++i)
+        if (_boxes[_order[i]].squared_distance(point) <= bound * bound)
+          bound = visit(_order[i]);
+      return;
+    }
+    std::array<std::int32_t, 2> children = {branch.left, branch.right};
+    Vec2 distances;
+    for (std::size_t c = 0; c < 2; ++c)
+      distances[c] = _branches[children[c]].box.squared_distance(point);
+    const std::size_t first = distances[1] < distances[0] ? 1 : 0;
+    for (const std::size_t c : {first, 1 - first})
+      if (distances[c] <= bound * bound)
+        descend(children[c], point, bound, visit);
+  }
+
+  std::vector<Box> _boxes;
+  std::vector<std::int32_t> _order;
+  std::vector<Branch> _branches;
+};
+} // namespace nts

@@ -1,0 +1,152 @@
+#pragma once
+
+#include "nts/solvers/blocks.h"
+
+#include <utility>
+
+namespace nts
+{
+/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks, in the
+/// pattern of the matrix, ILU(0), and in single precision.
+///
+/// They lie in the order in which solving reads them: rows of L forward, then
+/// rows of U backward, each with the inverse of its diagonal block at the end.
+class IncompleteFactors
+{
+public:
+  /// @brief Factorise.
+  /// @param[in] A Rows, `BlockMatrix` or `BlockRows`; columns beyond them are
+  /// left out.
+  /// @param[in] order The rows in the order of elimination.
+  /// @return False if a block on the diagonal is singular.
+  template <class Matrix>
+  bool factorise(const Matrix& A, std::span<const std::int32_t> order)
+  {
+    const std::size_t n = order.size();
+    _order.assign(order.begin(), order.end());
+    std::vector<std::int32_t> place(n), at(n, -1); // in the order, in the row
+    for (std::size_t i = 0; i < n; ++i)
+      place[order[i]] = static_cast<std::int32_t>(i);
+    allocate(A, place);
+    std::vector<std::pair<std::int32_t, std::int64_t>> entries;
+    std::vector<Columns> row;
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      entries.clear();
+      for (std::int64_t e = A.start[order[i]]; e < A.start[order[i] + 1]; ++e)
+        if (static_cast<std::size_t>(A.column[e]) < n)
+          entries.push_back({place[A.column[e]], e});
+      if (!std::ranges::is_sorted(entries))
+        std::ranges::sort(entries);
+      row.clear();
+      for (const auto& [column, e] : entries)
+      {
+        at[column] = static_cast<std::int32_t>(row.size());
+        row.push_back(A.block(e, _scale));
+      }
+      const std::size_t diagonal = _begin[i + 1] - _begin[i];
+      if (!(diagonal < row.size()
+            && static_cast<std::size_t>(entries[diagonal].first) == i))
+        return fail();
+      for (std::size_t c = 0; c < diagonal; ++c)
+      {
+        // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
+        const auto k = static_cast<std::size_t>(entries[c].first);
+        const std::size_t end = _begin[2 * n - k] - 1;
+        const Columns L = row[c] * _factors[end];
+        _factors.put(_begin[i] + c, entries[c].first, L);
+        for (std::size_t u = _begin[2 * n - 1 - k]; u < end; ++u)
+          if (const std::int32_t target = at[_factors.node(u)]; target >= 0)
+            row[target] -= L * _factors[u];
+      }
+      Block pivot = row[diagonal].block(), inverse = identity;
+      if (!solve(pivot, inverse))
+        return fail();
+      std::size_t u = _begin[2 * n - 1 - i];
+      for (std::size_t c = diagonal + 1; c < row.size(); ++c)
+        _factors.put(u++, entries[c].first, row[c]);
+      _factors.put(u, entries[diagonal].first, Columns::of(inverse));
+      for (const auto& [column, e] : entries)
+        at[column] = -1;
+    }
+    return true;
+  }
+
+  /// @brief x = (L U)^-1 b.
+  /// @param[in] b Right-hand side of all rows.
+  /// @param[out] x Values of the first rows, all or fewer; may be b.
+  void apply(std::span<const double> b, std::span<double> x)
+  {
+    const double scale = power_of_two(largest(b));
+    const std::size_t n = _order.size();
+    _x.resize(3 * n);
+    std::size_t e = 0;
+    const auto set = [&](std::size_t i, const Column& y)
+    {
+      for (std::size_t c = 0; c < 3; ++c)
+        _x[3 * i + c] = without_dust(y[c]);
+    };
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      Column y = {};
+      for (std::size_t c = 0; c < 3; ++c)
+        y[c] = static_cast<float>(scale * b[3 * _order[i] + c]);
+      set(i, y - _factors.product(e, _begin[i + 1], _x.data()));
+    }
+    const double back = _scale / scale;
+    for (std::size_t i = n; i-- > 0;)
+    {
+      const Column sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
+      for (std::size_t c = 0; c < 3; ++c)
+        _x[3 * i + c] -= sum[c];
+      set(i, _factors.product(e, _begin[2 * n - i], _x.data()));
+      if (const auto node = static_cast<std::size_t>(_order[i]);
+          3 * node < x.size())
+        for (std::size_t c = 0; c < 3; ++c)
+          x[3 * node + c] = back * static_cast<double>(_x[3 * i + c]);
+    }
+  }
+
+  /// @brief Number of rows, 0 without factors.
+  std::size_t size() const noexcept { return _order.size(); }
+
+private:
+  /// @brief Count the blocks of each row, and take the scale of the matrix.
+  template <class Matrix>
+  void allocate(const Matrix& A, std::span<const std::int32_t> place)
+  {
+    const std::size_t n = place.size();
+    _begin.assign(2 * n + 1, 0);
+    double largest = 0;
+    for (std::size_t node = 0; node < n; ++node)
+    {
+      const auto i = static_cast<std::size_t>(place[node]);
+      for (std::int64_t e = A.start[node]; e < A.start[node + 1]; ++e)
+        if (const auto column = static_cast<std::size_t>(A.column[e]);
+            column < n)
+        {
+          const bool lower = place[column] < place[node];
+          ++_begin[lower ? i + 1 : 2 * n - i];
+          if (column == node)
+            largest = std::max(largest, A.diagonal(e));
+        }
+    }
+    for (std::size_t i = 0; i < 2 * n; ++i)
+      _begin[i + 1] += _begin[i];
+    _scale = power_of_two(largest);
+    _factors.resize(_begin.back());
+  }
+
+  bool fail()
+  {
+    _order.clear();
+    return false;
+  }
+
+  double _scale = 1; // of the matrix
+  std::vector<std::int32_t> _order;
+  std::vector<std::size_t> _begin; // of rows of L, then of U from the last
+  PackedRows _factors;
+  std::vector<float> _x; // in the order
+};
+} // namespace nts

@@ -1,0 +1,57 @@
+#pragma once
+
+#include "nts/solvers/blocks.h"
+
+namespace nts
+{
+/// @brief Rows of a sparse matrix with 3 x 3 blocks in single precision, for
+/// products in preconditioners.
+class SingleMatrix
+{
+public:
+  explicit SingleMatrix(const BlockMatrix& A)
+      : _start(A.start.begin(), A.start.end())
+  {
+    _scale = power_of_two(largest(A.value));
+    _rows.resize(A.column.size());
+    for (std::size_t e = 0; e < A.column.size(); ++e)
+    {
+      _rows.put(e, A.column[e], A.block(e, _scale));
+      _width = std::max(_width, static_cast<std::size_t>(A.column[e]) + 1);
+    }
+  }
+
+  /// @brief y = A x.
+  /// @param[in] x Values of all columns, (m, 3), m at least `width`.
+  /// @param[out] y Values of the rows, (n, 3).
+  void multiply(std::span<const double> x, std::span<double> y)
+  {
+    const double scale = power_of_two(largest(x));
+    _x.resize(x.size());
+    for (std::size_t i = 0; i < x.size(); ++i)
+      _x[i] = without_dust(static_cast<float>(scale * x[i]));
+    const double back = 1 / (_scale * scale);
+    std::size_t e = 0;
+    for (std::size_t i = 0; i < size(); ++i)
+    {
+      const Column sum = _rows.product(
+          e, static_cast<std::size_t>(_start[i + 1]), _x.data());
+      for (std::size_t c = 0; c < 3; ++c)
+        y[3 * i + c] = back * static_cast<double>(sum[c]);
+    }
+  }
+
+  /// @brief Number of rows.
+  std::size_t size() const noexcept { return _start.size() - 1; }
+
+  /// @brief Number of columns that have blocks, or lie before one.
+  std::size_t width() const noexcept { return _width; }
+
+private:
+  double _scale = 1;
+  std::size_t _width = 0;
+  std::vector<std::int64_t> _start;
+  PackedRows _rows;
+  std::vector<float> _x;
+};
+} // namespace nts

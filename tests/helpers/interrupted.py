@@ -1,0 +1,37 @@
+"""Scenes of runs that are cut, stopped and resumed."""
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_nts as nts
+from helpers.scenes import BLOCK_STEP, blocks
+
+
+def layers(middle):
+    """Owner of the cells: by their place, the same in every call."""
+    return (np.argsort(np.argsort(middle[:, 0])) % MPI.COMM_WORLD.size).astype(int)
+
+
+def with_law(scheme, enforcement, friction, bodies, pairs, dt):
+    """Return a stepper whose pairs have another law."""
+    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, friction) for p in pairs]
+    return scheme(bodies, pairs, dt=dt)
+
+
+SCHEMES = {
+    "multiplier": nts.EnergyMomentum,
+    "stick": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3)),
+    "spring": partial(with_law, nts.Midpoint, nts.Penalty(), nts.Coulomb(0.3)),
+    "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
+    "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
+    "strong": nts.EnergyMomentum,
+}
+
+
+def scene(comm, scheme=nts.EnergyMomentum, **options):
+    """Three blocks, whose contacts begin before and after the break."""
+    dt = 0.1 * BLOCK_STEP if scheme is SCHEMES["explicit"] else BLOCK_STEP
+    return blocks(comm, scheme, num_bodies=3, dt=dt, **options)

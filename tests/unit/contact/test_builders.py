@@ -1,0 +1,242 @@
+"""Surfaces of whole bodies, and the pairs of a scene."""
+
+import logging
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import GhostMode
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from dolfinx_nts.meshing.gmsh import read_mesh
+from helpers import scenes
+
+RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
+
+
+def row(comm, cells=(1, 2, 3), stiffness=None):
+    """Unit cubes in a row, each of another number of cells an edge."""
+
+    def build(model):
+        for i, n in enumerate(cells):
+            box = {"corner": (1.5 * i, 0, 0), "size": (1, 1, 1), "cells": (n, n, n)}
+            parts.add_box(model, f"box {i}", **box)
+
+    mesh, tags, facets, tag = read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    materials = [RUBBER] * len(cells)
+    if stiffness is not None:
+        materials = [nts.NeoHookean(E, 0.3, 1e3) for E in stiffness]
+    bodies = [nts.Body(V, tags, tag[f"box {i}"], m) for i, m in enumerate(materials)]
+    return bodies, facets, tag
+
+
+def ids(surface):
+    """Nodes of a surface by number in the mesh, on all ranks."""
+    return np.sort(np.concatenate(surface.V.mesh.comm.allgather(surface.node_ids)))
+
+
+def num_segments(surface):
+    return surface.V.mesh.comm.allreduce(len(surface.segments))
+
+
+def test_boundary_is_that_of_the_body_alone(comm):
+    bodies, _, _ = row(comm)
+    for n, body in zip((1, 2, 3), bodies, strict=True):
+        surface = nts.boundary_of(body)
+        assert num_segments(surface) == 6 * n**2
+        assert len(ids(surface)) == (n + 1) ** 3 - max(n - 1, 0) ** 3
+        assert comm.allreduce(surface.area.sum()) == pytest.approx(6)
+    both = nts.boundary_of(*bodies[1:])
+    assert num_segments(both) == 6 * (4 + 9)
+
+
+def test_part_of_a_boundary_and_place_are_the_tagged_surface(comm):
+    bodies, facets, tag = row(comm)
+    V = bodies[0].V
+    tagged = nts.Surface(V, facets, tag["box 1_top"])
+    part = nts.boundary_of(bodies[1], where=lambda x: x[2] > 0.99)
+    place = nts.Surface.where(V, lambda x: (x[2] > 0.99) & (abs(x[0] - 2) < 0.6))
+    for surface in (part, place):
+        assert np.array_equal(surface.segments, tagged.segments)
+        assert np.array_equal(surface.orientation, tagged.orientation)
+        assert np.array_equal(ids(surface), ids(tagged))
+    everything = nts.Surface.where(V, lambda x: x[0] > -1)
+    assert num_segments(everything) == 6 * (1 + 4 + 9)
+
+
+@pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
+def test_facets_between_bodies_that_share_nodes_are_inside(comm, ghosts):
+    V, bodies = halved(comm, ghosts)
+    assert [num_segments(nts.boundary_of(body)) for body in bodies] == [32 - 6, 32 - 6]
+    assert num_segments(nts.boundary_of(*bodies)) == 52
+    assert nts.all_pairs(bodies) == []
+    assert num_segments(nts.Surface.where(V, lambda x: x[2] < 1e-9)) == 12
+
+
+def halved(comm, ghosts):
+    """Box of 4 x 3 x 2 cells of two materials that share nodes."""
+    data = scenes.boxes([(4, 3, 2)], [(4.0, 3.0, 2.0)])
+    middle = data.X[data.cells].mean(axis=1)
+    data.body[:] = middle[:, 0] > 2
+    mesh, cells, _, _ = scenes.distribute(comm, data, ghosts=ghosts)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    tags = sorted(set(np.concatenate(comm.allgather(cells.values))))
+    return V, [nts.Body(V, cells, int(t), RUBBER) for t in tags]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 6])
+def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(comm, count):
+    cells = (1, 3, 2, 2, 1, 4)[:count]
+    bodies, _, _ = row(comm, cells)
+    pairs = nts.all_pairs(bodies)
+    assert len(pairs) == count - 1
+    surfaces = [set(ids(nts.boundary_of(body))) for body in bodies]
+    met = np.zeros((count, count), dtype=int)
+    for pair in pairs:
+        nodes, segments = set(ids(pair.nodes)), set(ids(pair.segments))
+        of_nodes = [i for i, s in enumerate(surfaces) if s <= nodes]
+        of_segments = [i for i, s in enumerate(surfaces) if s <= segments]
+        assert min(cells[i] for i in of_nodes) >= max(cells[i] for i in of_segments)
+        for i in of_nodes:
+            for j in of_segments:
+                met[i, j] += 1
+                met[j, i] += 1
+    assert np.array_equal(met, 1 - np.eye(count, dtype=int))
+
+
+@pytest.mark.parametrize(
+    ("cells", "stiffness", "first_gives_nodes"),
+    [
+        ((2, 2), (1e5, 1e7), True),
+        ((2, 2), (1e7, 1e5), False),
+        ((2, 3), (1e5, 1e7), True),  # a little finer does not count
+        ((1, 4), (1e5, 1e7), False),  # much finer does
+        ((3, 3), (0.0, 1e5), True),
+    ],
+)
+def test_nodes_are_those_of_the_softer_of_similar_meshes(comm, cells, stiffness, first_gives_nodes):
+    bodies, _, _ = row(comm, cells, [max(E, 1e-6) for E in stiffness])
+    (pair,) = nts.all_pairs(bodies)
+    expected = bodies[0 if first_gives_nodes else 1]
+    assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(expected)))
+
+
+def test_pairs_with_obstacles_carry_the_laws_and_are_told(comm, caplog):
+    bodies, _, _ = row(comm)
+    plane, friction = nts.RigidPlane((0, 0, -1), (0, 0, 1)), nts.Coulomb(0.3)
+    penalty = nts.Penalty()
+    with caplog.at_level(logging.INFO, "dolfinx_nts"):
+        pairs = nts.all_pairs(bodies, obstacles=[plane], enforcement=penalty, friction=friction)
+    assert all(p.enforcement is penalty and p.friction is friction for p in pairs)
+    assert pairs[-1].segments is plane
+    assert len(ids(pairs[-1].nodes)) == 8 + 26 + 56
+    told = [
+        "pair 1: nodes of body 3 against the segments of bodies 1, 2",
+        "pair 2: nodes of body 2 against the segments of body 1",
+        "pair 3: nodes of all bodies against RigidPlane",
+    ]
+    assert caplog.messages == (told if comm.rank == 0 else [])
+
+
+def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(comm, caplog):
+    bodies, _, _ = row(comm)
+    with caplog.at_level(logging.INFO, "dolfinx_nts"):
+        *others, own = nts.all_pairs(bodies, self_contact=[bodies[1]])
+    assert [pair.touches_itself for pair in others] == [False, False]
+    assert own.touches_itself
+    assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(bodies[1])))
+    told = "pair 3: nodes of body 2 against their own segments"
+    assert caplog.messages[2:] == ([told] if comm.rank == 0 else [])
+    (own,) = nts.all_pairs(bodies[:1], self_contact=bodies[:1])
+    assert own.touches_itself
+
+
+def test_bodies_that_share_nodes_touch_each_other_as_one(comm):
+    _, bodies = halved(comm, GhostMode.none)
+    (own,) = nts.all_pairs(bodies, self_contact=[bodies[1]])
+    assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(*bodies)))
+
+
+def meeting(comm, order, **laws):
+    """Two blocks that strike each other, both with contact nodes."""
+    first = scenes.blocks(comm)
+    bodies, (pair,) = first.stepper.bodies, first.stepper.pairs
+    pairs = nts.two_half_passes(*(pair.nodes, pair.segments)[::order], **laws)
+    stepper = nts.EnergyMomentum(bodies, pairs, dt=first.stepper.dt)
+    stepper.v.x.array[:] = first.stepper.v.x.array
+    return stepper
+
+
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
+def test_two_half_passes_keep_energy_and_momenta_and_prefer_no_side(comm, friction):
+    found = []
+    for order in (1, -1):
+        stepper = meeting(comm, order, friction=friction)
+        diagnostics = nts.Diagnostics(stepper)
+        before, lost, most = diagnostics.balance(), 0.0, np.zeros(2)
+        for _ in range(12):
+            stepper.advance()
+            lost += sum(comm.allreduce(p.history.dissipation.sum()) for p in stepper.pairs)
+            active = [comm.allreduce(int(p.history.active.sum())) for p in stepper.pairs]
+            most = np.maximum(most, active)
+        after = diagnostics.balance()
+        assert most.min() > 0
+        assert after.total_energy + lost == pytest.approx(before.total_energy, rel=1e-11)
+        for name in ("linear_momentum", "angular_momentum"):
+            first, last = getattr(before, name), getattr(after, name)
+            assert np.abs(last - first).max() < 1e-11 * np.abs(first).max(), name
+        found.append(stepper.u.x.array.copy())
+    assert np.abs(found[1] - found[0]).max() < 1e-11
+
+
+def test_half_passes_share_the_stiffness_of_the_springs(comm):
+    for given in (None, 5e3):
+        halves = meeting(comm, 1, enforcement=nts.Penalty(given), friction=nts.Coulomb(0.3))
+        whole = scenes.blocks(comm).stepper
+        (pair,) = whole.pairs
+        pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(given), nts.Coulomb(0.3))
+        whole = nts.EnergyMomentum(whole.bodies, [pair], dt=whole.dt)
+        halves.advance()
+        whole.advance()
+        assert np.allclose(halves.pairs[0].eps_N, pair.eps_N / 2)
+        assert np.allclose(halves.pairs[0].eps_T, pair.eps_T / 2)
+
+
+def test_stack_of_three_falls_and_keeps_its_balances(comm):
+    bodies, _, _ = row(comm, (2, 2, 2))
+    stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies), dt=0.01)
+    stepper.set_velocity(bodies[0], (10, 0, 0))
+    stepper.set_velocity(bodies[2], (-10, 0, 0))
+    before = nts.Diagnostics(stepper).balance()
+    active = [report.num_active for report in stepper.run(0.12)]
+    after = nts.Diagnostics(stepper).balance()
+    assert max(active) == 18
+    assert after.total_energy == pytest.approx(before.total_energy, rel=1e-10)
+    scale = 1e4
+    assert np.allclose(after.linear_momentum, 0, atol=1e-10 * scale)
+
+
+def test_what_makes_no_surface_or_pairs_is_refused(comm, refused):
+    bodies, facets, _ = row(comm)
+    other, _, _ = row(comm)
+    with refused(ValueError, "at least one body, given none"):
+        nts.boundary_of()
+    with refused(ValueError, "at least one body, given none"):
+        nts.all_pairs([])
+    with refused(TypeError, "expected a Body, given MeshTags"):
+        nts.boundary_of(facets)
+    with refused(ValueError, "one function space, given several"):
+        nts.all_pairs([bodies[0], other[1]])
+    with refused(ValueError, "facets of the boundary, given none"):
+        nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
+    with refused(ValueError, "facets of the boundary, given none"):
+        nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
+    with refused(ValueError, "self contact of bodies of the scene, given 1 that are not"):
+        nts.all_pairs(bodies[:2], self_contact=bodies[2:])
+    sides = [nts.boundary_of(body) for body in bodies[:2]]
+    with refused(TypeError, "both sides as contact nodes, given LagrangeMultiplier"):
+        nts.two_half_passes(*sides, nts.LagrangeMultiplier())
+    with refused(TypeError, "expected a Obstacle, given Body"):
+        nts.all_pairs(bodies, obstacles=[bodies[0]])

@@ -1,0 +1,350 @@
+"""Contact of a pair: evaluation, active set, history, gap and pressure."""
+
+import re
+from dataclasses import fields
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import _kernels
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from helpers import scenes
+from reference import nts as reference
+
+EPS = np.finfo(float).eps
+# Of sums of forces of order one on lengths of order one.
+ROUNDING = 1e3 * EPS
+# Newton's tolerance of gaps, cells of size 0.4 [m].
+CLOSED = 1e-10
+
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+schemes = pytest.mark.parametrize("scheme", ["midpoint", "conserving"])
+DT = 0.04  # several nodes pass through the surface in such a step
+
+
+def attempt(scene, scheme, *, weight=1.0):
+    """Return an attempt at a step, and owned positions at its end."""
+    stepper = scene.stepper
+    (pair,) = stepper.pairs
+    x_n = stepper.x
+    x_trial = x_n + DT * stepper.v.x.array.reshape(-1, 3)
+    owned = stepper.u.function_space.dofmap.index_map.size_local
+    step = ContactStep(pair, scheme, x_n, x_trial, np.full(owned, weight))
+    return step, x_trial[:owned], x_n[:owned]
+
+
+def pressed(step, x, iteration=1):
+    """Evaluate with a pushing multiplier at every node that may touch."""
+    step.lambda_N[:] = -1.0
+    return step.evaluate(x, None, iteration)
+
+
+def copy(history):
+    return {field.name: getattr(history, field.name).copy() for field in fields(history)}
+
+
+def same(history, before):
+    return all(np.array_equal(getattr(history, name), value) for name, value in before.items())
+
+
+@cells_
+@schemes
+def test_forces_of_every_pair_are_in_equilibrium(comm, cell, scheme):
+    # Their sum, and their moment about the origin at the midpoint, vanish.
+    scene = scenes.blocks(comm, cell=cell)
+    step, x, x_n = attempt(scene, scheme, weight=0.0)
+    state = pressed(step, x)
+    force = state.force.reshape(*state.dofs.shape, 3)
+    here = step.neighbourhood
+    x_mid = (here.with_ghosts(x) + here.with_ghosts(x_n)) / 2
+    moment = np.cross(x_mid[state.dofs], force).sum(axis=1)
+    worst = max(np.abs(force.sum(axis=1)).max(initial=0), np.abs(moment).max(initial=0))
+    assert comm.allreduce(worst, op=MPI.MAX) <= ROUNDING
+    assert comm.allreduce(np.count_nonzero(np.abs(force[:, 0]).max(axis=1) > 0.3)) >= 3
+
+
+@cells_
+@schemes
+def test_nodal_forces_of_all_ranks_sum_to_zero(comm, cell, scheme):
+    scene = scenes.blocks(comm, cell=cell)
+    step, x, x_n = attempt(scene, scheme, weight=0.0)
+    state = pressed(step, x)
+    here = step.neighbourhood
+    local = np.zeros((here.num_local, 3))
+    np.add.at(local, state.dofs.ravel(), state.residual.reshape(-1, 3))
+    total = here.to_owners(local)
+    largest = comm.allreduce(np.abs(total).max(initial=0), op=MPI.MAX)
+    sums = comm.allreduce(np.concatenate([total.sum(0), np.cross((x + x_n) / 2, total).sum(0)]))
+    assert np.abs(sums).max() <= ROUNDING * largest
+    assert largest > 0.5
+
+
+@schemes
+def test_energy_momentum_force_works_with_the_change_of_the_gap(comm, scheme):
+    # The discrete gradient does so exactly, the midpoint one does not.
+    scene = scenes.blocks(comm)
+    step, x, x_n = attempt(scene, scheme, weight=0.0)
+    state = pressed(step, x)
+    here = step.neighbourhood
+    x, x_n = here.with_ghosts(x)[state.dofs], here.with_ghosts(x_n)[state.dofs]
+    signs = here.orientation[state.segment]
+    change = _kernels.project(x, signs)[1] - _kernels.project(x_n, signs)[1]
+    work = np.einsum("ij,ij->i", state.force, (x - x_n).reshape(state.force.shape))
+    defect = comm.allreduce(np.abs(work + change).max(initial=0), op=MPI.MAX)
+    if scheme == "conserving":
+        assert defect <= ROUNDING
+    else:
+        assert defect > 1e3 * ROUNDING
+
+
+def test_evaluation_leaves_the_history_untouched(comm, agree):
+    scene = scenes.blocks(comm)
+    scene.run(4)
+    (pair,) = scene.stepper.pairs
+    before = copy(pair.history)
+    step, x, _ = attempt(scene, "conserving")
+    for iteration in range(3):
+        state = step.evaluate(x, None, iteration)
+        step.lambda_N[state.node] -= 1.0
+    step.accepted(state)
+    assert agree(same(pair.history, before))
+    assert comm.allreduce(np.count_nonzero(pair.history.active)) > 0
+
+
+def test_penetrating_nodes_are_active_first_then_those_that_push(comm):
+    scene = scenes.blocks(comm)
+    step, x, _ = attempt(scene, "conserving", weight=0.0)
+    state = step.evaluate(x, None, 0)
+    wrong = np.count_nonzero(state.active != (state.excess[:, 0] < 0))
+    number = comm.allreduce(np.count_nonzero(state.active))
+    assert comm.allreduce(wrong) == 0
+    assert number == step.num_active >= 3
+    # With no weight on the gap the sign of the multiplier decides.
+    one = state.node[:1]
+    step.lambda_N[state.node] = -1.0
+    step.lambda_N[one] = 2.0
+    state = step.evaluate(x, None, 1)
+    pulls = state.node == one if len(one) else np.zeros(len(state.node), dtype=bool)
+    assert comm.allreduce(np.count_nonzero(state.active != ~pulls)) == 0
+    assert comm.allreduce(np.count_nonzero(step.lambda_N[state.node[pulls]])) == 0
+    assert step.num_active == comm.allreduce(np.count_nonzero(state.active))
+
+
+@pytest.mark.parametrize("value", [np.nan, 1.0])
+def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeypatch, value):
+    # A node without a gap must not go through unnoticed.
+    step, x, _ = attempt(scenes.blocks(comm), "conserving")
+    kernel = step.neighbourhood.contact
+
+    def contact(*args):
+        gap_n, gap, *rest, turn, status = kernel(*args)
+        gap_n, gap, turn = (np.full_like(gap, of) for of in (value, value, np.nan))
+        return gap_n, gap, *rest, turn, np.ones_like(status)
+
+    monkeypatch.setattr(step.neighbourhood, "contact", contact)
+    state = step.evaluate(x, None, 0)
+    assert step.num_active == 0
+    assert state.failed == (len(state.node) if np.isnan(value) else 0)
+    assert comm.allreduce(len(state.node)) >= 3
+
+
+def test_changes_of_the_set_are_counted(comm):
+    scene = scenes.blocks(comm)
+    step, x, _ = attempt(scene, "conserving", weight=0.0)
+    first = step.evaluate(x, None, 0)
+    step.lambda_N[first.node] = np.where(first.active, -1.0, 0.0)
+    again = step.evaluate(x, None, 1)
+    assert comm.allreduce(again.changed) == 0
+    released = np.flatnonzero(again.active)[:1]
+    step.lambda_N[again.node[released]] = 1.0
+    third = step.evaluate(x, None, 2)
+    assert comm.allreduce(third.changed) == comm.allreduce(len(released)) > 0
+
+
+def test_cycling_active_sets_end_in_changes_of_the_lowest_node_alone(comm):
+    # Every node wants to change in every iteration.
+    scene = scenes.blocks(comm)
+    step, x, _ = attempt(scene, "conserving", weight=0.0)
+    state = step.evaluate(x, None, 0)
+    ids = scene.stepper.pairs[0].nodes.node_ids
+    changed = []
+    for iteration in range(1, 30):
+        before = step.active.copy()
+        step.lambda_N[state.node] = np.where(before[state.node], 1.0, -1.0)
+        step.evaluate(x, None, iteration)
+        changed.append(np.concatenate(comm.allgather(ids[before != step.active])).tolist())
+    lowest = comm.allreduce(ids[state.node].min(initial=10**9), op=MPI.MIN)
+    assert len(changed[0]) > 1
+    # One in three iterations; Newton's method settles in the others.
+    assert sorted(changed[-3:]) == sorted(changed[-6:-3]) == [[], [], [lowest]]
+
+
+def test_multipliers_balance_the_residual_along_the_normal(comm, rng):
+    scene = scenes.blocks(comm)
+    step, x, _ = attempt(scene, "conserving")
+    R = rng.normal(size=x.shape)
+    state = step.evaluate(x, R, 0)
+    forces = R[state.dofs[:, 0]] + state.force[:, :3]
+    normal = state.gradients[:, 0, :3]
+    left = np.abs(np.einsum("ij,ij->i", forces, normal))[state.active]
+    idle = np.abs(state.force[~state.active]).max(initial=0)
+    assert comm.allreduce(left.max(initial=0), op=MPI.MAX) <= ROUNDING
+    assert comm.allreduce(idle, op=MPI.MAX) == 0
+
+
+def test_accepted_history_holds_pushing_forces_along_the_normals(comm, agree):
+    scene = scenes.blocks(comm)
+    scene.run(4)
+    (pair,) = scene.stepper.pairs
+    history = pair.history
+    assert agree(np.all(history.lambda_N <= 0))
+    assert agree(np.all(history.active == (history.lambda_N < 0)))
+    assert agree(np.all(history.key[history.active] >= 0))
+    size = np.linalg.norm(history.force, axis=1)
+    # The direction is a mean over the step: nearly a unit vector.
+    assert agree(np.allclose(size, -history.lambda_N, rtol=1e-2))
+    up = history.force[history.active][:, 2]
+    assert agree(np.all(up > 0))
+    np.testing.assert_allclose(pair.pressure * pair.nodes.area, -history.lambda_N, rtol=ROUNDING)
+    assert comm.allreduce(np.count_nonzero(history.active)) >= 3
+
+
+def gaps_of_active_nodes(comm, impact):
+    """Gaps before and after each step of the nodes that it held."""
+    scene = scenes.blocks(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(impact))
+    (pair,) = scene.stepper.pairs
+    found = []
+    for _ in range(6):
+        gap_n, key_n = pair.gap(scene.stepper.x), pair.history.key
+        scene.stepper.advance()
+        held = pair.history.active & ((key_n == pair.history.key) | (key_n < 0))
+        found.append(np.column_stack([gap_n, pair.gap(scene.stepper.x)])[held])
+    return np.concatenate(comm.allgather(np.concatenate(found)))
+
+
+def test_plastic_impact_closes_the_gap(comm):
+    gaps = gaps_of_active_nodes(comm, "plastic")
+    assert len(gaps) > 5
+    assert np.abs(gaps[:, 1]).max() <= CLOSED
+
+
+def test_elastic_impact_keeps_the_gap_with_which_a_node_came(comm):
+    gaps = gaps_of_active_nodes(comm, "elastic")
+    assert len(gaps) > 5
+    assert np.abs(gaps[:, 1] - gaps[:, 0]).max() <= CLOSED
+    assert np.abs(gaps).max() > 1e-4
+
+
+@cells_
+def test_gap_of_every_node_is_that_to_the_nearest_segment(comm, cell):
+    scene = scenes.blocks(comm, cell=cell)
+    (pair,) = scene.stepper.pairs
+    x = scene.stepper.x
+    parts = comm.allgather((x[pair.segments.segments], pair.segments.orientation))
+    segments = np.concatenate([p[0] for p in parts])
+    signs = np.concatenate([p[1] for p in parts])
+    wrong = 0
+    for node, gap in zip(x[pair.nodes.nodes], pair.gap(x), strict=True):
+        found = [
+            reference.project(np.vstack((node, segment)), sign)
+            for segment, sign in zip(segments, signs, strict=True)
+        ]
+        over = [g for xi, g, *_ in found if xi.min() > -0.01 and _outside(xi, cell) < 0.01]
+        wrong += not np.abs(np.array(over) - gap).min() <= ROUNDING
+    assert comm.allreduce(wrong) == 0
+
+
+def _outside(xi, cell):
+    return xi.sum() - 1 if cell == "tetrahedron" else xi.max() - 1
+
+
+def test_gap_beyond_the_surface_is_not_a_number(comm, agree):
+    scene = scenes.blocks(comm)
+    (pair,) = scene.stepper.pairs
+    x = scene.stepper.x.copy()
+    x[pair.nodes.nodes] += [5.0, 0, 0]
+    assert agree(np.isnan(pair.gap(x)).all())
+
+
+def test_pair_refuses_wrong_arguments(comm, refused):
+    data = scenes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.5, 0.5, 0.3)])
+    data.surfaces["overlap"] = np.union1d(data.surfaces["top 0"], data.surfaces["bottom 1"])
+    mesh, _, facets, tag = scenes.distribute(comm, data)
+    V, W = (fem.functionspace(mesh, ("Lagrange", 1, (3,))) for _ in range(2))
+    side = nts.Surface(V, facets, tag["top 1"])
+    lower = nts.Surface(V, facets, tag["bottom 0"])
+    with refused(TypeError, "Surface as nodes, given int"):
+        nts.ContactPair(3, lower)
+    with refused(TypeError, "Surface or an obstacle as segments, given NoneType"):
+        nts.ContactPair(side, None)
+    with refused(TypeError, "given str"):
+        nts.ContactPair(side, lower, "elastic")
+    with refused(ValueError, "one function space, given two"):
+        nts.ContactPair(side, nts.Surface(W, facets, tag["bottom 0"]))
+
+
+def test_surfaces_that_share_an_edge_are_refused(comm, refused):
+    data = scenes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
+    X = data.X
+    data.surfaces["left 0"] = np.flatnonzero(X[:, 0] == 0)
+    mesh, _, facets, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    with refused(ValueError, "without common nodes in a contact pair, .*given 3 nodes on both"):
+        nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
+
+
+def test_pair_tells_the_springs_that_it_uses(comm, caplog):
+    (old,) = scenes.blocks(comm).stepper.pairs
+    pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(), nts.Coulomb(0.3, eps_T=250.0))
+    assert str(pair) == "contact by Penalty, Coulomb friction with mu = 0.3"
+    stiffness = 100.0 + pair.nodes.node_ids
+    with caplog.at_level("INFO", logger="dolfinx_nts"):
+        pair.fix_stiffness(stiffness)
+        pair.fix_stiffness(2 * stiffness)  # settled
+    everywhere = 10 * np.concatenate(comm.allgather(stiffness))
+    assert str(pair) == (
+        "contact by Penalty, Coulomb friction with mu = 0.3, "
+        f"eps_N = {everywhere.min():.3g} to {everywhere.max():.3g} N/m, eps_T = 250 N/m"
+    )
+    np.testing.assert_array_equal(pair.eps_N, 10 * stiffness)
+    assert caplog.messages == ([str(pair)] if comm.rank == 0 else [])
+
+
+def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
+    (old,) = scenes.blocks(comm).stepper.pairs
+    printed = []
+    for surface in (old.nodes, old.segments):
+        nodes, segments = len(surface.nodes), len(surface.segments)
+        tail = f", owned_nodes={nodes}, owned_segments={segments})"
+        assert agree(re.fullmatch(rf"Surface\(tag=\d+{re.escape(tail)}", repr(surface)))
+        printed.append(repr(surface))
+    pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3))
+    assert agree(
+        repr(pair) == f"ContactPair(nodes={printed[0]}, segments={printed[1]}, "
+        "enforcement=Penalty(eps_N=50), friction=Coulomb(mu=0.3, eps_T=None, law='objective'))"
+    )
+    pair = nts.ContactPair(old.nodes, nts.RigidSphere((0, 0, 9), 1))
+    assert agree(
+        repr(pair) == f"ContactPair(nodes={printed[0]}, "
+        "segments=RigidSphere(centre=(0, 0, 9), radius=1, hollow=False), "
+        "enforcement=LagrangeMultiplier(impact='elastic'), friction=None)"
+    )
+
+
+def test_first_step_settles_the_springs_by_the_stiffness_of_the_nodes(comm):
+    scene = scenes.blocks(comm, enforcement=nts.Penalty())
+    (pair,) = scene.stepper.pairs
+    stiffness = scene.stepper._bulk.nodal_stiffness()[pair.nodes.nodes]
+    scene.run(1)
+    np.testing.assert_allclose(pair.eps_N, 10 * stiffness)
+    assert "eps_N = " in str(pair)
+
+
+def test_exact_contact_has_no_springs(comm):
+    scene = scenes.blocks(comm)
+    scene.run(1)
+    assert str(scene.stepper.pairs[0]) == "contact by LagrangeMultiplier"

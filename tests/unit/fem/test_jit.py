@@ -1,0 +1,69 @@
+"""Values of forms: weights of boxes of equal cells, known beforehand."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import GhostMode, create_unit_cube
+
+import dolfinx_nts as nts
+from dolfinx_nts.fem.jit import assembled, compile_expression, compile_form
+from dolfinx_nts.fem.linear_forms import CellForm
+from dolfinx_nts.model.bodies import bulk_form
+from helpers import scenes
+
+RHO, VOLUME, CELLS = 3.0, 1.2 * 1.0 * 0.5, 24
+ROUNDING = 1e3 * np.finfo(float).eps
+
+ghosts_ = pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
+
+
+def weight(comm, ghosts):
+    """A body, and the form of its weight along y."""
+    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
+    mesh, cells, _, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E=1.0, nu=0.3, rho=RHO))
+    eta = ufl.TestFunction(V)
+    return body, bulk_form([body], lambda material, parameters, rho: rho * eta[1])
+
+
+@ghosts_
+def test_assembled_forces_are_complete_and_counted_once(comm, ghosts):
+    _, form = weight(comm, ghosts)
+    values = assembled(compile_form(form)).reshape(-1, 3)
+    total = comm.allreduce(values.sum(axis=0))
+    np.testing.assert_allclose(total, [0, RHO * VOLUME, 0], rtol=ROUNDING)
+    V = form.arguments()[0].ufl_function_space()
+    assert len(values) == V.dofmap.index_map.size_local
+    # A corner has the eighth of a cell.
+    assert comm.allreduce(values[:, 1].min(), op=MPI.MIN) == pytest.approx(RHO * VOLUME / CELLS / 8)
+
+
+@ghosts_
+def test_form_without_some_cells_has_the_weight_of_the_others(comm, ghosts):
+    body, form = weight(comm, ghosts)
+    cell_form = CellForm(form)
+    for left_out in (body.cells[::2], body.cells[:0], body.cells):
+        cell_form.leave_out(left_out)
+        values = np.zeros_like(fem.Function(body.V).x.array)
+        cell_form.assemble(values)
+        count = comm.allreduce(len(left_out))
+        expected = RHO * VOLUME * (1 - count / CELLS)
+        assert comm.allreduce(values.sum()) == pytest.approx(expected, abs=ROUNDING)
+
+
+def test_expression_with_derivatives_by_variables_is_compiled_once(comm):
+    """UFL numbers variables on and on; other numbers of a material are no other expression."""
+    mesh = create_unit_cube(comm, 2, 2, 2)
+    F = ufl.Identity(3) + ufl.grad(fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (3,)))))
+    modules = []
+    for E in (1.0, 2.0):
+        material = nts.NeoHookean(E=E, nu=0.3, rho=RHO)
+        numbers = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
+        stress = material.stress(F.T * F, **numbers)
+        expression = compile_expression(stress[0, 1], np.full((1, 3), 0.25))
+        modules.append(expression.ufcx_expression)
+    assert modules[0] == modules[1]

@@ -1,0 +1,179 @@
+"""Forms over cells against the assembly of DOLFINx."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import cpp, fem
+from ufl.algorithms import expand_derivatives
+
+import dolfinx_nts as nts
+from dolfinx_nts import _kernels
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
+from dolfinx_nts.model.bodies import bulk_form
+from helpers import scenes
+
+SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
+
+
+class Case:
+    """Two bodies of two materials, one with fibres; their virtual work."""
+
+    def __init__(self, comm, cell="hexahedron", degree=1):
+        """Build both bodies and fill the functions."""
+        data = scenes.boxes([(3, 2, 2), (2, 2, 3)], [(1.2, 1.0, 0.5), (1.0, 1.0, 1.0)], cell=cell)
+        mesh, cells, _, tag = scenes.distribute(comm, data)
+        self.V = V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+        self.u, self.u_n, self.direction = (fem.Function(V) for _ in range(3))
+        self.fibre = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3,))))
+        self.fill = np.random.default_rng(comm.rank).normal
+
+        def psi(C, mu):
+            return mu * (ufl.tr(C) + ufl.inner(self.fibre, C * self.fibre) ** 2)
+
+        one_point = {"one_point": ["lmbda"]} if degree == 1 else {}
+        materials = [
+            nts.SaintVenantKirchhoff(E=2.0, nu=0.3, rho=1.0, **one_point),
+            nts.Hyperelastic(psi, rho=2.0, mu=3.0),
+        ]
+        self.bodies = [nts.Body(V, cells, tag[f"body {i}"], law) for i, law in enumerate(materials)]
+        for function in self.functions:
+            self.change(function)
+
+    @property
+    def functions(self):
+        return [self.u, self.u_n, self.direction, self.fibre]
+
+    def change(self, function):
+        function.x.array[:] = self.fill(size=len(function.x.array))
+
+    def action(self):
+        """Derivative of a work that the mass shares, along the direction."""
+        F = ufl.Identity(3) + ufl.grad((self.u + self.u_n) / 2)
+        eta = ufl.TestFunction(self.V)
+
+        def work(material, parameters, rho):
+            P = F * material.stress(F.T * F, **parameters)
+            return ufl.inner(P, ufl.grad(eta)) + rho * ufl.dot(self.u, eta)
+
+        form = bulk_form(self.bodies, work)
+        return expand_derivatives(ufl.derivative(form, self.u, self.direction))
+
+
+@pytest.fixture
+def packings(monkeypatch):
+    """Forms whose functions DOLFINx has packed for the package."""
+    pack, forms = cpp.fem.pack_coefficients, []
+
+    def counted(form):
+        forms.append(form)
+        return pack(form)
+
+    monkeypatch.setattr(cpp.fem, "pack_coefficients", counted)
+    return forms
+
+
+def assert_same(form, reference):
+    """Both add the same to a vector, to the last bit."""
+    given = np.ones(len(fem.assemble_vector(reference).array))
+    expected = given.copy()
+    form.assemble(given)
+    fem.assemble_vector(expected, reference)
+    np.testing.assert_array_equal(given, expected)
+
+
+@pytest.mark.parametrize(("cell", "degree"), SPACES)
+def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
+    case = Case(comm, cell, degree)
+    work = case.action()
+    form, reference = CellForm(work), compile_form(work)
+    assert_same(form, reference)
+    for function in case.functions:
+        case.change(function)
+        assert_same(form, reference)
+
+
+def test_values_of_constants_are_those_of_the_moment(comm):
+    case = Case(comm)
+    work = case.action()
+    form, reference = CellForm(work), compile_form(work)
+    for constant in work.constants():
+        constant.value *= 1.5
+        assert_same(form, reference)
+
+
+def test_only_functions_of_other_spaces_are_packed_and_only_if_they_changed(comm, packings):
+    case = Case(comm)
+    form = CellForm(case.action())
+    b = np.zeros(3 * len(case.V.tabulate_dof_coordinates()))
+    for function, count in ((case.u, 1), (case.fibre, 2), (case.direction, 2), (case.fibre, 3)):
+        case.change(function)
+        form.assemble(b)
+        assert len(packings) == count
+
+
+def test_parts_of_the_cells_add_up(comm):
+    case = Case(comm)
+    form = CellForm(case.action())
+    cells = np.concatenate([body.cells for body in case.bodies])
+    parts = np.zeros((3, 3 * len(case.V.tabulate_dof_coordinates())))
+    for part, left_out in zip(parts, (cells[::2], cells[1::2], cells[:0]), strict=True):
+        form.leave_out(left_out)
+        form.assemble(part)
+    np.testing.assert_allclose(parts[0] + parts[1], parts[2], rtol=1e-12, atol=1e-12)
+
+
+def test_functions_on_facets_are_packed_if_one_changed(comm, packings):
+    case = Case(comm)
+    work = ufl.inner(case.u, ufl.TestFunction(case.V)) * ufl.ds
+    form, reference = PackedForm(work), compile_form(work)
+    assert_same(form, reference)
+    assert_same(form, reference)
+    assert len(packings) == 1
+    case.change(case.u)
+    assert_same(form, reference)
+    assert len(packings) == 2
+
+
+def test_form_without_functions(comm):
+    case = Case(comm)
+    work = ufl.TestFunction(case.V)[0] * ufl.dx(domain=case.V.mesh)
+    assert_same(PackedForm(work), compile_form(work))
+
+
+@pytest.mark.serial
+def test_kernel_refuses_what_does_not_fit():
+    nodes = np.array([[0, 1, 2, 3]], dtype=np.int32)
+    X, values = np.zeros((4, 3)), np.zeros(12)
+    good = {
+        "kernel": 1,
+        "takes_data": False,
+        "X": X,
+        "vertices": nodes,
+        "nodes": nodes,
+        "functions": [values],
+        "first": [0],
+        "width": 12,
+    }
+    integral = _kernels.CellIntegral(**good)
+    for wrong, message in (
+        ({"kernel": 0}, "an address"),
+        ({"X": X[:3]}, "rows of X"),
+        ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
+        ({"nodes": nodes - 1}, "no negative entry"),
+        ({"functions": [values[:9]]}, "three values at each node"),
+        ({"first": [1]}, "places for three values"),
+        ({"first": []}, "a place for each function"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            _kernels.CellIntegral(**good | wrong)
+    # A copy would not be what the function is later.
+    with pytest.raises(TypeError):
+        _kernels.CellIntegral(**good | {"functions": [values[::-1]]})
+    none, nothing = np.empty(0, dtype=np.int32), np.empty((0, 0))
+    with pytest.raises(ValueError, match="numbers of cells"):
+        integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values)
+    with pytest.raises(ValueError, match="packed: expected shape"):
+        integral.add(none, np.zeros((2, 12)), np.empty(0), values)
+    with pytest.raises(ValueError, match="three values at each node"):
+        integral.add(none, nothing, np.empty(0), values[:9])

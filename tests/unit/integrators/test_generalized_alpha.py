@@ -1,0 +1,163 @@
+"""Generalised-alpha method: order, dissipation, linear momentum, ledger."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+from helpers.boxed import CLOSED, SOLVED, Box, Ledger, swirl
+
+contacts = pytest.mark.parametrize(
+    "enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()], ids=["multiplier", "penalty"]
+)
+radii = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.8, 1.0])
+
+
+def scheme(rho_inf):
+    return lambda *args, **options: nts.GeneralizedAlpha(*args, rho_inf=rho_inf, **options)
+
+
+def amplification(rho_inf, x):
+    """Matrix of (u, dt v, dt^2 a) for an oscillator with x = (omega dt)^2.
+
+    The three equations of Chung and Hulbert, solved for the end of a step.
+    """
+    am, af = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
+    gamma, beta = 1 / 2 - am + af, (1 - am + af) ** 2 / 4
+    new = np.array([[1, 0, -beta], [0, 1, -gamma], [(1 - af) * x, 0, 1 - am]])
+    old = np.array([[1, 1, 1 / 2 - beta], [0, 1, 1 - gamma], [-af * x, 0, -am]])
+    return np.linalg.solve(new, old)
+
+
+class Oscillator:
+    """One cell held at a side, whose other side moves without contraction."""
+
+    def __init__(self, comm, rho_inf, omega_dt):
+        """Choose the step for a frequency."""
+        E, rho, L = 1.0, 1.0, 1.0
+        material = nts.SaintVenantKirchhoff(E, 0.0, rho)
+        box = Box(comm, shape=(1, 1, 1), size=(L, L, L), material=material)
+        # k = E L, m = rho L^3/3: the mass of a linear field.
+        self.dt = omega_dt / np.sqrt(3 * E / rho) * L
+        bcs = [fem.dirichletbc(np.zeros(3), box.dofs(0), box.V)]
+        self.box = box
+        self.stepper = nts.GeneralizedAlpha([box.body], dt=self.dt, rho_inf=rho_inf, bcs=bcs)
+
+    def state(self):
+        """Displacement, velocity and acceleration of the free side."""
+        stepper = self.stepper
+        values = []
+        for i, function in enumerate((stepper.u, stepper.v, stepper.a)):
+            nodal = scenes.gathered(self.box.V, function.x.array.reshape(-1, 3))
+            # Half of the nodes are held.
+            values.append(self.dt**i * 2 * nodal[:, 0].mean())
+        return np.array(values)
+
+
+@radii
+@pytest.mark.parametrize("omega_dt", [0.3, 3.0, 100.0])
+def test_oscillator_follows_the_amplification_matrix(comm, rho_inf, omega_dt):
+    # So small that the strain is linear in the displacement.
+    size = 1e-6
+    oscillator = Oscillator(comm, rho_inf, omega_dt)
+    stepper = oscillator.stepper
+    stepper.set_displacement(
+        oscillator.box.body, lambda X: size * np.array([X[0], 0 * X[0], 0 * X[0]])
+    )
+    A = amplification(rho_inf, omega_dt**2)
+    expected = size * np.array([1.0, 0.0, -(omega_dt**2)])
+    for _ in range(6):
+        stepper.advance()
+        expected = A @ expected
+        np.testing.assert_allclose(
+            oscillator.state(), expected, rtol=0, atol=1e-5 * np.abs(expected).max()
+        )
+
+
+@radii
+def test_spectral_radius_at_high_frequency_is_the_one_asked_for(rho_inf):
+    radius = np.abs(np.linalg.eigvals(amplification(rho_inf, 1e10))).max()
+    assert radius == pytest.approx(rho_inf, abs=1e-2)
+
+
+@pytest.mark.parametrize("rho_inf", [0.0, 0.8])
+def test_error_falls_with_the_square_of_the_step(comm, rho_inf):
+    def result(dt):
+        box = Box(comm)
+        stepper = nts.GeneralizedAlpha([box.body], dt=dt, rho_inf=rho_inf)
+        stepper.set_velocity(box.body, lambda X: swirl(X) / 6)
+        for _ in stepper.run(0.02):
+            pass
+        return box.positions(stepper)
+
+    # High frequencies are lost at steps that do not resolve them.
+    x = [result(0.00125 / 2**i) for i in range(3)]
+    differences = [np.abs(b - a).max() for a, b in pairwise(x)]
+    assert 1.8 < np.log2(differences[0] / differences[1]) < 2.2
+
+
+def test_small_steps_lead_to_the_motion_of_the_energy_momentum_scheme(comm):
+    ends = []
+    for scheme_ in (nts.GeneralizedAlpha, nts.EnergyMomentum):
+        box = Box(comm)
+        stepper = scheme_([box.body], dt=0.0025)
+        stepper.set_velocity(box.body, lambda X: swirl(X) / 6)
+        for _ in stepper.run(0.1):
+            pass
+        ends.append(box.positions(stepper))
+    assert np.abs(ends[0] - ends[1]).max() <= 2e-4
+
+
+@contacts
+def test_linear_momentum_is_conserved_in_contact_and_energy_is_not(comm, enforcement):
+    scene = scenes.blocks(comm, scheme(0.5), enforcement)
+    history = scene.run(15)
+    assert max(history.num_active) >= 2
+    assert history.linear_drift <= SOLVED
+    assert history.energy_error > 1e-3
+
+
+@contacts
+def test_ledger_of_contact_closes(comm, enforcement):
+    stepper = scenes.blocks(comm, scheme(0.5), enforcement).stepper
+    ledger = Ledger(stepper)
+    ledger.run(15)
+    assert max(report.num_active for report in ledger.reports) >= 2
+    assert ledger.error <= CLOSED
+
+
+def test_ledger_of_loads_and_supports_closes(comm):
+    box = Box(comm)
+    dofs = box.dofs(0)
+    bcs = [fem.dirichletbc(np.zeros(3), dofs, box.V)]
+    loads = [nts.Gravity([box.body], (0, 0, -9.81))]
+    stepper = nts.GeneralizedAlpha([box.body], dt=0.02, rho_inf=0.3, bcs=bcs, loads=loads)
+    stepper.set_velocity(box.body, lambda X: X[0] * swirl(X) / 6)
+    ledger = Ledger(stepper)
+    ledger.run(15)
+    assert ledger.error <= CLOSED
+    assert abs(ledger.total("load_work")) > 1e-3 * ledger.scale
+
+
+def test_start_at_rest_under_gravity_has_the_acceleration_of_gravity(comm):
+    box = Box(comm)
+    g = np.array([0.0, 0.0, -9.81])
+    stepper = nts.GeneralizedAlpha([box.body], dt=0.1, loads=[nts.Gravity([box.body], g)])
+    for _ in stepper.run(0.5):
+        pass
+    a, v, u = (f.x.array.reshape(-1, 3) for f in (stepper.a, stepper.v, stepper.u))
+    np.testing.assert_allclose(a, np.broadcast_to(g, a.shape), atol=1e-8)
+    np.testing.assert_allclose(v - 0.5 * g, 0, atol=1e-8)
+    np.testing.assert_allclose(u - 0.125 * g, 0, atol=1e-8)
+
+
+def test_wrong_arguments_are_refused(comm, refused):
+    scene = scenes.blocks(comm)
+    bodies, pairs = scene.stepper.bodies, scene.stepper.pairs
+    with refused(ValueError, r"spectral radius rho_inf in \[0, 1\], given 1.1"):
+        nts.GeneralizedAlpha(bodies, dt=0.1, rho_inf=1.1)
+    with refused(ValueError, r"LagrangeMultiplier\('plastic'\) for GeneralizedAlpha"):
+        nts.GeneralizedAlpha(bodies, pairs, dt=0.1)

@@ -1,0 +1,68 @@
+"""Fingerprints of scenes: what changes them, and what does not."""
+
+from copy import copy
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.io.fingerprint import fingerprint
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, rotation
+
+
+def other_bodies(stepper, **options):
+    """The same cells of another material."""
+    E, nu, rho = BLOCK_RUBBER
+    material = nts.SaintVenantKirchhoff(E=E, nu=nu, rho=rho, **options)
+    bodies = []
+    for body in stepper.bodies:
+        bodies.append(copy(body))
+        bodies[-1].material = material
+    return nts.EnergyMomentum(bodies, stepper.pairs, dt=BLOCK_STEP)
+
+
+def other_pairs(stepper, *laws, turned=False):
+    """The same surfaces with other laws, or nodes and segments exchanged."""
+    (pair,) = stepper.pairs
+    sides = (pair.segments, pair.nodes) if turned else (pair.nodes, pair.segments)
+    return nts.EnergyMomentum(stepper.bodies, [nts.ContactPair(*sides, *laws)], dt=BLOCK_STEP)
+
+
+def test_it_is_the_same_on_all_ranks_and_for_any_number_of_them(comm):
+    mine = fingerprint(blocks(comm).stepper)
+    assert comm.allgather(mine) == [mine] * comm.size
+    assert fingerprint(blocks(MPI.COMM_SELF).stepper) == mine
+
+
+def test_state_and_step_do_not_matter(comm):
+    scene = blocks(comm)
+    before = fingerprint(scene.stepper)
+    scene.run(3)
+    assert fingerprint(scene.stepper) == before
+    assert fingerprint(blocks(comm, dt=BLOCK_STEP / 2).stepper) == before
+
+
+MOVED = Motion(rotation([1, 2, 3], 0.1), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        (lambda comm, s: other_bodies(s), set()),
+        (lambda comm, s: other_pairs(s), set()),
+        (lambda comm, s: other_bodies(s, mass_damping=1e-9), {"body 1", "body 2"}),
+        (lambda comm, s: other_pairs(s, nts.LagrangeMultiplier("plastic")), {"pair 1"}),
+        (lambda comm, s: other_pairs(s, None, nts.Coulomb(0.3)), {"pair 1"}),
+        (lambda comm, s: other_pairs(s, nts.Penalty(), nts.Coulomb(0.3)), {"pair 1"}),
+        (lambda comm, s: other_pairs(s, turned=True), {"pair 1"}),
+        (lambda comm, s: blocks(comm, nts.Midpoint).stepper, {"integrator"}),
+        (lambda comm, s: blocks(comm, motion=MOVED).stepper, {"mesh"}),
+    ],
+    ids="same-bodies same-pairs damping impact friction penalty turned scheme mesh".split(),
+)
+def test_what_differs_is_named(comm, change, names):
+    stepper = blocks(comm).stepper
+    one, other = fingerprint(stepper), fingerprint(change(comm, stepper))
+    assert {name for name in one | other if one.get(name) != other.get(name)} == names

@@ -1,0 +1,236 @@
+"""Files of the recorder, read back by VTK and computed again in NumPy."""
+
+import csv
+import logging
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.io.recorder import Recorder
+from dolfinx_nts.solvers import newton
+from helpers.readers import read_grids
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
+from reference.bulk import Bulk
+
+TOLERANCE = 1e-12
+
+FIRST_COLUMNS = (
+    "step,time,dt,kinetic_energy,strain_energy,contact_energy,total_energy,"
+    "linear_momentum_x,linear_momentum_y,linear_momentum_z,"
+    "angular_momentum_x,angular_momentum_y,angular_momentum_z,"
+    "contact_force_x,contact_force_y,contact_force_z,"
+    "pair_1_force_x,pair_1_force_y,pair_1_force_z,"
+    "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations,rejected"
+)
+LEDGER = (
+    "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
+    "friction,solver,unaccounted"
+)
+
+
+@pytest.fixture
+def folder(comm, tmp_path):
+    """Return one folder for all ranks."""
+    return comm.bcast(tmp_path)
+
+
+def record(stepper, path, num_steps, **options):
+    """Record some steps. Collective."""
+    with Recorder(path, stepper, **options) as recorder:
+        for step in stepper.run(until=stepper.t + num_steps * stepper.dt):
+            recorder.write(step)
+    return recorder
+
+
+def read_table(path):
+    """Read the columns as arrays."""
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.EnergyMomentum])
+@pytest.mark.parametrize("impact", ["elastic", "plastic"])
+def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, impact):
+    scene = blocks(comm, scheme, nts.LagrangeMultiplier(impact))
+    record(scene.stepper, folder / "run", 6)
+    table = read_table(folder / "run.csv")
+    times, grids = read_grids(folder / "run.xdmf")
+
+    cells = grids[0].cells_dict[12][:, [0, 1, 3, 2, 4, 5, 7, 6]]
+    E, nu, rho = BLOCK_RUBBER
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    bulk = Bulk(grids[0].points, cells, lmbda=lmbda, mu=mu, rho=rho)
+    x = np.array([grid.points + grid["displacement"] for grid in grids])
+    v = np.array([grid["velocity"] for grid in grids])
+    K = np.array([bulk.kinetic_energy(state) for state in v])
+    strain = np.array([bulk.strain_energy(state) for state in x])
+    momenta = np.array([bulk.momenta(*state) for state in zip(x, v, strict=True)])
+    defect = np.zeros(7)
+    for i in range(6):
+        x_mid = (x[i] + x[i + 1]) / 2
+        states = (x_mid, x_mid) if scheme is nts.Midpoint else (x[i], x[i + 1])
+        work = bulk.internal(*states)[0] @ (x[i + 1] - x[i]).ravel()
+        defect[i + 1] = defect[i] + strain[i + 1] - strain[i] - work
+
+    columns = [f"{kind}_momentum_{axis}" for kind in ("linear", "angular") for axis in "xyz"]
+    causes = np.array([table[f"energy_{cause}"] for cause in LEDGER.split(",")])
+    active = np.array([grid["active"] for grid in grids])
+    pressure = np.array([grid["contact_pressure"] for grid in grids])
+    gap = np.array([grid["gap"] for grid in grids])
+    change = table["total_energy"] - table["total_energy"][0]
+    atol = TOLERANCE * K[0]
+    checks = {
+        "time": np.allclose(times, table["time"], rtol=0, atol=1e-15),
+        "step": np.array_equal(table["step"], range(7)),
+        "dt": np.allclose(table["dt"], [0, *[BLOCK_STEP] * 6]),
+        "kinetic": np.allclose(table["kinetic_energy"], K, rtol=0, atol=atol),
+        "strain": np.allclose(table["strain_energy"], strain, rtol=0, atol=atol),
+        "momenta": all(
+            np.allclose(table[name], value, rtol=0, atol=atol)
+            for name, value in zip(columns, momenta.T, strict=True)
+        ),
+        "bulk": np.allclose(table["energy_bulk"], defect, rtol=0, atol=atol),
+        "ledger": np.allclose(causes.sum(axis=0), change, rtol=0, atol=1e-3 * atol),
+        "closing": np.abs(table["energy_unaccounted"]).max() < atol,
+        "conserved": scheme is nts.Midpoint or impact == "plastic" or abs(change).max() < 10 * atol,
+        "loss": impact == "elastic" or table["energy_activation"][-1] < -1e-6 * K[0],
+        "active": np.array_equal(active.sum(axis=1), table["active_nodes"]) and active.any(),
+        "pressure": np.array_equal(pressure > 0, active == 1) and pressure.min() >= 0,
+        "gap": np.allclose(np.nanmin(gap, axis=1), table["min_gap"], rtol=0, atol=TOLERANCE),
+        "surface": np.isnan(gap).any() and not np.isnan(gap[active == 1]).any(),
+        "body": np.array_equal(np.bincount(grids[-1]["body"].astype(int)), [9, 4]),
+    }
+    assert agree(all(checks.values())), {name for name, passed in checks.items() if not passed}
+
+
+@pytest.mark.parametrize("enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()])
+def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcement):
+    old = blocks(comm).stepper
+    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, nts.Coulomb(0.3)) for p in old.pairs]
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP)
+    stepper.v.x.array[:] = old.v.x.array
+    record(stepper, folder / "run", 6)
+    table = read_table(folder / "run.csv")
+    atol = TOLERANCE * table["kinetic_energy"][0]
+    assert agree(np.abs(table["energy_unaccounted"]).max() < atol)
+    assert agree(table["energy_friction"][-1] < -1e6 * atol)
+    assert agree(np.all(np.diff(table["friction_dissipation"]) >= 0))
+    assert agree(table["friction_dissipation"][-1] == -table["energy_friction"][-1])
+    assert agree(table["contact_energy"].any() == isinstance(enforcement, nts.Penalty))
+
+
+def test_columns_are_named_in_words(comm, folder):
+    record(blocks(comm).stepper, folder / "run", 1)
+    columns = (folder / "run.csv").read_text().splitlines()[0]
+    ledger = "".join(f",energy_{cause}" for cause in LEDGER.split(","))
+    assert columns == f"{FIRST_COLUMNS}{ledger},external_work,friction_dissipation"
+
+
+def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
+    record(blocks(comm, num_bodies=3).stepper, folder / "run", 5, every=3)
+    times, _ = read_grids(folder / "run.xdmf")
+    assert agree(np.allclose(times, BLOCK_STEP * np.array([0, 3, 5])))
+    assert agree(len(read_table(folder / "run.csv")["time"]) == 6)
+
+
+def test_files_without_pairs_have_no_contact_fields(comm, folder, agree):
+    scene = blocks(comm)
+    stepper = nts.Midpoint(scene.stepper.bodies, dt=BLOCK_STEP)
+    record(stepper, folder / "run", 2)
+    _, grids = read_grids(folder / "run.xdmf")
+    assert agree(set(grids[0].array_names) == {"displacement", "velocity", "body"})
+    assert agree(np.isnan(read_table(folder / "run.csv")["min_gap"]).all())
+
+
+def test_files_are_valid_after_an_exception_in_the_loop(comm, folder, agree):
+    stepper = blocks(comm).stepper
+    with pytest.raises(ZeroDivisionError), Recorder(folder / "run", stepper) as recorder:
+        for step in stepper.run(until=1.0):
+            recorder.write(step)
+            if step.step == 2:
+                raise ZeroDivisionError
+    # After an error the first rank closes the files alone.
+    comm.barrier()
+    times, _ = read_grids(folder / "run.xdmf")
+    assert agree(len(times) == 3)
+    assert agree(len(read_table(folder / "run.csv")["time"]) == 3)
+
+
+def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, monkeypatch):
+    stepper = blocks(comm).stepper
+    with pytest.raises(nts.ConvergenceError), Recorder(folder / "run", stepper, every=9) as r:
+        for step in stepper.run(until=1.0):
+            r.write(step)
+            if step.step == 3:
+                monkeypatch.setattr(newton, "_MAX_ITERATIONS", 0)
+    times, grids = read_grids(folder / "run.xdmf")
+    largest = comm.allreduce(np.abs(stepper.u.x.array).max(), op=MPI.MAX)
+    assert agree(np.allclose(times, [0, 3 * BLOCK_STEP]))
+    assert agree(np.abs(grids[-1]["displacement"]).max() == largest)
+    assert agree(len(read_table(folder / "run.csv")["time"]) == 4)
+
+
+def test_rows_are_on_disk_at_once(comm, folder, agree):
+    stepper = blocks(comm).stepper
+    with Recorder(folder / "run", stepper) as recorder:
+        for step in stepper.run(until=3 * BLOCK_STEP):
+            recorder.write(step)
+            comm.barrier()
+            table = read_table(folder / "run.csv")
+            assert agree(table["step"][-1] == step.step and "energy_unaccounted" in table)
+            comm.barrier()
+    assert stepper.step == 3
+
+
+def test_files_of_the_same_name_are_replaced(comm, folder, agree):
+    stepper = blocks(comm).stepper
+    record(stepper, folder / "run", 3)
+    record(stepper, folder / "run", 1)
+    times, _ = read_grids(folder / "run.xdmf")
+    table = read_table(folder / "run.csv")
+    assert agree(np.allclose(times, BLOCK_STEP * np.array([3, 4])))
+    assert agree(np.array_equal(table["step"], [3, 4]) and table["energy_solver"][0] == 0)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5", "xdmf"])
+def test_nothing_is_created_when_a_file_cannot_be(comm, folder, refused, suffix):
+    stepper = blocks(comm).stepper
+    with refused(FileNotFoundError, "expected an existing folder, given .*nowhere"):
+        record(stepper, folder / "nowhere" / "run", 1)
+    if comm.rank == 0:
+        (folder / f"run.{suffix}").mkdir()
+    comm.barrier()
+    with refused(OSError, f"expected a file that can be replaced, given .*run.{suffix}"):
+        record(stepper, folder / "run", 1)
+    assert [path.name for path in folder.iterdir()] == [f"run.{suffix}"]
+    assert stepper.step == 0
+
+
+def test_wrong_use_is_refused(comm, folder, refused):
+    stepper = blocks(comm).stepper
+    with refused(ValueError, "every 1 step or more, given 0"):
+        Recorder(folder / "run", stepper, every=0)
+    recorder = Recorder(folder / "run", stepper)
+    step = stepper.advance()
+    with refused(ValueError, "expected an open recorder"):
+        recorder.write(step)
+    with recorder:
+        stepper.advance()
+        with refused(ValueError, "now step 2, given step 3 when 3 are done"):
+            recorder.write(stepper.advance())
+
+
+def test_the_summary_counts_and_is_logged_on_the_first_rank(comm, folder, caplog):
+    stepper = blocks(comm).stepper
+    with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
+        text = record(stepper, folder / "run", 4).summary()
+    iterations = read_table(folder / "run.csv")["newton_iterations"]
+    assert "4 steps from t = 0 to 0.08 s" in text
+    assert f"Newton iterations: {sum(iterations):.0f}, mean {iterations[1:].mean():.2f}" in text
+    assert "total energy" in text
+    assert "output" in text
+    assert (text.splitlines()[0] in caplog.text) == (comm.rank == 0)

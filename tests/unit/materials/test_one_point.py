@@ -1,0 +1,143 @@
+"""Terms of the energy that are integrated with one point a cell."""
+
+import re
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+
+# Of the total energy at any step, relative to the start.
+ENERGY_TOLERANCE = 1e-10
+# Of numbers near 1, in double precision.
+ROUNDING = 1e-12
+
+E, NU, RHO = 1.0e5, 0.4, 1.0e3
+LMBDA, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+
+
+def beam(comm, one_point, nu=NU, shape=(6, 2, 1)):
+    """Stepper of a box from the origin to (3, 1, 0.5), and its body."""
+    data = scenes.boxes([shape], [(3.0, 1.0, 0.5)])
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E, nu, RHO, one_point=one_point)
+    body = nts.Body(V, cells, tag["body 0"], material)
+    return nts.EnergyMomentum([body], dt=0.01), body
+
+
+def energy(comm, one_point, displacement, **options):
+    """Strain energy of a displacement of the nodes."""
+    stepper, body = beam(comm, one_point, **options)
+    stepper.set_displacement(body, displacement)
+    return nts.Diagnostics(stepper).strain_energy()
+
+
+def test_uniform_strain_has_the_energy_of_the_full_rule(comm):
+    A = np.array([[0.1, 0.05, -0.02], [0.0, -0.08, 0.03], [0.04, 0.0, 0.06]])
+    C = (np.eye(3) + A).T @ (np.eye(3) + A)
+    strain = (C - np.eye(3)) / 2
+    exact = 1.5 * (LMBDA / 2 * np.trace(strain) ** 2 + MU * np.sum(strain**2))
+    for one_point in ((), ("lmbda",)):
+        assert energy(comm, one_point, lambda x: A @ x) == pytest.approx(exact, rel=ROUNDING)
+
+
+def test_rigid_motion_has_no_energy(comm):
+    Q = scenes.Motion.random(np.random.default_rng(1)).Q
+    value = energy(comm, ("lmbda",), lambda x: Q @ x - x + 0.3)
+    assert abs(value) < ROUNDING * E
+
+
+def test_bending_does_not_see_the_volumetric_modulus(comm):
+    # The dilatation of this mode vanishes in the middle of each cell.
+    def bent(x):
+        x, z = x[0] - 1.5, x[2] - 0.25
+        return 1e-6 * np.array([x * z, 0 * x, -(x**2) / 2])
+
+    # Energy over shear modulus: the same for all Poisson's ratios.
+    free = {nu: energy(comm, ("lmbda",), bent, nu=nu) * (1 + nu) for nu in (0.4, 0.499)}
+    assert free[0.499] == pytest.approx(free[0.4], rel=1e-6)
+    assert energy(comm, (), bent, nu=0.499) * 1.499 > 100 * free[0.499]
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+def test_one_point_is_the_full_rule_where_there_is_nothing_to_under_integrate(comm, scheme):
+    # lambda = 0: both parts of the energy are there, and one of them vanishes.
+    results = []
+    for one_point in ((), ("lmbda",)):
+        data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+        mesh, cells, _, tag = scenes.distribute(comm, data)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        material = nts.SaintVenantKirchhoff(E, 0.0, RHO, one_point=one_point)
+        body = nts.Body(V, cells, tag["body 0"], material)
+        stepper = scheme([body], dt=0.01)
+        stepper.set_velocity(body, lambda x: np.array([x[2] ** 2, x[0], 0.5 * x[1]]))
+        for _ in range(5):
+            stepper.advance()
+        results.append(scenes.gathered(V, stepper.x))
+    np.testing.assert_allclose(*results, rtol=0, atol=ROUNDING)
+
+
+def test_energy_is_conserved_through_an_impact(comm):
+    mesh, cells, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(E, NU, RHO, one_point=("lmbda",))
+    ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["ball_outer"]), nts.Surface(V, facets, tag["plate_top"])
+    )
+    stepper = nts.EnergyMomentum([ball, plate], [pair], dt=0.01)
+    stepper.set_velocity(ball, (0.0, 1.0, -1.0))
+    diagnostics = nts.Diagnostics(stepper)
+    start, drift, active = diagnostics.balance().total_energy, 0.0, 0
+    for step in stepper.run(until=0.3):
+        drift = max(drift, abs(diagnostics.balance().total_energy / start - 1))
+        active = max(active, step.num_active)
+    assert active > 5
+    assert drift < ENERGY_TOLERANCE
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+def test_defect_of_the_bulk_takes_the_same_points(comm, scheme):
+    # A neo-Hookean energy: with other points it would differ by its own size.
+    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.NeoHookean(E, NU, RHO, one_point=["lmbda"])
+    body = nts.Body(V, cells, tag["body 0"], material)
+    stepper = scheme([body], dt=0.01)
+    stepper.set_velocity(body, lambda x: np.array([10 * x[2] ** 2, 5 * x[0], -8 * x[1]]))
+    diagnostics = nts.Diagnostics(stepper)
+    for _ in range(3):
+        before = diagnostics.balance().total_energy
+        report = stepper.advance()
+        change = diagnostics.balance().total_energy - before
+        explained = diagnostics.bulk_defect() + report.solver_work
+        assert change == pytest.approx(explained, abs=1e-11 * before)
+
+
+def test_names_that_are_no_parameters_are_refused(refused):
+    for names in (["kappa"], ["lmbda", "mu"]):
+        with refused(ValueError, re.escape("expected one_point out of ['lmbda', 'mu']")):
+            nts.SaintVenantKirchhoff(E, NU, RHO, one_point=names)
+
+
+def test_an_energy_that_is_no_sum_of_its_parts_is_refused(refused):
+    def psi(C, a, b):
+        return a * b * (C[0, 0] - 1) ** 2 + a * (C[1, 1] - 1) ** 2
+
+    with refused(ValueError, "linear in its parameters"):
+        nts.Hyperelastic(psi, rho=1.0, one_point=["b"], a=1.0, b=2.0)
+
+
+def test_body_force_acts_once(comm):
+    """Its form has no parameter that a rule could leave out."""
+    found = []
+    for one_point in ((), ("lmbda",)):
+        _, body = beam(comm, one_point)
+        loaded = nts.EnergyMomentum([body], dt=0.01, loads=[nts.BodyForce(body, (0.0, 0.0, 7.0))])
+        loaded.advance()
+        found.append(nts.Diagnostics(loaded).linear_momentum())
+    np.testing.assert_allclose(found, [[0, 0, 7.0 * 1.5 * 0.01]] * 2, atol=1e-9)

@@ -1,0 +1,145 @@
+"""Rigid obstacles: gap, conserving force, slip, and what they refuse."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from helpers import scenes
+from reference.bulk import taylor_order
+
+ROUNDING = 1e3 * np.finfo(float).eps
+POINT, AXIS = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 2.0])
+
+UNIT = AXIS / 3
+
+
+def radial(x):
+    return x - POINT - np.outer((x - POINT) @ UNIT, UNIT)
+
+
+# Obstacle and its signed distance by the definition.
+CASES = {
+    "plane": (nts.RigidPlane(POINT, AXIS), lambda x: (x - POINT) @ UNIT),
+    "sphere": (
+        nts.RigidSphere(POINT, 0.7),
+        lambda x: np.sqrt(((x - POINT) ** 2).sum(axis=1)) - 0.7,
+    ),
+    "bowl": (
+        nts.RigidSphere(POINT, 2.0, hollow=True),
+        lambda x: 2.0 - np.sqrt(((x - POINT) ** 2).sum(axis=1)),
+    ),
+    "cylinder": (
+        nts.RigidCylinder(POINT, AXIS, 0.5),
+        lambda x: np.linalg.norm(radial(x), axis=1) - 0.5,
+    ),
+    "tube": (
+        nts.RigidCylinder(POINT, AXIS, 3.0, hollow=True),
+        lambda x: 3.0 - np.linalg.norm(radial(x), axis=1),
+    ),
+}
+obstacles = pytest.mark.parametrize("name", CASES)
+schemes = pytest.mark.parametrize("scheme", ["conserving", "midpoint", "static"])
+
+
+def states(rng, m=30):
+    # Away from the axis, where the curvature is bounded.
+    x_n = POINT + rng.normal(size=(m, 3))
+    r = radial(x_n)
+    x_n += r / np.linalg.norm(r, axis=1)[:, None]
+    return x_n, x_n + 0.3 * rng.normal(size=(m, 3)), np.zeros(m, dtype=np.int32)
+
+
+@obstacles
+def test_gap_is_the_signed_distance_and_the_normal_its_gradient(name, rng):
+    obstacle, distance = CASES[name]
+    _, x, _ = states(rng)
+    gap, normal = obstacle.distance(x)
+    np.testing.assert_allclose(gap, distance(x), atol=ROUNDING)
+    d = 0.2 * rng.normal(size=x.shape)
+    slope = np.einsum("mi,mi->m", normal, d)
+    if name == "plane":
+        np.testing.assert_allclose(distance(x + d) - gap, slope, atol=ROUNDING)
+    else:
+        assert taylor_order(distance, x, d, slope) > 1.9
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=ROUNDING)
+
+
+@obstacles
+def test_work_of_the_conserving_force_is_the_change_of_the_gap(name, rng):
+    obstacle, distance = CASES[name]
+    x_n, x, segment = states(rng)
+    gap_n, gap, force, *_ = obstacle.contact("conserving", x_n, x, segment)
+    work = np.einsum("mi,mi->m", force, x - x_n)
+    np.testing.assert_allclose(work, distance(x) - distance(x_n), atol=ROUNDING)
+    np.testing.assert_allclose(gap - gap_n, work, atol=ROUNDING)
+
+
+@obstacles
+@schemes
+def test_tangent_is_the_derivative_of_the_force(name, scheme, rng):
+    obstacle, _ = CASES[name]
+    x_n, x, segment = states(rng)
+    d = 0.1 * rng.normal(size=x.shape)
+    tangent = obstacle.contact(scheme, x_n, x, segment)[4]
+    slope = np.einsum("mij,mj->mi", tangent, d)
+
+    def force(y):
+        return obstacle.contact(scheme, x_n, y, segment)[2]
+
+    if name == "plane":
+        assert np.array_equal(force(x + d), force(x)) and not slope.any()
+    else:
+        assert taylor_order(force, x, d, slope) > 1.9
+
+
+@obstacles
+def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
+    obstacle, _ = CASES[name]
+    x_n, x, segment = states(rng)
+    value, force, *_, frame_n, frame, orientation = obstacle.slip(x_n, x, segment)
+    np.testing.assert_allclose(np.einsum("mij,mj->mi", force, x - x_n), value, atol=ROUNDING)
+    for state, e in ((x_n, frame_n), (x, frame)):
+        normal = obstacle.distance(state)[1]
+        cross = orientation[:, None] * np.cross(e[:, 0], e[:, 1])
+        np.testing.assert_allclose(cross, normal, atol=ROUNDING)
+
+
+def on_obstacle(scene, obstacle, friction=None):
+    """Replace the pairs of a scene by one with an obstacle."""
+    nodes = scene.stepper.pairs[0].nodes
+    scene.stepper.pairs = (nts.ContactPair(nodes, obstacle, friction=friction),)
+    return scene.stepper.pairs[0]
+
+
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["frictionless", "friction"])
+def test_ball_on_a_rigid_plane_keeps_energy_and_loses_only_by_friction(comm, friction):
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    pair = on_obstacle(scene, nts.RigidPlane((0, 0, 0.0), (0, 0, 1)), friction)
+    totals = scenes.Totals(scene)
+    start, lost = totals.row()[1:3].sum(), 0.0
+    for _ in scene.stepper.run(until=0.3):
+        lost += comm.allreduce(pair.history.dissipation.sum())
+        assert comm.allreduce(pair.history.dissipation.min(initial=0.0)) > -1e-12 * start
+    assert comm.allreduce(int(pair.history.active.sum())) > 3
+    assert abs(totals.row()[1:3].sum() + lost - start) < 1e-10 * start
+    assert (lost > 0.01 * start) == (friction is not None)
+
+
+def test_body_inside_an_obstacle_at_the_start_is_refused(comm, refused):
+    scene = scenes.ball_plate(comm)
+    on_obstacle(scene, nts.RigidPlane((0, 0, 0.1), (0, 0, 1)))
+    message = r"outside a RigidPlane, given \d+ nodes up to 0\.05 inside"
+    with refused(ValueError, message):
+        scene.stepper.advance()
+    assert scene.stepper.t == 0
+
+
+def test_numbers_that_make_no_obstacle_are_refused():
+    with pytest.raises(ValueError, match=r"radius > 0, given -1"):
+        nts.RigidSphere((0, 0, 0), -1)
+    with pytest.raises(ValueError, match="three finite numbers for centre"):
+        nts.RigidSphere((0, 0), 1)
+    with pytest.raises(ValueError, match="direction for normal"):
+        nts.RigidPlane((0, 0, 0), (0, 0, 0))
+    with pytest.raises(ValueError, match="direction for axis"):
+        nts.RigidCylinder((0, 0, 0), (0, 0, 0), 1)

@@ -1,0 +1,54 @@
+"""Choice of the nodes that may have multipliers where a surface touches itself."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.search.self_contact import OwnSearch, independent
+from helpers.scenes import part
+
+
+def flattened(comm, cell):
+    """A ring's inner surface and its neighbourhood once it is pressed flat."""
+    shape = {"inner_radius": 0.9, "outer_radius": 1.0, "width": 0.3, "cells": (24, 1, 2)}
+    V, _, facets, tag = part(comm, "ring", cell, centre=(0, 0, 0), **shape)
+    surface = nts.Surface(V, facets, tag["ring_inner"])
+    x = V.tabulate_dof_coordinates() * [1, 0.02, 1]
+    here, _ = OwnSearch(surface, surface).update(x, 0.2)
+    x = here.with_ghosts(x[: here.index_map.size_local])
+    none = np.full(len(surface.nodes), -1, dtype=np.int32)
+    return surface, here, here.pair(x, surface.nodes, none, 0.2)[0]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cell):
+    surface, here, segment = flattened(comm, cell)
+    candidates = segment >= 0
+    urgency = surface.node_ids % 3
+    taken = independent(here, surface, segment, candidates, urgency)
+    assert comm.allreduce(int(np.count_nonzero(taken & ~candidates))) == 0
+    node = np.flatnonzero(candidates)
+    dofs = here.dofs(surface.nodes[node], segment[node])
+    dofs = here.index_map.local_to_global(dofs.ravel()).reshape(dofs.shape)
+    rows = zip(taken[node], urgency[node], surface.node_ids[node], dofs, strict=True)
+    everywhere = [row for part in comm.allgather(list(rows)) for row in part]
+    assert len(everywhere) > 20
+
+    def clash(a, b):
+        return a[3][0] in b[3][1:] or b[3][0] in a[3][1:]
+
+    for row in everywhere:
+        before = [
+            other for other in everywhere if other[0] and clash(row, other) and other is not row
+        ]
+        if row[0]:
+            assert not before
+        else:
+            # One that is more urgent, or as urgent with a lower number, forbids it.
+            assert any((-other[1], other[2]) < (-row[1], row[2]) for other in before)
+
+
+def test_without_candidates_nobody_is_taken(comm):
+    surface, here, segment = flattened(comm, "hexahedron")
+    none = np.zeros(len(segment), dtype=bool)
+    assert not independent(here, surface, segment, none, np.zeros(len(segment))).any()

@@ -1,0 +1,77 @@
+"""Nodes that meet an obstacle: the answers of a neighbourhood without other ranks."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from helpers import scenes
+
+OBSTACLES = {
+    "sphere": nts.RigidSphere((0.5, 0.5, -1.0), 1.1),
+    "facets": nts.RigidSurface(
+        [[-9, -9, 0], [9, -9, 0], [-9, 9, 0], [9, 9, 0]], [[0, 1, 2], [3, 2, 1]], (0, 0, 9)
+    ),
+}
+obstacles = pytest.mark.parametrize("name", OBSTACLES)
+
+
+@pytest.fixture
+def nodes(comm):
+    """Surface that meets the obstacles."""
+    return scenes.blocks(comm).stepper.pairs[0].nodes
+
+
+@obstacles
+def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+    facet, gap = here.pair(x, nodes.nodes, none, 0.5)
+    found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.01, 0.5)
+    np.testing.assert_array_equal(facet, found)
+    np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
+    met = np.flatnonzero(found >= 0)
+    np.testing.assert_array_equal(here.find(here.key[found[met]]), found[met])
+    np.testing.assert_allclose(here.gap(x, nodes.nodes[met], found[met]), exact[met], atol=1e-14)
+    assert here.gap_gradient(x, nodes.nodes[met], found[met]).shape == (len(met), 3)
+    np.testing.assert_array_equal(here.dofs(nodes.nodes[met], found[met])[:, 0], nodes.nodes[met])
+
+
+@obstacles
+@pytest.mark.parametrize("reach", [0.05, 0.5, 5.0])
+def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+    gap = here.pair(x, nodes.nodes, none, np.inf)[1]
+    near = here.near(x, nodes.nodes, reach)
+    assert np.all(np.isin(np.flatnonzero(gap <= reach), near))
+    # Boxes of facets are wider than the facets, but flat ones of flat facets.
+    assert name != "facets" or np.all(gap[near] <= reach)
+    counts = comm.allreduce(np.array([len(near), len(nodes.nodes)]))
+    assert (counts[0] == counts[1]) == (reach > 1)
+
+
+@obstacles
+def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    before = here.places(x)
+    assert here.approach(x, before) == 0.0
+    way = np.array([0.1, -0.2, 0.2])
+    moved = x + way
+    moved[nodes.nodes[: len(nodes.nodes) // 2]] += way
+    farthest = 0.6 if len(nodes.nodes) > 1 else 0.3
+    assert here.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
+
+
+@obstacles
+def test_nothing_is_sent(name, nodes):
+    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    x = nodes.V.tabulate_dof_coordinates()
+    assert here.update(x, 0.1) == (here, False)
+    for values in (here.with_ghosts(x), here.to_owners(x)):
+        assert values is x

@@ -1,0 +1,129 @@
+"""Incomplete factors in single precision, against their definition in dense matrices."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+from helpers.dense_factors import BEYOND, EPS, NODES, definition, dense, matrix, rounding
+
+
+def solve(rows, order, b):
+    factors = _kernels.IncompleteFactors()
+    assert factors.factorise(*rows, order.astype(np.int32))
+    x = np.full_like(b, np.nan)
+    factors.apply(b, x)
+    return x
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("is_natural", [True, False])
+def test_factors_are_those_of_the_definition(rng, share, is_natural):
+    rows, A, pattern = matrix(rng, share)
+    order = np.arange(NODES) if is_natural else rng.permutation(NODES)
+    b = rng.normal(size=(NODES, 3))
+    x = solve(rows, order, b)
+    L, U = definition(A[order][:, order], pattern[order][:, order])
+    expected = np.linalg.solve(dense(L) @ dense(U), b[order].ravel())
+    error = np.abs(x[order].ravel() - expected)
+    assert np.all(error < rounding(L, U, expected))
+    if share == 1.0:
+        np.testing.assert_allclose(
+            expected, np.linalg.solve(dense(A), b.ravel()).reshape(-1, 3)[order].ravel()
+        )
+
+
+def test_units_do_not_matter(rng):
+    # Neither of these numbers is within the range of single precision.
+    (start, column, value), _, _ = matrix(rng, 0.5)
+    b, order = rng.normal(size=(NODES, 3)), np.arange(NODES)
+    x = solve((start, column, value), order, b)
+    scaled = solve((start, column, 2.0**300 * value), order, 2.0**-200 * b)
+    np.testing.assert_array_equal(scaled, 2.0**-500 * x)
+    np.testing.assert_array_equal(solve((start, column, value), order, 0 * b), 0 * b)
+
+
+def test_what_falls_off_ends_at_zero():
+    # x_i = -1e-3 x_(i-1), single precision ends at 1e-45.
+    n = 40
+    start = np.array([0, *range(1, 2 * n, 2)])
+    column = np.array([0, *(j for i in range(1, n) for j in (i - 1, i))], dtype=np.int32)
+    value = np.concatenate(
+        [
+            np.eye(3) * (1.0 if j == i else 1e-3)
+            for i in range(n)
+            for j in column[start[i] : start[i + 1]]
+        ]
+    )
+    b = np.zeros((n, 3))
+    b[0] = 1
+    x = solve((start, column, value.ravel()), np.arange(n), b)
+    exact = (-1e-3) ** np.arange(n)
+    kept = np.abs(exact) > 1e-24
+    np.testing.assert_allclose(x[kept, 0], exact[kept], rtol=4 * n * EPS)
+    assert np.all(x[~kept] == 0)
+
+
+def test_values_of_the_first_rows_are_enough(rng):
+    rows, _, _ = matrix(rng, 0.5)
+    factors = _kernels.IncompleteFactors()
+    assert factors.factorise(*rows, np.arange(NODES, dtype=np.int32)[::-1].copy())
+    b = rng.normal(size=(NODES, 3))
+    some, every = np.empty((NODES - 2, 3)), b.copy()
+    factors.apply(b, some)
+    factors.apply(every, every)  # in place
+    np.testing.assert_array_equal(some, every[:-2])
+
+
+@pytest.mark.parametrize("case", ["zero", "dependent", "eliminated", "missing", "not finite"])
+def test_singular_diagonal_is_reported(rng, case):
+    (start, column, value), _, _ = matrix(rng, 1.0)
+    blocks = value.reshape(-1, 3, 3)
+    here = 4 * (NODES + BEYOND) + np.flatnonzero(column[start[4] : start[5]] == 4)[0]
+    if case == "zero":
+        blocks[start[4] : start[5]] = 0
+    elif case == "not finite":
+        blocks[here] = np.nan
+    elif case == "missing":
+        column[here] = NODES
+    else:
+        column[:], row = np.arange(NODES + BEYOND).tolist() * NODES, NODES + BEYOND
+        blocks[:] = 0
+        blocks[np.arange(NODES) * (row + 1)] = np.eye(3)
+        if case == "dependent":
+            blocks[4 * (row + 1)] = [[1, 2, 0], [2, 4, 0], [0, 0, 1]]
+        else:
+            blocks[4 * row + 3] = blocks[3 * row + 4] = np.eye(3)
+    factors, order = _kernels.IncompleteFactors(), np.arange(NODES, dtype=np.int32)
+    assert not factors.factorise(start, column, value, order)
+    with pytest.raises(ValueError, match=r"b: expected shape \(0, 3\)"):
+        factors.apply(np.zeros((NODES, 3)), np.zeros((NODES, 3)))
+    # The next matrix has nothing to do with it.
+    assert factors.factorise(*matrix(rng, 0.5)[0], order)
+
+
+def test_wrong_arguments_are_refused(rng):
+    (start, column, value), _, _ = matrix(rng, 0.5)
+    factors, order = _kernels.IncompleteFactors(), np.arange(NODES, dtype=np.int32)
+    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+        factors.factorise(start[:-1], column, value, order[:-1])
+    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+        factors.factorise(start[[0, 2, 1, *range(3, NODES + 1)]], column, value, order)
+    with pytest.raises(ValueError, match="expected at least one entry"):
+        factors.factorise(start[:0], column[:0], value[:0], order[:0])
+    with pytest.raises(ValueError, match="expected no negative entry"):
+        factors.factorise(start, column - 1, value, order)
+    with pytest.raises(ValueError, match="value: expected shape"):
+        factors.factorise(start, column, value[:-1], order)
+    with pytest.raises(ValueError, match="order: expected shape"):
+        factors.factorise(start, column, value, order[:-1])
+    for wrong in (order - 1, order + 1, 0 * order):
+        with pytest.raises(ValueError, match="order: expected each row once"):
+            factors.factorise(start, column, value, wrong)
+    assert factors.factorise(start, column, value, order)
+    b = np.zeros((NODES, 3))
+    with pytest.raises(ValueError, match="b: expected shape"):
+        factors.apply(b[:-1], b)
+    with pytest.raises(ValueError, match="expected no more rows"):
+        factors.apply(b, np.zeros((NODES + 1, 3)))
+    with pytest.raises(ValueError, match="x: expected shape"):
+        factors.apply(b, np.zeros(3 * NODES))

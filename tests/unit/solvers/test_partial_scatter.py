@@ -1,0 +1,55 @@
+"""Excerpts of nodal vectors, against the exchange of all values."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.solvers.elimination import Excerpt
+from helpers import scenes
+
+ROUNDING = 1e2 * np.finfo(float).eps
+
+
+@pytest.fixture
+def neighbourhood(comm):
+    """One that reaches everywhere."""
+    scene = scenes.blocks(comm)
+    pair = scene.stepper.pairs[0]
+    here, _ = Search(pair.nodes, pair.segments).update(scene.stepper.x, np.inf)
+    return here
+
+
+def some_nodes(here, comm, share):
+    """A share of the nodes that a rank knows; none on the last of several."""
+    rng = np.random.default_rng(comm.rank)
+    chosen = np.flatnonzero(rng.random(here.num_local) < share).astype(np.int32)
+    return chosen[:0] if comm.rank == comm.size - 1 > 0 else chosen
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_values_are_those_of_the_owners(comm, neighbourhood, agree, share):
+    here = neighbourhood
+    nodes = some_nodes(here, comm, share)
+    excerpt = Excerpt(here, nodes)
+    for number in range(2):  # nothing of the first vector stays
+        rng = np.random.default_rng([number, comm.rank])
+        x = rng.normal(size=(here.index_map.size_local, 3))
+        assert agree(np.array_equal(excerpt.take(x), here.with_ghosts(x)[nodes]))
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_what_ghosts_have_is_added_at_their_owners(comm, neighbourhood, agree, share):
+    here = neighbourhood
+    n = here.index_map.size_local
+    nodes = some_nodes(here, comm, share)
+    excerpt = Excerpt(here, nodes)
+    for number in range(2):
+        rng = np.random.default_rng([number, comm.rank])
+        y = rng.normal(size=(n, 3))
+        whole = np.concatenate([y, np.zeros((here.index_map.num_ghosts, 3))])
+        part = excerpt.owned(y)
+        assert agree(np.array_equal(part, whole[nodes]))
+        change = rng.normal(size=part.shape)
+        whole[nodes] += change
+        excerpt.put(part + change, y)
+        assert agree(np.allclose(y, here.to_owners(whole), rtol=0, atol=ROUNDING))
