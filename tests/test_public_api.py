@@ -13,7 +13,9 @@ pytestmark = pytest.mark.serial
 
 # Modules that import a library which may be missing do so inside functions.
 MODULES = sorted(
-    name for _, name, _ in pkgutil.iter_modules(dolfinx_nts.__path__) if not name.startswith("_")
+    name.removeprefix("dolfinx_nts.")
+    for _, name, is_wing in pkgutil.walk_packages(dolfinx_nts.__path__, "dolfinx_nts.")
+    if not (is_wing or name == "dolfinx_nts._kernels")
 )
 
 
@@ -33,11 +35,15 @@ OBJECTS = public_objects()
 objects = pytest.mark.parametrize("name", sorted(OBJECTS))
 
 # What users call: the names of the package, and these modules beside it.
-BESIDE = ("meshing", "parts", "diagnostics", "output", "plotting")
+BESIDE = (
+    *("meshing.gmsh", "meshing.parts", "diagnostics.balance", "io.recorder"),
+    *("plotting.pictures", "plotting.diagrams"),
+)
 FOR_USERS = sorted(
     name
     for name, obj in OBJECTS.items()
-    if obj.__name__ in dolfinx_nts.__all__ or name.split(".")[1] in BESIDE
+    if obj.__name__ in dolfinx_nts.__all__
+    or name.removeprefix("dolfinx_nts.").rpartition(".")[0] in BESIDE
 )
 for_users = pytest.mark.parametrize("name", FOR_USERS)
 

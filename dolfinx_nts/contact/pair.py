@@ -1,6 +1,6 @@
 """Contact of one pair of surfaces: laws, stiffness of springs, gaps.
 
-The work within a step is done in `contact_step`; only an accepted step
+The work within a step is done by `ContactStep`; only an accepted step
 replaces a pair's history.
 """
 
@@ -46,7 +46,7 @@ class ContactPair:
     that face it, but no neighbours on the mesh, nor the other side of its own
     wall (`cpp/nts/search/own_surface.h`); it must not move by more than a cell of the
     wall in a step. Springs act from both sides; multipliers go to nodes of
-    which none is a vertex of the segment of another (`independent`).
+    which none is a vertex of the segment of another (`independent_nodes`).
 
     Collective. ``str`` tells the laws and, after the first step, the least
     and the greatest stiffness of springs, given or derived.

@@ -48,7 +48,7 @@ Floats = npt.NDArray[np.float64]
 class ImplicitStepper(Stepper):
     """A stepper that solves for the displacement at the end of a step.
 
-    Arguments, attributes and errors are those of `integrators.EnergyMomentum`.
+    Arguments, attributes and errors are those of `EnergyMomentum`.
     Collective, as all its methods.
     """
 

@@ -1,7 +1,7 @@
 """Integrators: what is evaluated when within a step.
 
 They differ in the stress, in the kernel of the contact force, and in
-whether there is inertia; all else is `implicit.ImplicitStepper`.
+whether there is inertia; all else is `ImplicitStepper`.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
 """Stepper: owns the accepted state and advances it.
 
-How a step is solved is up to `implicit.ImplicitStepper` and
-`explicit.CentralDifference`.
+How a step is solved is up to `ImplicitStepper` and
+`CentralDifference`.
 """
 
 import logging
@@ -62,7 +62,7 @@ class Stepper(ABC):
         u: Displacement at t.
         v: Velocity at t.
         u_n: Displacement at the start of the last step.
-        node_ids: Numbers of the owned nodes, see `numbering`, ``(n,)``.
+        node_ids: Numbers of the owned nodes, see `node_numbering`, ``(n,)``.
         even: Times at the ends of equal steps.
         length: Length of a step as a part of the usual one, in controlled
             runs.

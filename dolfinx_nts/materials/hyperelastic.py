@@ -3,7 +3,7 @@ r"""Hyperelastic materials: strain energy psi(C), stress, conserving stress.
 Pure UFL. ``C`` is the right Cauchy-Green tensor and ``psi`` the strain
 energy per reference volume; bodies turn both into forms. A material's
 numbers reach the forms as constants, so a change of a number compiles
-nothing. Materials that have a name are in `energies`.
+nothing. Materials that have a name are in `library`.
 """
 
 from collections.abc import Callable, Sequence

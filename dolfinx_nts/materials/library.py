@@ -1,7 +1,7 @@
 """Materials by name: strain energies psi(C) with their usual numbers.
 
 Pure UFL. Numbers are moduli of small strains; what follows from the
-energy, and damping, is that of `materials.Hyperelastic`.
+energy, and damping, is that of `Hyperelastic`.
 """
 
 from typing import Any

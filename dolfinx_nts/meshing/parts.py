@@ -2,7 +2,7 @@
 
 Boxes (also bars and plates), hollow and solid balls, bowls, rings and
 tori. Each function adds one body with named surfaces to a live model;
-`meshing.read_mesh` then makes the mesh of all of them. Bodies do not
+`read_mesh` then makes the mesh of all of them. Bodies do not
 share nodes.
 """
 

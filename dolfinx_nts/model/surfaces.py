@@ -176,7 +176,7 @@ class Surface:
 
     @cached_property
     def node_ids(self) -> GlobalInts:
-        """Numbers of the nodes, see `numbering`, shape ``(n,)``."""
+        """Numbers of the nodes, see `node_numbering`, shape ``(n,)``."""
         return input_ids(self.V)[self.nodes]
 
     def measure(self, degree: int | None = None) -> ufl.Measure:

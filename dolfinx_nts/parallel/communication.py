@@ -30,7 +30,7 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
         What it returned.
 
     Raises:
-        Exception: What it raised, as `failures.portable` sends it.
+        Exception: What it raised, as `errors.portable` sends it.
     """
     result: T | None = None
     error: Exception | None = None

@@ -22,7 +22,7 @@ GlobalInts = npt.NDArray[np.int64]
 
 
 class ObstacleNeighbourhood:
-    """An obstacle as `neighbourhood.Neighbourhood` and `search.Search` in one.
+    """An obstacle as `Neighbourhood` and `Search` in one.
 
     Segments are the obstacle's facets; pairs consist of the node alone, so
     that d = 3 and no rank needs anything of another. Local, but for `approach`.
@@ -109,7 +109,7 @@ class ObstacleNeighbourhood:
         reach: float,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Springs of nodes inside, see `neighbourhood.Neighbourhood.press`."""
+        """Springs of nodes inside, see `Neighbourhood.press`."""
         segment, gap = self.pair(x, nodes, current, reach)
         (inside,) = (gap < 0).nonzero()
         nodes, facet, depth = nodes[inside], segment[inside], gap[inside]

@@ -38,7 +38,7 @@ class GlobalPairs:
     Args:
         nodes: The numbers, shape ``(m, 1+k)``.
         arrays: Rank, normal, gradients, columns and tangent, as of
-            `elimination.ActivePairs`.
+            `ActivePairs`.
     """
 
     def __init__(self, nodes: GlobalInts, *arrays: Any) -> None:
@@ -85,7 +85,7 @@ class WholeDomain:
         self._factors.build()
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `patch.Patch.correct`."""
+        """Constrain z and correct it, as `Patch.correct`."""
         self._factors.correct(r, z)
 
 
@@ -188,7 +188,7 @@ class OverlappingDomain:
         return GlobalPairs(*(array[once] for array in arrays))
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `patch.Patch.correct`."""
+        """Constrain z and correct it, as `Patch.correct`."""
         both: Floats = self._vector.array.reshape(-1, 6)
         needed = self._needed
         both[needed, :3], both[needed, 3:] = r[needed], z[needed]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from helpers import scenes
 
 LAWS = {
@@ -48,7 +49,7 @@ def test_plate_is_left_out_until_the_ball_comes(comm, law, monkeypatch):
 
 def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
     scene, reference = ball_plate(comm, "plastic"), ball_plate(comm, "plastic")
-    init = nts.contact_step.ContactStep.__init__
+    init = ContactStep.__init__
 
     def blind(self, *args):
         init(self, *args)
@@ -56,7 +57,7 @@ def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
 
     for _ in range(8):
         expected = reference.stepper.advance()
-    monkeypatch.setattr("dolfinx_nts.contact.implicit.contact_step.ContactStep.__init__", blind)
+    monkeypatch.setattr(ContactStep, "__init__", blind)
     for _ in range(8):
         report = scene.stepper.advance()
     assert expected.num_active == report.num_active > 0

@@ -11,7 +11,6 @@ from dolfinx.mesh import CellType
 from dolfinx_nts.meshing.gmsh import add_box, read_mesh
 from helpers.gmsh_models import BOX, ROUNDING, count, measure
 
-
 KINDS = {"hexahedra": 5, "tetrahedra": 4}  # gmsh element types
 
 

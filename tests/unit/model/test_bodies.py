@@ -9,7 +9,8 @@ from dolfinx import fem
 from dolfinx.mesh import GhostMode, meshtags
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.bodies import VolumeRatio, bulk_form, check_bodies
+from dolfinx_nts.model.bodies import bulk_form, check_bodies
+from dolfinx_nts.model.inverted_cells import VolumeRatio
 from helpers import scenes
 
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e3, nu=0.3, rho=10.0)

@@ -7,6 +7,7 @@ import pytest
 
 from dolfinx_nts import plotting
 from dolfinx_nts.io.recorder import Recorder
+from dolfinx_nts.plotting import pictures
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytest.importorskip("pyvista")
@@ -54,7 +55,7 @@ def test_von_mises_stress_of_a_stretched_bar(comm):
     strain = (stretch**2 - 1) / 2
     axial = stretch * (lmbda + 2 * mu) * strain  # sigma_11 = F^2 S_11 / J
     lateral = lmbda * strain / stretch
-    stress = plotting._von_mises(stepper)
+    stress = pictures._von_mises(stepper)
     error = np.abs(stress - (axial - lateral)).max(initial=0.0)
     assert comm.allreduce(error) < 1e-12 * axial
 
@@ -116,7 +117,7 @@ def recorded(comm, folder):
 
 
 def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
-    times, grids = plotting._states(folder / "run.xdmf", "velocity", "v")
+    times, grids = pictures._states(folder / "run.xdmf", "velocity", "v")
     assert agree(np.allclose(times, BLOCK_STEP * np.arange(3)))
     for grid, x in zip(grids, recorded, strict=True):
         assert agree(np.allclose(grid.points, x, rtol=0, atol=1e-14))

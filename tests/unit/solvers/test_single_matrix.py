@@ -7,7 +7,6 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.solvers.block_ilu import KeptRows
 from helpers.dense_factors import NODES, matrix
 
-
 EPS = np.finfo(np.float32).eps
 
 
