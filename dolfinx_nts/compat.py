@@ -11,9 +11,10 @@ from mpi4py import MPI
 
 import cffi
 import numpy as np
-import numpy.typing as npt
 from dolfinx.common import IndexMap
 from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
+
+from dolfinx_nts.common.arrays import GlobalInts, Ints
 
 # The gmsh reader `dolfinx.io.gmshio` became `dolfinx.io.gmsh` in 0.10.
 # Import it directly when 0.9 is dropped.
@@ -43,7 +44,7 @@ __all__ = [
 ]
 
 
-def geometry_nodes(mesh: Mesh) -> npt.NDArray[np.int32]:
+def geometry_nodes(mesh: Mesh) -> Ints:
     """Nodes of the geometry of each local cell of a mesh with one type of cells."""
     nodes = mesh.geometry.dofmaps[0] if _HAS_LISTS else mesh.geometry.dofmap
     return np.asarray(nodes)
@@ -71,9 +72,7 @@ def cpp_object(item: Any) -> Any:
     return getattr(item, "_cpp_object", item)
 
 
-def index_map(
-    comm: MPI.Comm, size: int, ghosts: npt.NDArray[np.int64], owners: npt.NDArray[np.int32]
-) -> IndexMap:
+def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> IndexMap:
     """Index map with owned entries and ghosts. Collective."""
     # 0.11 must be told the tag of its messages, before it was 1202. Always tell it
     # when 0.10 is dropped.
@@ -91,7 +90,7 @@ def kernel(integral: Any) -> tuple[int, bool]:
     return address, len(_ffi.typeof(function).args) == 7
 
 
-def shared(index_map: IndexMap) -> npt.NDArray[np.int32]:
+def shared(index_map: IndexMap) -> Ints:
     """Owned entries that are ghosts of other ranks. Collective."""
     if index_map.comm.size == 1:
         return np.empty(0, dtype=np.int32)

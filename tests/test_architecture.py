@@ -13,7 +13,8 @@ PACKAGE = Path(__file__).parents[1] / "dolfinx_nts"
 
 # A wing imports from the rows above its own, and from itself.
 WINGS = [
-    {"compat", "common", "_kernels"},
+    {"common", "_kernels"},
+    {"compat"},
     {"parallel"},
     {"fem", "materials", "meshing"},
     {"model"},

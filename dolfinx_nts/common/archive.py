@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
+
+from dolfinx_nts.common.arrays import Array, GlobalInts
 
 __all__ = ["Archive", "Snapshot"]
 
-T = TypeVar("T", float, int, bool, npt.NDArray[Any])
-Array = npt.NDArray[Any]
-GlobalInts = npt.NDArray[np.int64]
+T = TypeVar("T", float, int, bool, Array)
 
 
 class Archive(ABC):

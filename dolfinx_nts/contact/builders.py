@@ -10,11 +10,11 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
 from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
@@ -192,7 +192,7 @@ def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
     """Bodies that share nodes, together. Collective."""
     index_map = bodies[0].V.dofmap.index_map
     last = np.full(index_map.size_local, -1)  # last body of each owned node
-    touching: npt.NDArray[np.bool_] = np.zeros((len(bodies), len(bodies)), dtype=bool)
+    touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
         # A node may be owned by a rank that has no cell of the body.
         marker = la.vector(index_map)

@@ -8,14 +8,12 @@ uses the opposite signs).
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.arguments import as_call, positive
+from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 # An active node stays eligible while its gap is below this part of the
 # segment's size.

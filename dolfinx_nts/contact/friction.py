@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.arguments import as_call, nonnegative, positive
+from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["Coulomb", "Traction", "transport"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 # Bound on the stiffness against a change of the direction of slip, relative
 # to the weight: a tighter one would slow Newton's method where slip is small.

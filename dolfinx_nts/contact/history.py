@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 
 __all__ = ["ContactHistory", "ContactWork"]
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-GlobalInts = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

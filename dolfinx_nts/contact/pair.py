@@ -10,11 +10,11 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
@@ -28,8 +28,6 @@ from dolfinx_nts.search.self_contact import OwnSearch
 
 __all__ = ["ContactPair"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _logger = logging.getLogger("dolfinx_nts")
 

@@ -3,14 +3,11 @@
 d stands for the 3(1+k) coordinates of a pair, its node first.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
+
+from dolfinx_nts.common.arrays import Array, Floats
 
 __all__ = ["ConvectiveSlip", "Slip"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class Slip:
@@ -28,7 +25,7 @@ class Slip:
         normal_n, normal: Outward unit normals with them, ``(m, 3)``.
     """
 
-    def __init__(self, values: tuple[npt.NDArray[Any], ...]) -> None:
+    def __init__(self, values: tuple[Array, ...]) -> None:
         """Name the values."""
         self.value, self.force, self.gradient, *self._second = values[:-3]
         self.frame_n, self.frame, orientation = values[-3:]

@@ -21,10 +21,10 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -32,8 +32,6 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Balance", "Diagnostics"]
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import logging
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
@@ -19,7 +19,6 @@ from dolfinx_nts.search.global_search import Search
 
 __all__ = ["SunkVertices"]
 
-Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 

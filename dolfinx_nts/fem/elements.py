@@ -12,16 +12,14 @@ from functools import cache, cached_property
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import Floats, Ints
 
 __all__ = ["Element", "check_space", "check_tag"]
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 # Pieces of a tetrahedron of degree 2: four at the corners, four around the
 # diagonal from the middle of edge 02 to that of 13. Nodes as pairs of

@@ -4,16 +4,15 @@ import platform
 from functools import partial
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
+from dolfinx_nts.common.arrays import Floats
+
 __all__ = ["assembled", "compile_expression", "compile_form"]
 
-Floats = npt.NDArray[np.float64]
 
 # GCC takes half of the width of AVX-512 unless it is told, and kernels a fifth to a
 # third longer.

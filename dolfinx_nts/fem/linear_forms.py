@@ -8,16 +8,14 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import cpp, fem
 
 from dolfinx_nts import _kernels, compat
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.jit import compile_form
 
 __all__ = ["CellForm", "Coefficients", "PackedForm"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class Coefficients:
@@ -74,8 +72,6 @@ def _same(values: Floats, before: Floats) -> bool:
     """Whether all bits are the same."""
     return np.array_equal(values.view(np.int64), before.view(np.int64))
 
-
-Ints = npt.NDArray[np.int32]
 
 _NOTHING: Floats = np.empty((0, 0))
 

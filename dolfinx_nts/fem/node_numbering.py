@@ -6,15 +6,14 @@ least vertex of the edge, face or cell and the one opposite.
 """
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import GlobalInts
 from dolfinx_nts.fem.elements import Element
 
 __all__ = ["input_ids", "listed"]
 
-GlobalInts = npt.NDArray[np.int64]
 
 _BITS = 31  # of the number of a vertex
 

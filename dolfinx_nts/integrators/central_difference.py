@@ -20,11 +20,11 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringState
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
@@ -41,7 +41,6 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["CentralDifference"]
 
-Floats = npt.NDArray[np.float64]
 
 _WATCH = 50  # steps after which sizes of cells and energy are looked at
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -16,8 +16,6 @@ from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 
 __all__ = ["ExplicitBulk", "NodalForce"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class NodalForce:

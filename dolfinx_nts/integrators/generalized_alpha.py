@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
@@ -29,7 +29,6 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["GeneralizedAlpha"]
 
-Floats = npt.NDArray[np.float64]
 
 _MAX_ITERATIONS = 1000
 

@@ -16,11 +16,11 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactState
@@ -41,8 +41,6 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["ImplicitStepper"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class ImplicitStepper(Stepper):

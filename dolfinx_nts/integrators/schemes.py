@@ -6,10 +6,9 @@ whether there is inertia; all else is `ImplicitStepper`.
 
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import ufl
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 
@@ -107,7 +106,7 @@ class QuasiStatic(ImplicitStepper):
         """Virtual work of each load at the end of the step."""
         return [load.form(self.u, self.u) for load in self.loads]
 
-    def _starts(self) -> dict[str, npt.NDArray[np.float64]]:
+    def _starts(self) -> dict[str, Floats]:
         u_n = self.u_n.x.array
         return {"extrapolated": u_n + self.dt * self._mean_velocity, "last": u_n}
 

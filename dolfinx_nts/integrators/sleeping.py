@@ -7,8 +7,8 @@ supports stay, and no contact can reach it within the step.
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body
@@ -19,7 +19,6 @@ from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["Rest"]
 
-Floats = npt.NDArray[np.float64]
 
 # Of the size of a cell: displacement by which a body may miss equilibrium.
 _ROUNDING = 1e-14
@@ -48,7 +47,7 @@ class Rest:
         """Find out what can act on which body."""
         self._bulk, self._all = bulk, tuple(bodies)
         comm, num_owned = bulk.comm, bulk.num_owned // 3
-        self._nodes: dict[Body, npt.NDArray[np.int32]] = {
+        self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
         }
 

@@ -18,10 +18,10 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -31,7 +31,6 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Cells", "Damping", "Stability", "cell_frequency", "highest_frequency", "largest_step"]
 
-Floats = npt.NDArray[np.float64]
 
 # Parts of the estimate: the default step, and the longest step where springs
 # are to be chosen, which need what is left.

@@ -13,11 +13,11 @@ from typing import Any, ClassVar
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances, positive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -34,7 +34,6 @@ from dolfinx_nts.parallel.errors import agreed, end_together
 
 __all__ = ["Stepper"]
 
-Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 

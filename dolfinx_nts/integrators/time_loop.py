@@ -11,11 +11,11 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
@@ -24,8 +24,6 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["Steps", "progress", "run_controlled", "run_evenly"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _logger = logging.getLogger("dolfinx_nts")
 

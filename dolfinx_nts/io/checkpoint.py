@@ -17,9 +17,9 @@ from mpi4py import MPI
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
@@ -27,9 +27,7 @@ from dolfinx_nts.parallel.communication import gathered, on_root, scattered
 
 __all__ = ["load", "save"]
 
-Array = npt.NDArray[Any]
-GlobalInts = npt.NDArray[np.int64]
-T = TypeVar("T", float, int, bool, npt.NDArray[Any])
+T = TypeVar("T", float, int, bool, Array)
 
 _FORMAT = "dolfinx_nts checkpoint 1"
 

@@ -1,15 +1,11 @@
 """Fields of a state, for files."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
 
 __all__ = ["nodal_fields"]
-
-Array = npt.NDArray[Any]
 
 
 def nodal_fields(stepper: Stepper) -> dict[str, Array]:

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
@@ -22,8 +22,6 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import gathered
 
 __all__ = ["fingerprint"]
-
-Array = npt.NDArray[Any]
 
 
 def fingerprint(stepper: Stepper) -> dict[str, str]:

@@ -14,8 +14,8 @@ from mpi4py import MPI
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -26,7 +26,6 @@ from dolfinx_nts.parallel.communication import gathered, on_root
 
 __all__ = ["FieldFile"]
 
-Array = npt.NDArray[Any]
 
 _logger = logging.getLogger("dolfinx_nts")
 

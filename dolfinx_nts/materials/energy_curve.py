@@ -5,11 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 import basix.ufl
-import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.algorithms import expand_derivatives
 from ufl.utils.stacks import StackDict
+
+from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["EnergyCurve"]
 
@@ -37,15 +37,15 @@ class EnergyCurve:
         first = ufl.diff(psi(ufl.Identity(3) + at * self._D), at)
         self._first, self._second = map(expand_derivatives, (first, ufl.diff(first, at)))
 
-    def slope(self, D: npt.NDArray[np.float64], s: float = 0.0) -> float:
+    def slope(self, D: Floats, s: float = 0.0) -> float:
         """First derivative at s in the direction D, shape ``(3, 3)`` [J/m^3]."""
         return self._value(self._first, D, s)
 
-    def curvature(self, D: npt.NDArray[np.float64], s: float = 0.0) -> float:
+    def curvature(self, D: Floats, s: float = 0.0) -> float:
         """Second derivative, see `slope`."""
         return self._value(self._second, D, s)
 
-    def _value(self, derivative: Any, D: npt.NDArray[np.float64], s: float) -> float:
+    def _value(self, derivative: Any, D: Floats, s: float) -> float:
         with warnings.catch_warnings():
             # UFL warns before it raises.
             warnings.simplefilter("ignore")

@@ -12,11 +12,11 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.materials.energy_curve import EnergyCurve
 
 __all__ = ["Dust", "Hyperelastic", "right_cauchy_green"]
@@ -233,7 +233,7 @@ class Hyperelastic:
         return EnergyCurve(partial(self.psi, **self.parameters))
 
     @staticmethod
-    def strain_basis() -> npt.NDArray[np.float64]:
+    def strain_basis() -> Floats:
         """Orthonormal basis of the symmetric tensors, shape ``(6, 3, 3)``."""
         basis = np.zeros((6, 3, 3))
         for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
@@ -241,7 +241,7 @@ class Hyperelastic:
         return basis
 
     @cached_property
-    def moduli(self) -> npt.NDArray[np.float64]:
+    def moduli(self) -> Floats:
         """Moduli 4 psi''(1) on symmetric tensors, shape ``(6, 6)`` [Pa].
 
         In the basis `strain_basis`; for energies without fields in them.
@@ -251,7 +251,7 @@ class Hyperelastic:
         for i, j in combinations_with_replacement(range(6), 2):
             curvature[i, j] = curvature[j, i] = self._curve.curvature(basis[i] + basis[j])
         diagonal = np.diag(curvature) / 4
-        moduli: npt.NDArray[np.float64] = 2 * (curvature - diagonal[:, None] - diagonal)
+        moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
     @property

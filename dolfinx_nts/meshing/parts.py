@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.meshing.structured_blocks import (
     SIDES,
     Block,
-    Floats,
     add_body,
     hexahedra,
     join,

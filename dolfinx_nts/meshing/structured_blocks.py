@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-__all__ = ["SIDES", "Block", "Floats", "add_body", "hexahedra", "join", "quadrangles"]
+from dolfinx_nts.common.arrays import Floats, GlobalInts
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+__all__ = ["SIDES", "Block", "add_body", "hexahedra", "join", "quadrangles"]
+
 
 _CELLS = {"tetrahedron": (4, 2), "hexahedron": (5, 3)}  # gmsh types of cells and facets
 
@@ -49,20 +48,20 @@ class Block(NamedTuple):
     names: Mapping[str, str]
 
 
-def hexahedra(ids: Ints) -> Ints:
+def hexahedra(ids: GlobalInts) -> GlobalInts:
     """Connect a grid of nodes (nx + 1, ...) to hexahedra (nx, ..., 8)."""
     nx, ny, nz = np.subtract(ids.shape, 1)
     i, j, k = np.indices((nx, ny, nz))[..., None] + _CORNERS.T[:, None, None, None]
     return np.asarray(ids[i, j, k])
 
 
-def quadrangles(cells: Ints, side: str) -> Ints:
+def quadrangles(cells: GlobalInts, side: str) -> GlobalInts:
     """Quadrangles on one side of blocks of hexahedra."""
     axis, layer, corners = SIDES[side]
     return cells.take([layer], axis=axis)[..., corners]
 
 
-def join(blocks: Sequence[Block]) -> tuple[Floats, Ints, dict[str, Ints]]:
+def join(blocks: Sequence[Block]) -> tuple[Floats, GlobalInts, dict[str, GlobalInts]]:
     """Join blocks, also the ends of one, where their nodes coincide.
 
     Returns:
@@ -74,7 +73,7 @@ def join(blocks: Sequence[Block]) -> tuple[Floats, Ints, dict[str, Ints]]:
         size = block.x[..., 0].size
         cells.append(hexahedra(first + np.arange(size).reshape(block.x.shape[:3])))
         first += size
-    surfaces: dict[str, list[Ints]] = {}
+    surfaces: dict[str, list[GlobalInts]] = {}
     for block, grid in zip(blocks, cells, strict=True):
         for side, name in block.names.items():
             surfaces.setdefault(name, []).append(quadrangles(grid, side).reshape(-1, 4))
@@ -89,7 +88,12 @@ def join(blocks: Sequence[Block]) -> tuple[Floats, Ints, dict[str, Ints]]:
 
 
 def add_body(
-    model: Any, name: str, x: Floats, cells: Ints, surfaces: Mapping[str, Ints], cell: str
+    model: Any,
+    name: str,
+    x: Floats,
+    cells: GlobalInts,
+    surfaces: Mapping[str, GlobalInts],
+    cell: str,
 ) -> None:
     """Add nodes, cells and named surfaces as discrete gmsh entities. Local.
 
@@ -121,13 +125,13 @@ def add_body(
         model.addPhysicalGroup(2, [entity], name=f"{name}_{side}")
 
 
-def _triangles(facets: Ints) -> Ints:
+def _triangles(facets: GlobalInts) -> GlobalInts:
     """Cut quadrangles from their lowest node, so that neighbours agree."""
     turned = (facets.argmin(axis=-1)[..., None] + np.arange(4)) % 4
     return np.take_along_axis(facets, turned, axis=-1)[..., [[0, 1, 2], [0, 2, 3]]]
 
 
-def _tetrahedra(cells: Ints) -> Ints:
+def _tetrahedra(cells: GlobalInts) -> GlobalInts:
     """Cut hexahedra into six from their lowest node: conforming."""
     sides = cells[:, [corners for *_, corners in SIDES.values()]]
     lowest = cells.min(axis=1)

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Dust, Hyperelastic
 from dolfinx_nts.parallel import reductions
@@ -64,12 +64,10 @@ class Body:
             )
         self.V, self.material = V, material
         local = cells.find(tag)
-        self.cells: npt.NDArray[np.int32] = local[
-            local < V.mesh.topology.index_map(tdim).size_local
-        ]
+        self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # Ghost cells too: a node of this body may be owned here although
         # no owned cell of the body touches it.
-        self.nodes: npt.NDArray[np.int32] = np.unique(V.dofmap.list[local])
+        self.nodes: Ints = np.unique(V.dofmap.list[local])
 
 
 def bulk_form(
@@ -90,7 +88,7 @@ def bulk_form(
     """
     mesh, element = bodies[0].V.mesh, Element.of(bodies[0].V)
     mass, full = element.mass_degree, element.stress_degree
-    terms: list[tuple[Any, npt.NDArray[np.int32], int]] = []
+    terms: list[tuple[Any, Ints, int]] = []
     for material in dict.fromkeys(body.material for body in bodies):
         cells = np.concatenate([body.cells for body in bodies if body.material is material])
         parameters = {

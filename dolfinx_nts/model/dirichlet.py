@@ -5,16 +5,14 @@ from collections.abc import Sequence
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
-
-Floats = npt.NDArray[np.float64]
 
 
 class Supports:

@@ -11,16 +11,14 @@ from collections.abc import Sequence
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
 
 __all__ = ["lumped_mass", "nodal_parts"]
-
-Floats = npt.NDArray[np.float64]
 
 
 def lumped_mass(bodies: Sequence[Body]) -> Floats:

@@ -9,19 +9,15 @@ of facets are in `rigid_surface`.
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 
 __all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
-Contact = tuple[npt.NDArray[Any], ...]
+Contact = tuple[Array, ...]
 
 
 class Obstacle(ABC):

@@ -3,15 +3,12 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.obstacles import Contact, Obstacle
 
 __all__ = ["RigidSurface"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 class RigidSurface(Obstacle):

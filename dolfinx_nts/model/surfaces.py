@@ -13,12 +13,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -26,9 +26,6 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Surface", "area_vectors", "diameters"]
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 # Edges shorter than this, relative to the largest segment, are points.
 _POINT = 1e-12

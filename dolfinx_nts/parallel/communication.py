@@ -6,15 +6,13 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.parallel.errors import portable
 
 __all__ = ["exchanged", "gathered", "on_root", "scattered"]
 
 T = TypeVar("T")
-Array = npt.NDArray[Any]
-GlobalInts = npt.NDArray[np.int64]
 
 
 def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:

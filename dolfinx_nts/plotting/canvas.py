@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["CELLS", "FACETS", "aim", "canvas", "grid_of", "paint"]
 
-Floats = npt.NDArray[np.float64]
 Kinds = dict[int, tuple[int, list[int]]]
 
 # VTK's number of a cell and its vertex order, by number of vertices.

@@ -13,10 +13,10 @@ from typing import Any, Literal
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.stepper import Stepper
@@ -38,7 +38,6 @@ __all__ = [
     "snapshot",
 ]
 
-Floats = npt.NDArray[np.float64]
 
 _UNITS = {
     "displacement": "m",

@@ -1,18 +1,12 @@
 """The segments that the nodes of a rank can reach, and values at their vertices."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 from dolfinx import common, la
 
 from dolfinx_nts import _kernels, compat
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 
 __all__ = ["Neighbourhood"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class Neighbourhood:
@@ -147,7 +141,7 @@ class Neighbourhood:
 
     def contact(
         self, scheme: str, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[npt.NDArray[Any], ...]:
+    ) -> tuple[Array, ...]:
         """Contact of pairs between two states. Local.
 
         Args:
@@ -162,19 +156,17 @@ class Neighbourhood:
             ``(m, d, d)``, turn and status ``(m,)``; d = 3(1+k).
         """
         kernel = getattr(_kernels, f"contact_{scheme}")
-        values: tuple[npt.NDArray[Any], ...] = kernel(*self._of_pairs(x_n, x, dofs, segment))
+        values: tuple[Array, ...] = kernel(*self._of_pairs(x_n, x, dofs, segment))
         return values
 
-    def slip(
-        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[npt.NDArray[Any], ...]:
+    def slip(self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints) -> tuple[Array, ...]:
         """Slip of pairs between two states, see `cpp/nts/contact/slip.h`. Local."""
         pairs = self._of_pairs(x_n, x, dofs, segment)
         return *_kernels.slip(*pairs), pairs[2]
 
     def convective_slip(
         self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[npt.NDArray[Any], ...]:
+    ) -> tuple[Array, ...]:
         """The same by coordinates, see `cpp/nts/contact/convective_slip.h`. Local."""
         pairs = self._of_pairs(x_n, x, dofs, segment)
         return *_kernels.convective_slip(*pairs), pairs[2]

@@ -11,21 +11,17 @@ from collections.abc import Sequence
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import common
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.search.candidates import Neighbourhood
 
 __all__ = ["Search"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class Search:

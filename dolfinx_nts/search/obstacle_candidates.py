@@ -6,19 +6,15 @@ What a contact pair asks of a neighbourhood, answered by an `Obstacle`.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.obstacles import Contact, Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["ObstacleNeighbourhood"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class ObstacleNeighbourhood:

@@ -13,16 +13,13 @@ on which they are, or their own, has a vertex with a multiplier.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.search.candidates import Neighbourhood
 from dolfinx_nts.search.global_search import Search
 
 __all__ = ["OwnNeighbourhood", "OwnSearch", "independent"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 class OwnNeighbourhood(Neighbourhood):
@@ -75,15 +72,12 @@ class OwnSearch(Search):
         return OwnNeighbourhood(super()._exchange(x, reach), X[:num_owned])
 
 
-Flags = npt.NDArray[np.bool_]
-
-
 def independent(
     here: Neighbourhood,
     surface: Surface,
     segment: Ints,
     candidates: Flags,
-    urgency: npt.NDArray[np.int64],
+    urgency: GlobalInts,
 ) -> Flags:
     """Nodes of which none is a vertex of the segment of another. Collective.
 

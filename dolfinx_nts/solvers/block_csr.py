@@ -5,15 +5,12 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel.communication import exchanged
 
 __all__ = ["BlockRows"]
-
-Floats = npt.NDArray[np.float64]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class BlockRows:
@@ -36,7 +33,7 @@ class BlockRows:
         self.index_map = matrix.index_map(0)
         n = self.index_map.size_local
         self.start: GlobalInts = matrix.indptr[: n + 1]
-        self.column: npt.NDArray[np.int32] = matrix.indices[: self.start[n]]
+        self.column: Ints = matrix.indices[: self.start[n]]
         self.value: Floats = matrix.data[: 9 * self.start[n]]
         columns = matrix.index_map(1)
         self._global = columns.local_to_global(self.column).astype(PETSc.IntType)

@@ -12,18 +12,14 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockRows
 
 __all__ = ["KeptFactors", "KeptRows"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class KeptFactors:

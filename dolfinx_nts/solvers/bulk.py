@@ -8,12 +8,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.model.dirichlet import Supports
@@ -22,7 +22,6 @@ from dolfinx_nts.solvers.block_csr import BlockRows
 
 __all__ = ["Bulk"]
 
-Floats = npt.NDArray[np.float64]
 LinearForm = CellForm | PackedForm
 
 
@@ -80,7 +79,7 @@ class Bulk:
         self._tangent: list[fem.Form] = []
         self._nearby = None if nearby is None else _compile([nearby])
         self._inputs = _inputs([*forms, *([] if nearby is None else [nearby])])
-        self.point: Sequence[npt.NDArray[Any]] | None = None
+        self.point: Sequence[Array] | None = None
         self._vector = la.vector(V.dofmap.index_map, 3)
         # Asking for an array takes 2 us each time.
         self._towards: Floats = self._direction.x.array
@@ -111,7 +110,7 @@ class Bulk:
         R[self._given] = 0
         return R
 
-    def leave_out(self, cells: npt.NDArray[np.int32], nodes: npt.NDArray[np.int32]) -> None:
+    def leave_out(self, cells: Ints, nodes: Ints) -> None:
         """Give nodes their present displacement until the next call.
 
         The residual and the action of the tangent are then assembled on
@@ -219,7 +218,7 @@ class Bulk:
         self.num_tangents += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
 
-    def restore(self, point: Sequence[npt.NDArray[Any]]) -> None:
+    def restore(self, point: Sequence[Array]) -> None:
         """Make a former matrix again. Collective.
 
         Args:
@@ -232,7 +231,7 @@ class Bulk:
                 self.assemble_nearby()
 
     @contextmanager
-    def at(self, point: Sequence[npt.NDArray[Any]]) -> Iterator[None]:
+    def at(self, point: Sequence[Array]) -> Iterator[None]:
         """Context in which functions and constants have other values. Local.
 
         Args:
@@ -301,13 +300,13 @@ def _expanded(forms: Iterable[ufl.Form]) -> Iterator[ufl.Form]:
     return (form for form in map(expand_derivatives, forms) if not form.empty())
 
 
-def _inputs(forms: Sequence[ufl.Form]) -> list[npt.NDArray[Any]]:
+def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:
     """Values of all functions and constants of forms, which they share."""
     functions = dict.fromkeys(f for form in forms for f in form.coefficients())
     constants = dict.fromkeys(c for form in forms for c in form.constants())
     return [*(f.x.array for f in functions), *(c.value for c in constants)]
 
 
-def _set(arrays: Sequence[npt.NDArray[Any]], values: Sequence[npt.NDArray[Any]]) -> None:
+def _set(arrays: Sequence[Array], values: Sequence[Array]) -> None:
     for array, value in zip(arrays, values, strict=True):
         array[...] = value

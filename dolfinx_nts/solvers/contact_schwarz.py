@@ -15,21 +15,17 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.solvers.block_csr import BlockRows
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
 
 __all__ = ["GlobalPairs", "OverlappingDomain", "Patch", "WholeDomain"]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-GlobalInts = npt.NDArray[np.int64]
 
 
 class GlobalPairs:
@@ -51,7 +47,7 @@ class GlobalPairs:
         """Those of this rank."""
         return cls(p.global_dofs(), p.rank, p.normal, p.gradients, p.columns, p.tangent)
 
-    def local(self, dofs: npt.NDArray[Any]) -> _kernels.Elimination:
+    def local(self, dofs: Array) -> _kernels.Elimination:
         """The pairs with other numbers of their nodes."""
         return _kernels.Elimination(dofs.astype(np.int32), *self.arrays[1:])
 
@@ -170,7 +166,7 @@ class OverlappingDomain:
         taking[self._rows.index_map.comm.rank][:] = True
         return self._sent(pairs, taking)
 
-    def _sent(self, pairs: GlobalPairs, taking: list[npt.NDArray[np.bool_]]) -> GlobalPairs:
+    def _sent(self, pairs: GlobalPairs, taking: list[Flags]) -> GlobalPairs:
         """What ranks send to this one, each pair once.
 
         Args:

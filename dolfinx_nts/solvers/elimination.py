@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.parallel import reductions
@@ -33,9 +33,6 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["ActivePairs", "Coupling", "Elimination", "Excerpt"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 _NONE = np.empty(0)
 
@@ -110,7 +107,7 @@ class ActivePairs(NamedTuple):
     here: Neighbourhood | ObstacleNeighbourhood
     fixed: Flags
     excess: Floats
-    dofs: npt.NDArray[Any]
+    dofs: Array
     rank: Ints
     normal: Floats
     gradients: Floats
@@ -135,7 +132,7 @@ class ActivePairs(NamedTuple):
         kernel = _kernels.Elimination(place, *arrays[3:])
         return cls(kernel, excerpt, place, here, *arrays)
 
-    def global_dofs(self) -> npt.NDArray[Any]:
+    def global_dofs(self) -> Array:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
         index_map = self.here.index_map
         if index_map.size_local == index_map.size_global:

@@ -15,9 +15,9 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.parallel import reductions
@@ -28,7 +28,6 @@ from dolfinx_nts.solvers.saddle_point import SaddleSystem
 
 __all__ = ["LinearSolver"]
 
-Floats = npt.NDArray[np.float64]
 
 _number = itertools.count()  # of solvers, for their prefixes
 

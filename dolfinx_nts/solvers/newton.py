@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactState
@@ -16,7 +16,6 @@ from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 
-Floats = npt.NDArray[np.float64]
 
 _logger = logging.getLogger("dolfinx_nts")
 

@@ -5,9 +5,8 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy.typing as npt
-
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.solvers.block_ilu import KeptFactors, KeptRows
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_schwarz import Patch
@@ -91,7 +90,7 @@ class Preconditioner:
         self._kind = ""
         self._set: list[str] = []  # options that the user left open
         self.is_strong = False
-        self.point: Sequence[npt.NDArray[Any]] | None = None
+        self.point: Sequence[Array] | None = None
         self.num_builds = 0
 
     def __str__(self) -> str:
@@ -171,8 +170,8 @@ class Preconditioner:
 
     def _restore(
         self,
-        point: Sequence[npt.NDArray[Any]] | None,
-        last: Sequence[npt.NDArray[Any]] | None,
+        point: Sequence[Array] | None,
+        last: Sequence[Array] | None,
         strong: bool,
     ) -> None:
         bulk = self._operator.bulk

@@ -11,13 +11,12 @@ matrix is not symmetric.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactState
 from dolfinx_nts.parallel import reductions
@@ -25,7 +24,6 @@ from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["SaddleSystem"]
 
-Floats = npt.NDArray[np.float64]
 
 # Compliance of a constraint, relative to that of the stiffest node.
 _DEPENDENT = 1e-10
@@ -68,7 +66,7 @@ class SaddleSystem:
         u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
 
-        def saddle(dofs: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+        def saddle(dofs: Array) -> Ints:
             """Number in the saddle system of displacement dofs."""
             rank = np.searchsorted(u_start, dofs, side="right") - 1
             return np.asarray(dofs + shift[rank], dtype=np.int32)

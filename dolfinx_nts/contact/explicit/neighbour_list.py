@@ -6,9 +6,9 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
@@ -16,8 +16,6 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["Lookout"]
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 # Parts of a segment: a node so far from it or so deep in it belongs to it, and so
 # far it may get before the next look, which is made when most of that is used. The

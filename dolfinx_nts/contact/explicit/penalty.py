@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.neighbour_list import Lookout
 from dolfinx_nts.contact.friction import transport
@@ -30,8 +30,6 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["ContactSprings", "SpringState"]
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 _NONE: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5

@@ -9,8 +9,8 @@ changes what all others see.
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import Rows
 from dolfinx_nts.contact.pair import ContactPair
@@ -18,14 +18,11 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ActiveSet", "Pivoting"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 # Force of an active node, and gap times stiffness, that are none: of k h, as in
 # the round-off of the residual.
 _ROUNDING = 16 * np.finfo(np.float64).eps
 
-GlobalInts = npt.NDArray[np.int64]
 
 _PATIENCE = 3  # iterations without fewer violators until one node changes at a time
 _PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
@@ -28,9 +28,6 @@ from dolfinx_nts.search.self_contact import independent
 
 __all__ = ["ContactStep", "contact_residual"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 _CLOSE = 0.01  # of a segment: gaps that are closed between Newton iterations
 _RESTLESS = 4  # changes of state after which a node is named if the step fails
@@ -207,10 +204,10 @@ class ContactStep:
             self._tangential.traction[state.node] += values[:, 1:]
 
     @property
-    def restless(self) -> npt.NDArray[np.int64]:
+    def restless(self) -> GlobalInts:
         """Numbers of the nodes here that kept changing segment or state."""
         many = self.pairing.restless | (self._flips >= _RESTLESS)
-        ids: npt.NDArray[np.int64] = self.pair.nodes.node_ids[many]
+        ids: GlobalInts = self.pair.nodes.node_ids[many]
         return ids
 
     def accepted(self, state: ContactState) -> ContactHistory:

@@ -4,18 +4,14 @@ Arrays over the pairs of one contact pair on one rank; d stands for the
 3(1+k) coordinates of a pair, its node first.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.slip import Slip
 
 __all__ = ["ContactState", "Rows"]
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 
 class ContactState(NamedTuple):
@@ -106,7 +102,7 @@ class Rows:
         segment: Ints,
         dofs: Ints,
         free: Floats | None,
-        values: tuple[npt.NDArray[Any], ...],
+        values: tuple[Array, ...],
     ) -> None:
         """Complete the normal parts; the tangential ones are zero."""
         self.node, self.segment, self.dofs, self.free = node, segment, dofs, free

@@ -3,9 +3,9 @@
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
@@ -13,9 +13,6 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
 
 __all__ = ["Pairing"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 

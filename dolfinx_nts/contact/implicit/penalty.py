@@ -1,17 +1,14 @@
 """Normal springs of a contact pair with penalty, in one attempt at a step."""
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contributions import Rows
 from dolfinx_nts.contact.implicit.local_search import Pairing
 from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["NormalSprings"]
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 class NormalSprings:

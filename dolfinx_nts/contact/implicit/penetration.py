@@ -6,18 +6,16 @@ within a step has gone through the surface.
 """
 
 import numpy as np
-import numpy.typing as npt
 from basix import CellType, topology
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Neighbourhood
 
 __all__ = ["lost_nodes"]
 
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 # Of the size of a segment. Depth from which a pressing node does not just
 # slide off the rim; by which another segment must not make it deeper; way in

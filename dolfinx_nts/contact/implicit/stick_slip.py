@@ -3,8 +3,8 @@
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import transport
 from dolfinx_nts.contact.implicit.active_set import Pivoting
 from dolfinx_nts.contact.implicit.contributions import Rows
@@ -12,9 +12,6 @@ from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["Tangential"]
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 _SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
 

@@ -1,0 +1,14 @@
+"""Types of NumPy arrays, by what they hold."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Array", "Flags", "Floats", "GlobalInts", "Ints"]
+
+Array = npt.NDArray[Any]
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+GlobalInts = npt.NDArray[np.int64]
+Ints = npt.NDArray[np.int32]
