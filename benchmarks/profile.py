@@ -43,15 +43,15 @@ class Profile:
             (contact_step.ContactStep, "accepted", "contact"),
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "residual", "assembly"),
-            (saddle_point.SaddleSystem, "solve", "direct"),
+            (saddle_point.SaddlePointSystem, "solve", "direct"),
             (preconditioner.Preconditioner, "build", "factors"),
             (krylov, "Elimination", "elimination"),
             (elimination.Coupling, "of", "elimination"),
             (elimination.Elimination, "particular", "elimination"),
             (elimination.Elimination, "constrain", "elimination"),
             (elimination.Elimination, "act", "elimination"),
-            (contact_schwarz.Patch, "update", "patch"),
-            (contact_schwarz.Patch, "correct", "patch"),
+            (contact_schwarz.ContactSchwarz, "update", "patch"),
+            (contact_schwarz.ContactSchwarz, "correct", "patch"),
             (newton, "contact_residual", "contact"),
         ):
             setattr(owner, name, self._watched(getattr(owner, name), phase))

@@ -45,7 +45,7 @@ class Case:
         E: Young's modulus [Pa].
         rho: Density [kg/m^3].
         friction: Coefficient of friction, 0 for none.
-        eps_T: Tangential spring [N/m^3], 0 for exact stick.
+        eps_T: StickSlip spring [N/m^3], 0 for exact stick.
         element: Key of `scenes.ELEMENTS`.
     """
 

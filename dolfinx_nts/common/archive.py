@@ -1,7 +1,7 @@
 """Archives: what takes the state of a run and gives it back.
 
 One description serves both ways. Every object with a state lists it in a
-method ``exchange(archive)``: it passes each value and goes on with what comes
+method ``serialize(archive)``: it passes each value and goes on with what comes
 back, which is the value itself while the archive takes, and the kept value
 while it gives. A step that is cut and a run that is resumed go the same way.
 """
@@ -30,7 +30,7 @@ class Archive(ABC):
 
     @abstractmethod
     def same(self, name: str, value: T) -> T:
-        """Exchange a number or array that is the same on all ranks.
+        """Serialize a number or array that is the same on all ranks.
 
         Args:
             name: Name of the value.
@@ -42,7 +42,7 @@ class Archive(ABC):
 
     @abstractmethod
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
-        """Exchange values of owned nodes.
+        """Serialize values of owned nodes.
 
         Args:
             name: Name of the values.
@@ -55,7 +55,7 @@ class Archive(ABC):
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Exchange arrays that have a meaning on this rank only.
+        """Serialize arrays that have a meaning on this rank only.
 
         They save work, or the last digit, and are never changed in place.
 
@@ -82,15 +82,15 @@ class Snapshot(Archive):
         return self
 
     def same(self, name: str, value: T) -> T:
-        """Exchange a number or array that is the same on all ranks."""
+        """Serialize a number or array that is the same on all ranks."""
         return self._copy(name, value)
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
-        """Exchange values of owned nodes."""
+        """Serialize values of owned nodes."""
         return self._copy(name, values)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Exchange arrays of this rank, the very same."""
+        """Serialize arrays of this rank, the very same."""
         if not self.giving:
             self._kept[name] = arrays
         kept: Sequence[Array] | None = self._kept.get(name)

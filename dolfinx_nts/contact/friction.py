@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, nonnegative, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 
-__all__ = ["Coulomb", "Traction", "transport"]
+__all__ = ["Coulomb", "TractionModel", "transport"]
 
 
 # Bound on the stiffness against a change of the direction of slip, relative
@@ -24,7 +24,7 @@ _STIFFEST_DIRECTION = 1e4
 
 
 @dataclass(frozen=True)
-class Traction:
+class TractionModel:
     """Linear model of the traction, t = explicit + p direction + stiffness dg.
 
     Attributes:
@@ -100,7 +100,7 @@ class Coulomb:
 
     def spring(
         self, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags
-    ) -> Traction:
+    ) -> TractionModel:
         """Return mapping with a tangential spring.
 
         A node that slides although its trial traction points backwards
@@ -118,7 +118,7 @@ class Coulomb:
         limit = self.mu * np.maximum(p, 0.0)
         part = np.where(sliding, turns * limit / np.where(size > 0, size, 1.0), 1.0)
         stiffness = np.where(sliding[:, None, None], across, np.eye(2))
-        return Traction(
+        return TractionModel(
             explicit=np.where(sliding[:, None], 0.0, trial),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),
             stiffness=(part * eps_T)[:, None, None] * stiffness,
@@ -126,7 +126,7 @@ class Coulomb:
 
     def exact(
         self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
-    ) -> Traction:
+    ) -> TractionModel:
         """Stick and slip without a spring, one semismooth Newton iteration.
 
         The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
@@ -152,7 +152,7 @@ class Coulomb:
         stiffest = np.full_like(ratio, _STIFFEST_DIRECTION)
         turn = np.divide(ratio, 1.0 - ratio, out=stiffest, where=ratio != 1.0)
         turn = np.where(turns, np.minimum(turn, _STIFFEST_DIRECTION), 0.0)
-        return Traction(
+        return TractionModel(
             explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
             direction=np.where(sliding[:, None], self.mu * s, 0.0),
             stiffness=(turn * c)[:, None, None] * across,

@@ -24,7 +24,7 @@ class ContactHistory:
         gap: Gap to the segment, NaN without, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring starts, ``(n,)`` [m].
         normal: Normal of the segment, shape ``(n, 3)``.
-        traction: Tangential part that friction remembers, Cartesian,
+        traction: StickSlip part that friction remembers, Cartesian,
             against the motion, shape ``(n, 3)`` [N].
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Stored in the node's springs, shape ``(n,)`` [J].

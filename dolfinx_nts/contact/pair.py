@@ -22,9 +22,9 @@ from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.global_search import Search
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
-from dolfinx_nts.search.self_contact import OwnSearch
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.self_contact import SelfContactSearch
 
 __all__ = ["ContactPair"]
 
@@ -42,7 +42,7 @@ class ContactPair:
 
     A surface may be both: then it touches itself. A node touches segments
     that face it, but no neighbours on the mesh, nor the other side of its own
-    wall (`cpp/nts/search/own_surface.h`); it must not move by more than a cell of the
+    wall (`cpp/nts/search/self_contact.h`); it must not move by more than a cell of the
     wall in a step. Springs act from both sides; multipliers go to nodes of
     which none is a vertex of the segment of another (`independent_nodes`).
 
@@ -108,10 +108,10 @@ class ContactPair:
         self.eps_T: Floats | None = None
         self._springs: dict[str, tuple[float, float]] | None = None
 
-    def _new_search(self) -> Search | ObstacleNeighbourhood:
+    def _new_search(self) -> GlobalSearch | ObstacleCandidates:
         if isinstance(self.segments, Obstacle):
-            return ObstacleNeighbourhood(self.segments, self.nodes)
-        search = OwnSearch if self.touches_itself else Search
+            return ObstacleCandidates(self.segments, self.nodes)
+        search = SelfContactSearch if self.touches_itself else GlobalSearch
         return search(self.nodes, self.segments)
 
     @property
@@ -290,8 +290,8 @@ class ContactPair:
         flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
         return flags
 
-    def exchange(self, archive: Archive, name: str) -> None:
-        """Exchange the accepted contact. Collective.
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize the accepted contact. Collective.
 
         Args:
             archive: Takes it or gives it.
@@ -315,7 +315,7 @@ class ContactPair:
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._springs = ranges if settled else None
-        self.search.exchange(archive, f"{name}/search")
+        self.search.serialize(archive, f"{name}/search")
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:

@@ -14,7 +14,7 @@ class Slip:
     """Slip of pairs, see `cpp/nts/contact/slip.h`.
 
     Args:
-        values: What `Neighbourhood.slip` gives.
+        values: What `SegmentCandidates.slip` gives.
 
     Attributes:
         value: Slip of the step, shape ``(m, 2)`` [m].

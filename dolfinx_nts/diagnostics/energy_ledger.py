@@ -32,7 +32,7 @@ _WORKS = {
 class EnergyLedger:
     """Sums over the steps since a first state; each cause on its own.
 
-    Local, but for `exchange`; the same on all ranks.
+    Local, but for `serialize`; the same on all ranks.
 
     Args:
         step: Number of the steps that were done before.
@@ -77,8 +77,8 @@ class EnergyLedger:
             change = float(np.linalg.norm(getattr(balance, name) - getattr(self.first, name)))
             self.drift[name] = max(self.drift[name], change)
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange all sums. Collective.
+    def serialize(self, archive: Archive) -> None:
+        """Serialize all sums. Collective.
 
         Args:
             archive: Takes them or gives them.

@@ -15,9 +15,9 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.search.global_search import GlobalSearch
 
-__all__ = ["SunkVertices"]
+__all__ = ["ReversePenetration"]
 
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -25,7 +25,7 @@ _logger = logging.getLogger("dolfinx_nts")
 _DEEP = 0.1  # of the largest facet
 
 
-class SunkVertices:
+class ReversePenetration:
     """Looks for them in the pairs of a stepper, and warns once for each pair.
 
     Self contact and pairs that are there in both directions are left out.
@@ -43,7 +43,7 @@ class SunkVertices:
         self._stepper = stepper
         directions = {(pair.nodes, pair.segments) for pair in stepper.pairs}
         self._turned = {
-            i: Search(pair.segments, pair.nodes)
+            i: GlobalSearch(pair.segments, pair.nodes)
             for i, pair in enumerate(stepper.pairs)
             if isinstance(pair.segments, Surface) and (pair.segments, pair.nodes) not in directions
         }
@@ -69,7 +69,7 @@ class SunkVertices:
             self.deepest[i] = max(self.deepest[i], depth)
 
 
-def _depth(pair: ContactPair, search: Search, x: Floats) -> float:
+def _depth(pair: ContactPair, search: GlobalSearch, x: Floats) -> float:
     """Depth of the deepest vertex of this rank [m]. Collective."""
     assert isinstance(pair.segments, Surface)
     vertices, reach = pair.segments.nodes, pair.nodes.size

@@ -129,10 +129,10 @@ class CentralDifference(Stepper):
         self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
         self._rough = any(pair.friction is not None for pair in pairs)
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the state, also the forces."""
-        super().exchange(archive)
-        self._stability.exchange(archive)
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the state, also the forces."""
+        super().serialize(archive)
+        self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
         self._known = archive.same("forces_are_known", self._known)
         if not self._known:
@@ -147,7 +147,7 @@ class CentralDifference(Stepper):
         self._power = float(power)
         states = self._contact_forces or (None,) * len(self._springs)
         self._contact_forces = tuple(
-            springs.exchange(archive, f"springs_{number}", state, self.x)
+            springs.serialize(archive, f"springs_{number}", state, self.x)
             for number, (springs, state) in enumerate(
                 zip(self._springs, states, strict=True), start=1
             )
@@ -275,7 +275,7 @@ class CentralDifference(Stepper):
             residual_norms=(),
             num_active=int(active),
             num_segments=int(in_reach),
-            num_resting=0,
+            num_sleeping=0,
             contact_work=contact_work,
             load_work=load,
             support_work=support,

@@ -106,10 +106,10 @@ class GeneralizedAlpha(ImplicitStepper):
         self._mass_form = compile_form(momentum)
         self._known = False  # whether the acceleration belongs to the present state
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the state, also the acceleration."""
-        super().exchange(archive)
-        self._exchange_nodal(archive, "a", self.a.x.array)
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the state, also the acceleration."""
+        super().serialize(archive)
+        self._serialize_nodal(archive, "a", self.a.x.array)
         self._known = archive.same("a_is_known", self._known)
 
     def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:

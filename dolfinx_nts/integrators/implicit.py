@@ -23,14 +23,14 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
-from dolfinx_nts.contact.implicit.contributions import ContactState
-from dolfinx_nts.contact.implicit.penetration import lost_nodes
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.sleeping import Rest
+from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
@@ -81,7 +81,7 @@ class ImplicitStepper(Stepper):
         )
         self._supports = self._bulk.supports
         self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
-        self._rest = Rest(self._bulk, self.bodies, self.pairs, self.loads)
+        self._sleeping = SleepingBodies(self._bulk, self.bodies, self.pairs, self.loads)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((self._num_owned, 3))
@@ -96,12 +96,12 @@ class ImplicitStepper(Stepper):
         self._mass: Floats = np.repeat(lumped_mass(bodies), 3)
         self._mean_velocity: Floats = self.v.x.array.copy()
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the state, also that of the linear solver."""
-        super().exchange(archive)
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the state, also that of the linear solver."""
+        super().serialize(archive)
         self._internal_force = archive.same("internal_force", self._internal_force)
-        self._exchange_nodal(archive, "mean_velocity", self._mean_velocity)
-        self._solver.exchange(archive)
+        self._serialize_nodal(archive, "mean_velocity", self._mean_velocity)
+        self._solver.serialize(archive)
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s].
@@ -128,12 +128,12 @@ class ImplicitStepper(Stepper):
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
             steps, solution = self._solve(start, x_n, x_trial, force_scale)
-            if self._rest.disturbed(steps):
+            if self._sleeping.must_wake(steps):
                 steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 reason = self._volume_ratio.inverted() or next(
-                    filter(None, map(lost_nodes, steps)), ""
+                    filter(None, map(check_penetration, steps)), ""
                 )
                 if not reason:
                     return self._accepted(steps, solution, attempts.values())
@@ -188,7 +188,7 @@ class ImplicitStepper(Stepper):
         support_work = self._support_work(steps, solution.states, du)
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
-        near = sum(len(step.neighbourhood.size) for step in steps)
+        near = sum(len(step.candidates.size) for step in steps)
         sums = [float(value) for value in (loaded, -lost, solution.R @ du, near)]
         load_work, damping_work, solver_work, in_reach = reductions.total(self._comm, sums)
         v_n = self.v.x.array[:n].copy()
@@ -207,7 +207,7 @@ class ImplicitStepper(Stepper):
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
             num_segments=int(in_reach),
-            num_resting=len(self._rest.bodies),
+            num_sleeping=len(self._sleeping.bodies),
             contact_work=work,
             load_work=load_work,
             support_work=support_work,
@@ -232,7 +232,7 @@ class ImplicitStepper(Stepper):
                 for pair in self.pairs
             ]
         if not all_awake:
-            self._rest.find(self.v.x.array, self.u_n.x.array, steps)
+            self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
         solution = newton.solve(
             self._bulk,
             self._solver,
@@ -275,7 +275,7 @@ class ImplicitStepper(Stepper):
         v[:] = 2 * self._mean_velocity - v
 
     def _support_work(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactState], du: Floats
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], du: Floats
     ) -> float:
         """Work of the reactions in a step with increment du [J]. Collective."""
         fixed = self._bulk.fixed

@@ -24,7 +24,7 @@ class StepReport(NamedTuple):
         num_active: Active pairs on all ranks.
         num_segments: Segments in reach of nodes, on all ranks; without any
             nothing was projected.
-        num_resting: Bodies that the step left out, being at rest.
+        num_sleeping: Bodies that the step left out, being at rest.
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
         support_work: Work of the reactions at moving supports [J].
@@ -41,7 +41,7 @@ class StepReport(NamedTuple):
     residual_norms: tuple[float, ...]
     num_active: int
     num_segments: int
-    num_resting: int
+    num_sleeping: int
     contact_work: ContactWork
     load_work: float
     support_work: float

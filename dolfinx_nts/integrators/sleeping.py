@@ -17,14 +17,14 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 
-__all__ = ["Rest"]
+__all__ = ["SleepingBodies"]
 
 
 # Of the size of a cell: displacement by which a body may miss equilibrium.
 _ROUNDING = 1e-14
 
 
-class Rest:
+class SleepingBodies:
     """Keeps bodies at rest out of the forms. Collective, as all its methods.
 
     Args:
@@ -98,17 +98,17 @@ class Rest:
         states = zip(self._all, counts.tolist(), strict=True)
         candidates = {body: known for body, (still, known) in states if still}
         if new := [body for body, known in candidates.items() if not known]:
-            self._wake()
+            self._wake_all()
             balanced = self._balanced(new, u_n)
             candidates = {b: known for b, known in candidates.items() if known or b in balanced}
         self._u_n[:] = u_n
         self._leave_out(frozenset(candidates))
 
-    def disturbed(self, steps: Sequence[ContactStep]) -> bool:
+    def must_wake(self, steps: Sequence[ContactStep]) -> bool:
         """Whether contact has reached one after all; then all wake."""
         reached = any(steps[i].touched for body in self.bodies for i in self._pairs[body])
         if reached:
-            self._wake()
+            self._wake_all()
         return reached
 
     def _balanced(self, bodies: Sequence[Body], u_n: Floats) -> set[Body]:
@@ -125,7 +125,7 @@ class Rest:
             body for body, n in zip(bodies, reductions.total(bulk.comm, bad), strict=True) if not n
         }
 
-    def _wake(self) -> None:
+    def _wake_all(self) -> None:
         self._leave_out(frozenset())
 
     def _leave_out(self, bodies: frozenset[Body]) -> None:

@@ -61,8 +61,8 @@ class Stability:
         # Since the state was set: energy then, work since, and its turnover [J].
         self._energy = self._worked = self._turnover = 0.0
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the energies and the smallest cell."""
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the energies and the smallest cell."""
         totals = np.array([self._energy, self._worked, self._turnover, self.smallest])
         totals = archive.same("watch", totals)
         self._energy, self._worked, self._turnover, self.smallest = (float(t) for t in totals)

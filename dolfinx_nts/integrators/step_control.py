@@ -100,8 +100,8 @@ class EvenSteps:
         if t != self.end(step, dt):
             self._t, self._step = t, step
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange where steps are counted from. Collective.
+    def serialize(self, archive: Archive) -> None:
+        """Serialize where steps are counted from. Collective.
 
         Args:
             archive: Takes it or gives it.
@@ -132,8 +132,8 @@ class StepLength:
         if self.accepted >= _PATIENCE and self.cuts:
             self.cuts, self.accepted = self.cuts - 1, 0
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange both numbers. Collective.
+    def serialize(self, archive: Archive) -> None:
+        """Serialize both numbers. Collective.
 
         Args:
             archive: Takes them or gives them.

@@ -168,8 +168,8 @@ class Stepper(ABC):
         x: Floats = self._X + self.u.x.array.reshape(-1, 3)
         return x
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the accepted state and all that the next step depends on.
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the accepted state and all that the next step depends on.
 
         But for what ``update`` and the functions of loads remember.
 
@@ -179,16 +179,16 @@ class Stepper(ABC):
         self.t = archive.same("t", self.t)
         self.step = archive.same("step", self.step)
         self._set_dt(archive.same("dt", self.dt))
-        self.even.exchange(archive)
-        self.length.exchange(archive)
+        self.even.serialize(archive)
+        self.length.serialize(archive)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
-            self._exchange_nodal(archive, name, function.x.array)
+            self._serialize_nodal(archive, name, function.x.array)
         for number, pair in enumerate(self.pairs, start=1):
-            pair.exchange(archive, f"pair_{number}")
+            pair.serialize(archive, f"pair_{number}")
 
-    def _exchange_nodal(self, archive: Archive, name: str, values: Floats) -> None:
-        """Exchange values of the local nodes, shape ``(3 l,)``."""
+    def _serialize_nodal(self, archive: Archive, name: str, values: Floats) -> None:
+        """Serialize values of the local nodes, shape ``(3 l,)``."""
         n = 3 * self._num_owned
         owned = archive.nodal(name, self.node_ids, values[:n].reshape(-1, 3))
         if archive.giving:

@@ -58,8 +58,8 @@ class Steps(Protocol):
     def advance_to(self, end: float, dt: float) -> StepReport:
         """Advance by one step."""
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the accepted state."""
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the accepted state."""
 
 
 def run_evenly(stepper: Steps, until: float) -> Iterator[StepReport]:
@@ -113,13 +113,13 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
             longest = min(stepper.dt * 0.5**stepper.length.cuts, stepper.longest_step())
             dt, end = control.next_step(stepper.t, longest, until)
             before = Snapshot()
-            stepper.exchange(before)
+            stepper.serialize(before)
             try:
                 report = stepper.advance_to(end, dt)
                 if loose is not None and control.gap_tol is not None:
                     loose = _checked(stepper, loose, control.gap_tol)
             except ConvergenceError as error:
-                stepper.exchange(before.rewind())
+                stepper.serialize(before.rewind())
                 if dt / 2 < smallest:
                     raise ConvergenceError(
                         f"{error}; dt has been cut to {dt:.3g} s, half of which is "

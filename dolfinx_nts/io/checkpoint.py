@@ -35,8 +35,8 @@ _FORMAT = "dolfinx_nts checkpoint 1"
 class HasState(Protocol):
     """Something with a state beside that of the stepper."""
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange the state."""
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the state."""
 
 
 def save(path: Path, stepper: Stepper, *others: HasState) -> None:
@@ -54,7 +54,7 @@ def save(path: Path, stepper: Stepper, *others: HasState) -> None:
     scene = fingerprint(stepper)
     archive = _Writer(stepper)
     for part in (stepper, *others):
-        part.exchange(archive)
+        part.serialize(archive)
     on_root(archive.comm, lambda: _replace(path, _file(archive.values, scene)))
 
 
@@ -91,7 +91,7 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
     on_root(comm, lambda: values.update(read()))
     archive = _Reader(stepper, values)
     for part in (stepper, *others):
-        part.exchange(archive)
+        part.serialize(archive)
 
 
 class _Writer(Archive):

@@ -27,8 +27,8 @@ class Table:
         self._file: TextIO | None = None
         self._has_head = False
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange `size`. Collective.
+    def serialize(self, archive: Archive) -> None:
+        """Serialize `size`. Collective.
 
         Args:
             archive: Takes the size of rank 0 or gives it to all.

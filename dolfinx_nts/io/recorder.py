@@ -14,7 +14,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
-from dolfinx_nts.diagnostics.reverse_penetration import SunkVertices
+from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
@@ -124,7 +124,7 @@ class Recorder:
         self._time, self._seconds = time.perf_counter(), dict(self._timings.seconds)
         with self._timings.phase("output"):
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
-            self._sunk = SunkVertices(self._stepper)
+            self._sunk = ReversePenetration(self._stepper)
             self._table.size = 0
             resume = on_root(self._comm, lambda: self._resume and self._checkpoint.exists())
             if resume:

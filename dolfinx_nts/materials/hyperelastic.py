@@ -19,7 +19,7 @@ from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.materials.energy_curve import EnergyCurve
 
-__all__ = ["Dust", "Hyperelastic", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "MassOnly", "right_cauchy_green"]
 
 # Gauss points and weights of the average over [0, 1].
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -279,7 +279,7 @@ class Hyperelastic:
         return smaller > 1.5 * small
 
 
-class Dust(Hyperelastic):
+class MassOnly(Hyperelastic):
     """The inertia and mass damping of a material, without its stress.
 
     Args:

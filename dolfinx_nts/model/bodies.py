@@ -16,7 +16,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.materials.hyperelastic import Dust, Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
@@ -102,7 +102,7 @@ def bulk_form(
         if material.one_point:
             rules.append((1, material, parameters.keys() - material.one_point, 0.0))
         if mass != full:
-            rules.append((mass, Dust(material), (), density))
+            rules.append((mass, MassOnly(material), (), density))
         for degree, law, without, rho in rules:
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))

@@ -71,7 +71,7 @@ class Obstacle(ABC):
             x: Positions, shape ``(m, 3)`` [m].
             current: Last facets or -1, shape ``(m,)``.
             slack: By how much a node may be beside the last facet and keeps
-                it, see `Neighbourhood.pair`.
+                it, see `SegmentCandidates.pair`.
             reach: Largest gap of interest [m].
 
         Returns:

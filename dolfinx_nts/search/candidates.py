@@ -6,10 +6,10 @@ from dolfinx import common, la
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 
-__all__ = ["Neighbourhood"]
+__all__ = ["SegmentCandidates"]
 
 
-class Neighbourhood:
+class SegmentCandidates:
     """Segments within reach of this rank's nodes.
 
     Args:
@@ -68,7 +68,7 @@ class Neighbourhood:
         reach: float,
         slack: float = _kernels.HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Pair nodes with segments, see `cpp/nts/search/pairing.h`. Local.
+        """Pair nodes with segments, see `cpp/nts/search/local_search.h`. Local.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -84,7 +84,7 @@ class Neighbourhood:
         found = self._found(x, nodes, current, slack, reach)
         return found[0], found[2]
 
-    def press(
+    def penalty_forces(
         self,
         x: Floats,
         numbers: Ints,
@@ -107,7 +107,7 @@ class Neighbourhood:
             Segments and gaps, shape ``(c,)``; springs of those with gap < 0.
         """
         segment, xi, gap, normal = self._found(x, nodes, current, _kernels.HYSTERESIS, reach)
-        springs = _kernels.press(
+        springs = _kernels.penalty_forces(
             numbers, nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
         )
         return segment, gap, springs

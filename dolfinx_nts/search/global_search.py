@@ -19,12 +19,12 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
-from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.search.candidates import SegmentCandidates
 
-__all__ = ["Search"]
+__all__ = ["GlobalSearch"]
 
 
-class Search:
+class GlobalSearch:
     """Keeps the neighbourhood of a pair of surfaces up to date.
 
     Args:
@@ -45,11 +45,11 @@ class Search:
         # What is sent of a segment, but for its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self._covered: tuple[Floats, Floats, float] | None = None
-        self._neighbourhood: Neighbourhood | None = None
+        self._candidates: SegmentCandidates | None = None
         self.exchanges = 0
 
-    def update(self, x: Floats, reach: float) -> tuple[Neighbourhood, bool]:
-        """Neighbourhood that holds every segment within reach of a node.
+    def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
+        """SegmentCandidates that holds every segment within reach of a node.
 
         Collective. The last one is kept while nothing has moved more
         than the margin with which it was made; for ever if it reaches
@@ -63,16 +63,16 @@ class Search:
         Returns:
             The neighbourhood, and whether it is a new one.
         """
-        if self._neighbourhood is not None and self._covered is not None:
+        if self._candidates is not None and self._covered is not None:
             *places, covered = self._covered
             if np.isinf(covered) or self.approach(x, places) + reach <= covered:
-                return self._neighbourhood, False
+                return self._candidates, False
         # Three times as much saves exchanges and costs a few segments.
         reach *= 3
         self._covered = (*self.places(x), reach)
-        self._neighbourhood = self._exchange(x, reach)
+        self._candidates = self._exchange(x, reach)
         self.exchanges += 1
-        return self._neighbourhood, True
+        return self._candidates, True
 
     def places(self, x: Floats) -> tuple[Floats, Floats]:
         """Positions of this rank's nodes and vertices, for `approach`. Local.
@@ -95,27 +95,27 @@ class Search:
         return sum(reductions.largest(self._nodes.V.mesh.comm, moved))
 
     @property
-    def neighbourhood(self) -> Neighbourhood:
+    def candidates(self) -> SegmentCandidates:
         """The last neighbourhood."""
-        assert self._neighbourhood is not None
-        return self._neighbourhood
+        assert self._candidates is not None
+        return self._candidates
 
-    def exchange(self, archive: Archive, name: str) -> None:
-        """Exchange where the neighbourhood was made. Collective."""
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize where the neighbourhood was made. Collective."""
         covered = self._covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
         kept = archive.local(name, arrays)
         if not archive.giving:
             return
-        self._covered = self._neighbourhood = None
+        self._covered = self._candidates = None
         if kept is not None:
             x_nodes, x_vertices, reach = kept
             self._covered = (x_nodes, x_vertices, float(reach))
             x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
-            self._neighbourhood = self._exchange(x, float(reach))
+            self._candidates = self._exchange(x, float(reach))
 
-    def _exchange(self, x: Floats, reach: float) -> Neighbourhood:
+    def _exchange(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map
         comm = self._segments.V.mesh.comm
         vertices = self._segments.segments
@@ -144,7 +144,7 @@ class Search:
             ghost_owners[place] = owners[remote]
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
-        return Neighbourhood(
+        return SegmentCandidates(
             space,
             local.astype(np.int32),
             orientation[order],

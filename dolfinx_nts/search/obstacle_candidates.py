@@ -14,11 +14,11 @@ from dolfinx_nts.model.obstacles import Contact, Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ObstacleNeighbourhood"]
+__all__ = ["ObstacleCandidates"]
 
 
-class ObstacleNeighbourhood:
-    """An obstacle as `Neighbourhood` and `Search` in one.
+class ObstacleCandidates:
+    """An obstacle as `SegmentCandidates` and `GlobalSearch` in one.
 
     Segments are the obstacle's facets; pairs consist of the node alone, so
     that d = 3 and no rank needs anything of another. Local, but for `approach`.
@@ -43,7 +43,7 @@ class ObstacleNeighbourhood:
         self.key = obstacle.key
         self.size = np.full(len(self.key), nodes.size)
 
-    def update(self, x: Floats, reach: float) -> tuple["ObstacleNeighbourhood", bool]:
+    def update(self, x: Floats, reach: float) -> tuple["ObstacleCandidates", bool]:
         """Itself: there is nothing to search."""
         return self, False
 
@@ -57,11 +57,11 @@ class ObstacleNeighbourhood:
         return float(reductions.largest(self._nodes.V.mesh.comm, moved))
 
     @property
-    def neighbourhood(self) -> "ObstacleNeighbourhood":
+    def candidates(self) -> "ObstacleCandidates":
         """Itself."""
         return self
 
-    def exchange(self, archive: Archive, name: str) -> None:
+    def serialize(self, archive: Archive, name: str) -> None:
         """Nothing: an obstacle has no state."""
 
     def find(self, key: GlobalInts) -> Ints:
@@ -96,7 +96,7 @@ class ObstacleNeighbourhood:
         found, gap = self.obstacle.find(x[nodes], current, slack, reach)
         return found, np.where(found >= 0, gap, np.nan)
 
-    def press(
+    def penalty_forces(
         self,
         x: Floats,
         numbers: Ints,
@@ -105,7 +105,7 @@ class ObstacleNeighbourhood:
         reach: float,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Springs of nodes inside, see `Neighbourhood.press`."""
+        """Springs of nodes inside, see `SegmentCandidates.press`."""
         segment, gap = self.pair(x, nodes, current, reach)
         (inside,) = (gap < 0).nonzero()
         nodes, facet, depth = nodes[inside], segment[inside], gap[inside]

@@ -1,7 +1,7 @@
 """Contact of a surface with itself: search that leaves out neighbours.
 
 What a node may touch is decided by normals, by the thickness of the cells
-and by the positions at rest, see `cpp/nts/search/own_surface.h`.
+and by the positions at rest, see `cpp/nts/search/self_contact.h`.
 
 Multipliers on a surface that touches itself: which nodes may have one.
 
@@ -16,24 +16,29 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface, area_vectors
-from dolfinx_nts.search.candidates import Neighbourhood
-from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.global_search import GlobalSearch
 
-__all__ = ["OwnNeighbourhood", "OwnSearch", "independent"]
+__all__ = ["SelfContactCandidates", "SelfContactSearch", "independent_nodes"]
 
 
-class OwnNeighbourhood(Neighbourhood):
+class SelfContactCandidates(SegmentCandidates):
     """Segments of a surface within reach of its own nodes. Collective.
 
     Args:
-        here: The segments; among them all those around this rank's nodes.
+        candidates: The segments; among them all those around this rank's nodes.
         X: Positions at rest of the owned nodes, shape ``(n, 3)`` [m].
     """
 
-    def __init__(self, here: Neighbourhood, X: Floats) -> None:
+    def __init__(self, candidates: SegmentCandidates, X: Floats) -> None:
         """Fetch the positions at rest."""
         super().__init__(
-            here.index_map, here.segments, here.orientation, here.key, here.size, here.thickness
+            candidates.index_map,
+            candidates.segments,
+            candidates.orientation,
+            candidates.key,
+            candidates.size,
+            candidates.thickness,
         )
         self._X = self.with_ghosts(X)
         self._N = self._normals(self._X)
@@ -63,20 +68,20 @@ class OwnNeighbourhood(Neighbourhood):
         return normals
 
 
-class OwnSearch(Search):
+class SelfContactSearch(GlobalSearch):
     """Keeps the neighbourhood of a surface with itself up to date."""
 
-    def _exchange(self, x: Floats, reach: float) -> OwnNeighbourhood:
+    def _exchange(self, x: Floats, reach: float) -> SelfContactCandidates:
         X = self._nodes.V.tabulate_dof_coordinates()
         num_owned = self._nodes.V.dofmap.index_map.size_local
-        return OwnNeighbourhood(super()._exchange(x, reach), X[:num_owned])
+        return SelfContactCandidates(super()._exchange(x, reach), X[:num_owned])
 
 
-def independent(
-    here: Neighbourhood,
+def independent_nodes(
+    candidates: SegmentCandidates,
     surface: Surface,
     segment: Ints,
-    candidates: Flags,
+    eligible: Flags,
     urgency: GlobalInts,
 ) -> Flags:
     """Nodes of which none is a vertex of the segment of another. Collective.
@@ -86,18 +91,18 @@ def independent(
     does not depend on the partition.
 
     Args:
-        here: Segments in reach.
+        candidates: Segments in reach.
         surface: The surface.
         segment: Segment of each node or -1, shape ``(n,)``.
-        candidates: Nodes that have a segment and may be taken, ``(n,)``.
+        eligible: Nodes that have a segment and may be taken, ``(n,)``.
         urgency: What comes first, shape ``(n,)``.
 
     Returns:
         Flags, shape ``(n,)``.
     """
-    node = np.flatnonzero(candidates)
-    dofs = here.dofs(surface.nodes[node], segment[node])
-    ids = here.index_map.local_to_global(dofs.ravel()).reshape(dofs.shape)
+    node = np.flatnonzero(eligible)
+    dofs = candidates.dofs(surface.nodes[node], segment[node])
+    ids = candidates.index_map.local_to_global(dofs.ravel()).reshape(dofs.shape)
     order = np.column_stack([-urgency[node], surface.node_ids[node], ids])
     everywhere = np.concatenate(surface.V.mesh.comm.allgather(order))
     everywhere = everywhere[np.lexsort((everywhere[:, 1], everywhere[:, 0]))]
@@ -107,6 +112,6 @@ def independent(
         if first not in covered and taken.isdisjoint(vertices):
             taken.add(first)
             covered.update(vertices)
-    flags: Flags = np.zeros_like(candidates)
+    flags: Flags = np.zeros_like(eligible)
     flags[node] = [first in taken for first in ids[:, 0].tolist()]
     return flags

@@ -10,10 +10,10 @@ from dolfinx import la
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel.communication import exchanged
 
-__all__ = ["BlockRows"]
+__all__ = ["BlockCSR"]
 
 
-class BlockRows:
+class BlockCSR:
     """Owned rows of a matrix of 3 x 3 blocks, as DOLFINx stores it.
 
     Args:

@@ -17,12 +17,12 @@ from dolfinx import la
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockRows
+from dolfinx_nts.solvers.block_csr import BlockCSR
 
-__all__ = ["KeptFactors", "KeptRows"]
+__all__ = ["BlockILU", "SinglePrecisionOperator"]
 
 
-class KeptFactors:
+class BlockILU:
     """ILU(0) of a matrix in single precision, see `cpp/nts/solvers/incomplete_factors.h`.
 
     Args:
@@ -31,7 +31,7 @@ class KeptFactors:
     ``str`` tells the kind of factors.
     """
 
-    def __init__(self, rows: BlockRows) -> None:
+    def __init__(self, rows: BlockCSR) -> None:
         """Wait for values. Collective."""
         self._rows = rows
         self._alone = bool(rows.index_map.comm.size == 1)
@@ -107,7 +107,7 @@ def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
     return order
 
 
-class KeptRows:
+class SinglePrecisionOperator:
     """Context of a shell matrix: the present values of some rows. Collective.
 
     They are copied, in single precision: products wait for memory.
@@ -116,7 +116,7 @@ class KeptRows:
         rows: Owned rows of the matrix.
     """
 
-    def __init__(self, rows: BlockRows) -> None:
+    def __init__(self, rows: BlockCSR) -> None:
         """Copy."""
         self._map = rows.index_map
         self._matrix = _kernels.SingleMatrix(rows.start, rows.column, rows.value)

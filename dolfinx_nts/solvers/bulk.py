@@ -18,7 +18,7 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockRows
+from dolfinx_nts.solvers.block_csr import BlockCSR
 
 __all__ = ["Bulk"]
 
@@ -86,7 +86,7 @@ class Bulk:
         self._local: Floats = self._vector.array
         self.num_owned = 3 * V.dofmap.index_map.size_local
         self.num_dofs = 3 * V.dofmap.index_map.size_global
-        self._rows: BlockRows | None = None
+        self._rows: BlockCSR | None = None
         self._pattern: fem.Form  # has that of all matrices
         self._matrix: Any = None
         self._stiffness: Floats | None = None
@@ -206,7 +206,7 @@ class Bulk:
     def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
         if self._rows is None:
             self._pattern = forms[0]
-            self._rows = BlockRows(fem.create_matrix(self._pattern))
+            self._rows = BlockCSR(fem.create_matrix(self._pattern))
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:
@@ -270,7 +270,7 @@ class Bulk:
         return PETSc.NullSpace().create(vectors=vectors, comm=self.comm)
 
     @property
-    def rows(self) -> BlockRows:
+    def rows(self) -> BlockCSR:
         """Owned rows of the last matrix."""
         assert self._rows is not None
         return self._rows

@@ -22,13 +22,13 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
-from dolfinx_nts.solvers.block_csr import BlockRows
+from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
 
-__all__ = ["GlobalPairs", "OverlappingDomain", "Patch", "WholeDomain"]
+__all__ = ["ContactSchwarz", "OverlappingSubdomain", "SerialSubdomain", "SharedPairs"]
 
 
-class GlobalPairs:
+class SharedPairs:
     """Active pairs with global numbers of the nodes.
 
     Args:
@@ -43,7 +43,7 @@ class GlobalPairs:
         self.rank, self.normal, self.gradients, self.columns, self.tangent = arrays
 
     @classmethod
-    def of(cls, p: ActivePairs) -> "GlobalPairs":
+    def of(cls, p: ActivePairs) -> "SharedPairs":
         """Those of this rank."""
         return cls(p.global_dofs(), p.rank, p.normal, p.gradients, p.columns, p.tangent)
 
@@ -57,18 +57,18 @@ class GlobalPairs:
         return self.nodes, self.rank, self.normal, self.gradients, self.columns, self.tangent
 
 
-class WholeDomain:
+class SerialSubdomain:
     """The nodes of the only rank.
 
     Args:
         rows: Bulk tangent; its values may change.
     """
 
-    def __init__(self, rows: BlockRows) -> None:
+    def __init__(self, rows: BlockCSR) -> None:
         """Wait for pairs."""
-        self._factors = _kernels.Patch(rows.start, rows.column, rows.value)
+        self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value)
 
-    def build(self, pairs: Sequence[GlobalPairs], version: int) -> None:
+    def build(self, pairs: Sequence[SharedPairs], version: int) -> None:
         """Choose the nodes for some pairs, and factorise.
 
         Args:
@@ -81,11 +81,11 @@ class WholeDomain:
         self._factors.build()
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `Patch.correct`."""
+        """Constrain z and correct it, as `ContactSchwarz.correct`."""
         self._factors.correct(r, z)
 
 
-class OverlappingDomain:
+class OverlappingSubdomain:
     """Nodes around the pairs of the nodes that a rank owns, and of their neighbours.
 
     Collective, as all its methods.
@@ -94,7 +94,7 @@ class OverlappingDomain:
         rows: Bulk tangent of the owned nodes; its values may change.
     """
 
-    def __init__(self, rows: BlockRows) -> None:
+    def __init__(self, rows: BlockCSR) -> None:
         """Learn which nodes the rows of other ranks reach."""
         self._rows, space = rows, rows.index_map
         self._ends = np.array(space.comm.allgather(space.local_range[1]))
@@ -106,7 +106,7 @@ class OverlappingDomain:
         self._version = -1
         self._contacts: GlobalInts  # nodes of pairs for which there are rows
 
-    def build(self, pairs: Sequence[GlobalPairs], version: int) -> None:
+    def build(self, pairs: Sequence[SharedPairs], version: int) -> None:
         """Factorise for the pairs of this rank.
 
         Rows that are here from the last time are used again.
@@ -137,7 +137,7 @@ class OverlappingDomain:
         halo = np.setdiff1d(column, domain)
         self._num_rows = len(domain)
         self._place = _Places(domain, halo)
-        self._factors = _kernels.Patch(start, self._place(column), value)
+        self._factors = _kernels.ContactSchwarz(start, self._place(column), value)
 
         nodes = np.concatenate([domain, halo])
         own = (nodes >= first) & (nodes < last)
@@ -155,18 +155,18 @@ class OverlappingDomain:
         # Owned nodes whose values somebody needs.
         self._needed = np.union1d(compat.shared(index_map), self._position[own])
 
-    def _at_owners(self, pairs: GlobalPairs) -> GlobalPairs:
+    def _at_owners(self, pairs: SharedPairs) -> SharedPairs:
         """Pairs that nodes of this rank take part in."""
         owner = np.searchsorted(self._ends, pairs.nodes, side="right")
         return self._sent(pairs, [owner == rank for rank in range(len(self._ends))])
 
-    def _shared(self, pairs: GlobalPairs) -> GlobalPairs:
+    def _shared(self, pairs: SharedPairs) -> SharedPairs:
         """These, and those of the nodes that rows of this rank reach."""
         taking = [np.isin(pairs.nodes, nodes) for nodes in self._reached]
         taking[self._rows.index_map.comm.rank][:] = True
         return self._sent(pairs, taking)
 
-    def _sent(self, pairs: GlobalPairs, taking: list[Flags]) -> GlobalPairs:
+    def _sent(self, pairs: SharedPairs, taking: list[Flags]) -> SharedPairs:
         """What ranks send to this one, each pair once.
 
         Args:
@@ -181,10 +181,10 @@ class OverlappingDomain:
         )
         arrays: Any = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
         _, once = np.unique(arrays[0][:, 0], return_index=True)
-        return GlobalPairs(*(array[once] for array in arrays))
+        return SharedPairs(*(array[once] for array in arrays))
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `Patch.correct`."""
+        """Constrain z and correct it, as `ContactSchwarz.correct`."""
         both: Floats = self._vector.array.reshape(-1, 6)
         needed = self._needed
         both[needed, :3], both[needed, 3:] = r[needed], z[needed]
@@ -217,8 +217,8 @@ def _unique(arrays: list[Any]) -> GlobalInts:
     return unique
 
 
-class Patch:
-    """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/patch.h`.
+class ContactSchwarz:
+    """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/contact_schwarz.h`.
 
     Args:
         rows: Bulk tangent of the owned nodes; its values may change.
@@ -227,13 +227,13 @@ class Patch:
         num_builds: Factorisations so far.
     """
 
-    def __init__(self, rows: BlockRows) -> None:
+    def __init__(self, rows: BlockCSR) -> None:
         """Wait for pairs."""
         self._comm: MPI.Comm = rows.index_map.comm
         self._pairing = b""
         self._version = -1
-        self._domain = (WholeDomain if self._comm.size == 1 else OverlappingDomain)(rows)
-        self._pairs: list[GlobalPairs] = []
+        self._domain = (SerialSubdomain if self._comm.size == 1 else OverlappingSubdomain)(rows)
+        self._pairs: list[SharedPairs] = []
         self.num_builds = 0
 
     def update(self, elimination: Elimination, version: int) -> None:
@@ -243,15 +243,15 @@ class Patch:
             elimination: Active pairs.
             version: Number of the matrix's values.
         """
-        is_new = version != self._version or elimination.pairing != self._pairing
+        is_new = version != self._version or elimination.local_search != self._pairing
         if not reductions.anywhere(self._comm, is_new):
             return
-        self._version, self._pairing = version, elimination.pairing
-        self._pairs = [GlobalPairs.of(pairs) for pairs in elimination.pairs]
+        self._version, self._pairing = version, elimination.local_search
+        self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
         self._build()
 
-    def exchange(self, archive: Archive, version: int) -> None:
-        """Exchange what the patch was last made of. Collective.
+    def serialize(self, archive: Archive, version: int) -> None:
+        """Serialize what the patch was last made of. Collective.
 
         Args:
             archive: Takes it or gives it.
@@ -264,7 +264,7 @@ class Patch:
         self._version = -1
         if kept is not None:
             parts = [kept[i : i + 6] for i in range(0, len(kept), 6)]
-            self._pairs = [GlobalPairs(*part) for part in parts]
+            self._pairs = [SharedPairs(*part) for part in parts]
             self._pairing = b"".join(a.tobytes() for part in parts for a in part[:2])
             self._version = version
             self._build()

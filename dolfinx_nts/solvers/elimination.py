@@ -26,43 +26,43 @@ from dolfinx import la
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactState
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Neighbourhood
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
 
-__all__ = ["ActivePairs", "Coupling", "Elimination", "Excerpt"]
+__all__ = ["ActivePairs", "Coupling", "Elimination", "PartialScatter"]
 
 
 _NONE = np.empty(0)
 
 
-class Excerpt:
+class PartialScatter:
     """Some nodes: only what they and other ranks need of a nodal vector is touched.
 
     Vectors are over the owned nodes, shape ``(n, 3)``, and excerpts over
     these nodes, shape ``(m, 3)``.
 
     Args:
-        here: The neighbourhood.
+        candidates: The neighbourhood.
         nodes: Numbers in its index map, ascending, shape ``(m,)``.
     """
 
-    def __init__(self, here: Neighbourhood, nodes: Ints) -> None:
+    def __init__(self, candidates: SegmentCandidates, nodes: Ints) -> None:
         """Divide them into owned ones and ghosts."""
-        self._here, self._num_nodes = here, len(nodes)
-        self._num_owned = int(np.searchsorted(nodes, here.index_map.size_local))
+        self._here, self._num_nodes = candidates, len(nodes)
+        self._num_owned = int(np.searchsorted(nodes, candidates.index_map.size_local))
         self._owned, self._ghosts = np.split(nodes, [self._num_owned])
 
     def take(self, x: Floats) -> Floats:
-        """Excerpt of a vector. Collective."""
+        """PartialScatter of a vector. Collective."""
         shared, values = self._here.shared, self._values
         values[shared] = x[shared]
         self._here.vector.scatter_forward()
         return np.concatenate([x[self._owned], values[self._ghosts]])
 
     def owned(self, y: Floats) -> Floats:
-        """Excerpt of a vector, zero at ghosts. Local."""
+        """PartialScatter of a vector, zero at ghosts. Local."""
         part = np.zeros((self._num_nodes, 3))
         part[: self._num_owned] = y[self._owned]
         return part
@@ -83,14 +83,14 @@ class Excerpt:
 
 
 class ActivePairs(NamedTuple):
-    """Active pairs of one contact pair, see `ContactState`.
+    """Active pairs of one contact pair, see `ContactContribution`.
 
     Attributes:
         kernel: The projections on their constraints, in an excerpt.
         excerpt: Their nodes; None where a rank knows all values: then it is
             the vector itself.
         place: Of ``dofs`` in the excerpt, shape ``(m, 1+k)``.
-        here: Neighbourhood that carries their values between ranks.
+        candidates: SegmentCandidates that carries their values between ranks.
         fixed: Whether the node cannot give up what constraints determine.
         excess: What they should make zero, shape ``(m, 3)`` [m].
         dofs: Nodes in its index map, shape ``(m, 1+k)``.
@@ -102,9 +102,9 @@ class ActivePairs(NamedTuple):
     """
 
     kernel: _kernels.Elimination
-    excerpt: Excerpt | None
+    excerpt: PartialScatter | None
     place: Ints
-    here: Neighbourhood | ObstacleNeighbourhood
+    candidates: SegmentCandidates | ObstacleCandidates
     fixed: Flags
     excess: Floats
     dofs: Array
@@ -115,7 +115,9 @@ class ActivePairs(NamedTuple):
     tangent: Floats
 
     @classmethod
-    def of(cls, here: Neighbourhood | ObstacleNeighbourhood, state: ContactState) -> "ActivePairs":
+    def of(
+        cls, candidates: SegmentCandidates | ObstacleCandidates, state: ContactContribution
+    ) -> "ActivePairs":
         """The active ones of a state."""
         arrays: tuple[Any, ...] = (
             *(state.fixed, state.excess, state.dofs, state.rank),
@@ -125,16 +127,16 @@ class ActivePairs(NamedTuple):
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
         excerpt, place = None, arrays[2]
-        if isinstance(here, Neighbourhood) and not here.is_serial:
+        if isinstance(candidates, SegmentCandidates) and not candidates.is_serial:
             nodes, place = np.unique(place, return_inverse=True)
-            excerpt = Excerpt(here, nodes)
+            excerpt = PartialScatter(candidates, nodes)
             place = place.reshape(arrays[2].shape).astype(np.int32)
         kernel = _kernels.Elimination(place, *arrays[3:])
-        return cls(kernel, excerpt, place, here, *arrays)
+        return cls(kernel, excerpt, place, candidates, *arrays)
 
     def global_dofs(self) -> Array:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
-        index_map = self.here.index_map
+        index_map = self.candidates.index_map
         if index_map.size_local == index_map.size_global:
             return self.dofs
         nodes = index_map.local_to_global(self.dofs.ravel())
@@ -163,16 +165,16 @@ class Elimination:
         pairing: Tells the same nodes and constraints from others.
     """
 
-    def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactState]) -> None:
+    def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
         """Compress the arrays to the active pairs."""
         # An exchange is collective: leave out what is empty on all ranks.
         self.pairs = [
-            ActivePairs.of(step.neighbourhood, state)
+            ActivePairs.of(step.candidates, state)
             for step, state in zip(steps, states, strict=True)
             if step.num_active
         ]
         parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
-        self.pairing = b"".join(part.tobytes() for part in parts)
+        self.local_search = b"".join(part.tobytes() for part in parts)
 
     @property
     def empty(self) -> bool:
@@ -227,7 +229,7 @@ class Coupling:
         if elimination.empty:
             return False
         fixed = b"".join(p.fixed.tobytes() for p in elimination.pairs)
-        pairing = elimination.pairing, fixed
+        pairing = elimination.local_search, fixed
         if reductions.anywhere(self._comm, pairing != self._pairing):
             self._pairing = pairing
             self._is_coupled = reductions.anywhere(self._comm, _coupled(elimination.pairs))
@@ -241,11 +243,11 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     blocked = False
     for p in pairs:
         constrained = p.rank > 0
-        marks: Floats = np.zeros((p.here.num_local, 3))
+        marks: Floats = np.zeros((p.candidates.num_local, 3))
         marks[p.constrained, 0] = 1  # each node is in one pair of a contact pair
         marks[p.dofs[~constrained, 0], 1] = 1
         marks[p.dofs[:, 1:].ravel(), 1] = 1
-        marks = p.here.to_owners(marks)
+        marks = p.candidates.to_owners(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
         blocked = blocked or bool(p.fixed[constrained].any())
     return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())

@@ -19,12 +19,12 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactState
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.elimination import Coupling, Elimination
 from dolfinx_nts.solvers.preconditioner import Operator, Preconditioner
-from dolfinx_nts.solvers.saddle_point import SaddleSystem
+from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 
 __all__ = ["LinearSolver"]
 
@@ -134,7 +134,7 @@ class LinearSolver:
         self._ksp.setFromOptions()
         self._x, self._b = self._matrix.createVecs()
         self._coupling = Coupling(bulk.comm)
-        self._saddle = SaddleSystem(bulk)
+        self._saddle = SaddlePointSystem(bulk)
         self._age = _Age()
         self.num_iterations = self.num_direct = 0
 
@@ -142,7 +142,7 @@ class LinearSolver:
         self,
         R: Floats,
         steps: Sequence[ContactStep],
-        states: Sequence[ContactState],
+        states: Sequence[ContactContribution],
         rtol: float,
     ) -> tuple[Floats, list[Floats] | None]:
         """Increments of one Newton iteration. Collective.
@@ -189,9 +189,9 @@ class LinearSolver:
             f"{pc.num_patches} of patches, {self.num_direct} systems factorised as a whole"
         )
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange what is kept from step to step. Collective."""
-        self._preconditioner.exchange(archive)
+    def serialize(self, archive: Archive) -> None:
+        """Serialize what is kept from step to step. Collective."""
+        self._preconditioner.serialize(archive)
         age = archive.same("age_of_factors", self._age.values())
         if archive.giving:
             known = self._preconditioner.point is not None
@@ -246,7 +246,7 @@ class LinearSolver:
         return float(np.sqrt(2 * greatest))
 
     def _solve_direct(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
     ) -> tuple[Floats, list[Floats]]:
         self.num_direct += 1
         return self._saddle.solve(R, steps, states)

@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
-from dolfinx_nts.contact.implicit.contributions import ContactState
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
@@ -73,7 +73,7 @@ class ConvergenceError(RuntimeError):
 class Solution:
     """State of the contacts at the end of the iteration, residual [N]."""
 
-    states: tuple[ContactState, ...]
+    states: tuple[ContactContribution, ...]
     R: Floats
     R_bulk: Floats
     report: NewtonReport

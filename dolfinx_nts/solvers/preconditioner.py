@@ -7,9 +7,9 @@ from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.solvers.block_ilu import KeptFactors, KeptRows
+from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_schwarz import Patch
+from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
 from dolfinx_nts.solvers.elimination import Elimination
 
 __all__ = ["Operator", "Preconditioner"]
@@ -62,12 +62,12 @@ class Preconditioner:
     """Context of the shell preconditioner: kept factors and a patch.
 
     The factors are of the bulk and age slowly; the patch is of the
-    contacts of this Newton iteration (`cpp/nts/solvers/patch.h`).
+    contacts of this Newton iteration (`cpp/nts/solvers/contact_schwarz.h`).
 
     Args:
         operator: The operator.
         prefix: Of the PETSc options of the bulk's factors. If there are
-            any, PETSc makes the factors; otherwise `KeptFactors`, until
+            any, PETSc makes the factors; otherwise `BlockILU`, until
             stronger ones are needed.
 
     Attributes:
@@ -84,9 +84,9 @@ class Preconditioner:
         self._pc = PETSc.PC().create(operator.bulk.comm)
         self._pc.setOptionsPrefix(prefix)
         self._wants_own = not PETSc.Options(prefix).getAll()
-        self._own: KeptFactors | None = None
+        self._own: BlockILU | None = None
         self._scalar: Any = None
-        self._patch: Patch | None = None
+        self._patch: ContactSchwarz | None = None
         self._kind = ""
         self._set: list[str] = []  # options that the user left open
         self.is_strong = False
@@ -109,7 +109,7 @@ class Preconditioner:
         bulk.assemble_nearby()
         if self._wants_own and not self.is_strong:
             if self._own is None:
-                self._own = KeptFactors(bulk.rows)
+                self._own = BlockILU(bulk.rows)
             if not self._own.build():
                 self.strengthen()
         if self._own is None:
@@ -135,7 +135,7 @@ class Preconditioner:
                 matrix.setNearNullSpace(self._operator.bulk.rigid_modes())
         smooths = self._pc.getType() == "gamg" and self._wants_own
         if smooths:
-            operator = KeptRows(self._operator.bulk.rows).matrix()
+            operator = SinglePrecisionOperator(self._operator.bulk.rows).matrix()
         self._pc.setUseAmat(smooths)
         self._pc.setOperators(operator, matrix)
         self._pc.setUp()
@@ -148,14 +148,14 @@ class Preconditioner:
         With PETSc's, scalar and in double precision, iterations take half as long again.
         """
         finest = self._pc.getMGLevels() - 1
-        factors = KeptFactors(self._operator.bulk.rows)
+        factors = BlockILU(self._operator.bulk.rows)
         if finest > 0 and factors.build():
             pc = self._pc.getMGSmoother(finest).getPC()
             pc.setType("python")
             pc.setPythonContext(_Smoother(factors))
 
-    def exchange(self, archive: Archive) -> None:
-        """Exchange where factors and patch were made. Collective."""
+    def serialize(self, archive: Archive) -> None:
+        """Serialize where factors and patch were made. Collective."""
         bulk = self._operator.bulk
         shared = archive.same("factors_are_last", self.point is bulk.point)
         strong = archive.same("factors_are_strong", self.is_strong)
@@ -164,9 +164,9 @@ class Preconditioner:
         if archive.giving and not (last is bulk.point and point is self.point):
             self._restore(point, last, strong)
         if self._patch is None and bulk.point is not None:
-            self._patch = Patch(bulk.rows)
+            self._patch = ContactSchwarz(bulk.rows)
         if self._patch is not None:
-            self._patch.exchange(archive, bulk.num_tangents)
+            self._patch.serialize(archive, bulk.num_tangents)
 
     def _restore(
         self,
@@ -216,7 +216,7 @@ class Preconditioner:
     def prepare(self) -> None:
         """Bring the patch up to the present pairs and factors. Collective."""
         if self._patch is None:
-            self._patch = Patch(self._operator.bulk.rows)
+            self._patch = ContactSchwarz(self._operator.bulk.rows)
         self._patch.update(self._operator.elimination, self._operator.bulk.num_tangents)
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
@@ -234,7 +234,7 @@ class Preconditioner:
 class _Smoother:
     """Context of kept factors for PETSc."""
 
-    def __init__(self, factors: KeptFactors) -> None:
+    def __init__(self, factors: BlockILU) -> None:
         self._factors = factors
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:

@@ -18,18 +18,18 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactState
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 
-__all__ = ["SaddleSystem"]
+__all__ = ["SaddlePointSystem"]
 
 
 # Compliance of a constraint, relative to that of the stiffest node.
 _DEPENDENT = 1e-10
 
 
-class SaddleSystem:
+class SaddlePointSystem:
     """The whole system, factorised by MUMPS.
 
     Args:
@@ -41,7 +41,7 @@ class SaddleSystem:
         self._bulk = bulk
 
     def solve(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactState]
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
     ) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
 
@@ -86,7 +86,7 @@ class SaddleSystem:
         right[: last - first] = -R
         for step, state in zip(steps, states, strict=True):
             active = np.flatnonzero(state.active)
-            nodes = step.neighbourhood.index_map.local_to_global(state.dofs[active].ravel())
+            nodes = step.candidates.index_map.local_to_global(state.dofs[active].ravel())
             dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
             dofs = dofs.reshape(len(active), state.residual.shape[1])
             for i, pair_dofs in zip(active, dofs, strict=True):

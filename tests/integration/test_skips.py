@@ -19,7 +19,7 @@ def ball_plate(comm, law, monkeypatch=None):
     """Return the scene; with ``monkeypatch`` no body is left out."""
     scene = scenes.ball_plate(comm, enforcement=LAWS[law], shift=scenes.NO_TIES)
     if monkeypatch:
-        monkeypatch.setattr(scene.stepper._rest, "find", lambda *_: None)
+        monkeypatch.setattr(scene.stepper._sleeping, "find", lambda *_: None)
     return scene
 
 
@@ -35,11 +35,11 @@ def test_plate_is_left_out_until_the_ball_comes(comm, law, monkeypatch):
     for _ in range(9):
         before = num_cells(scene)
         report, other = scene.stepper.advance(), reference.stepper.advance()
-        assert other.num_resting == 0
-        if report.num_resting:
+        assert other.num_sleeping == 0
+        if report.num_sleeping:
             # 432 cells of the ball, 100 of the plate.
             assert num_cells(scene) == 432 and before in (432, 532)
-        resting.append(report.num_resting)
+        resting.append(report.num_sleeping)
         active.append(report.num_active)
         np.testing.assert_allclose(scene.positions(), reference.positions(), rtol=0, atol=1e-13)
     assert resting[:3] == [1, 1, 1] and sum(resting) < 9 and max(active) > 0
@@ -61,7 +61,7 @@ def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
     for _ in range(8):
         report = scene.stepper.advance()
     assert expected.num_active == report.num_active > 0
-    assert report.num_resting == 0
+    assert report.num_sleeping == 0
     np.testing.assert_allclose(scene.positions(), reference.positions(), rtol=0, atol=1e-13)
 
 
@@ -90,23 +90,23 @@ def test_what_moves_a_body_wakes_it(comm, reason):
     if reason == "velocity":
         stepper.set_velocity(plate, (0.0, 0.0, 1e-12))
     stepper.set_velocity(scene.bodies["ball"], (0.0, 1.0, -1.0))
-    assert stepper.advance().num_resting == (1 if reason == "nothing" else 0)
+    assert stepper.advance().num_sleeping == (1 if reason == "nothing" else 0)
 
 
 def test_body_that_is_not_in_equilibrium_is_no_body_at_rest(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
     stepper.set_displacement(plate, lambda X: 1e-9 * X)
-    assert stepper.advance().num_resting == 0
+    assert stepper.advance().num_sleeping == 0
 
 
 def test_body_that_is_strained_while_it_rests_wakes(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
-    assert stepper.advance().num_resting == 1
+    assert stepper.advance().num_sleeping == 1
     stepper.set_displacement(plate, lambda X: 1e-3 * X)
     before = plate_motion(scene)
-    assert stepper.advance().num_resting == 0
+    assert stepper.advance().num_sleeping == 0
     assert plate_motion(scene) > before == 0
 
 
@@ -120,7 +120,7 @@ def test_body_moved_without_strain_still_rests(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
     stepper.set_displacement(plate, (0.0, 0.0, -0.25))
-    assert stepper.advance().num_resting == 1
+    assert stepper.advance().num_sleeping == 1
 
 
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
@@ -149,5 +149,5 @@ def test_without_friction_there_is_no_slip(comm, monkeypatch):
 
     scene = scenes.ball_plate(comm)
     scene.stepper.pairs[0].friction = None
-    monkeypatch.setattr("dolfinx_nts.search.candidates.Neighbourhood.slip", refuse)
+    monkeypatch.setattr("dolfinx_nts.search.candidates.SegmentCandidates.slip", refuse)
     assert any(scene.stepper.advance().num_active for _ in range(8))

@@ -79,7 +79,7 @@ class System:
         K_d = self.bulk.action(d)
         gaps = []
         for step, state in zip(self.steps, states, strict=True):
-            here = step.neighbourhood
+            here = step.candidates
             local = here.with_ghosts(d)[state.dofs].reshape(state.force.shape)
             values = np.einsum("mab,mb->ma", state.tangent, local)
             forces = np.zeros((here.num_local, 3))

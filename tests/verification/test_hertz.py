@@ -326,7 +326,7 @@ class Shift:
     """A pressed ball that is pushed aside.
 
     Attributes:
-        load: Tangential force / (mu times normal force).
+        load: StickSlip force / (mu times normal force).
         stick: Radius of the stick zone / contact radius.
         sliding: Mean distance of sliding nodes / contact radius.
         sticking: The same of sticking nodes.

@@ -11,10 +11,10 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Neighbourhood
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
 
-__all__ = ["Lookout"]
+__all__ = ["NeighbourList"]
 
 
 # Parts of a segment: a node so far from it or so deep in it belongs to it, and so
@@ -23,14 +23,14 @@ __all__ = ["Lookout"]
 _REACH, _MARGIN, _USED = 0.5, 0.5, 0.75
 
 
-class Lookout:
+class NeighbourList:
     """Nodes that may touch before the next look. Collective, as its methods.
 
     Args:
         pair: The pair.
 
     Attributes:
-        here: Segments in reach.
+        candidates: Segments in reach.
         number: The nodes by their positions in the surface's, shape ``(c,)``.
         nodes: The same by their numbers, shape ``(c,)``.
         stiffness: Of their springs, shape ``(c,)`` [N/m].
@@ -39,7 +39,7 @@ class Lookout:
         is_idle: Whether there are none on any rank.
     """
 
-    here: Neighbourhood | ObstacleNeighbourhood
+    candidates: SegmentCandidates | ObstacleCandidates
     number: Ints
     nodes: Ints
     stiffness: Floats
@@ -78,10 +78,10 @@ class Lookout:
         if np.isfinite(self._travelled):
             self._travelled = self._pair.search.approach(x, self._places)
         if self._travelled > _USED * margin:
-            self._look(x)
+            self._rebuild(x)
 
-    def exchange(self, archive: Archive, name: str, x: Floats) -> None:
-        """Exchange what was seen. After the pair.
+    def serialize(self, archive: Archive, name: str, x: Floats) -> None:
+        """Serialize what was seen. After the pair.
 
         Args:
             archive: Takes it or gives it.
@@ -95,48 +95,48 @@ class Lookout:
         if not archive.giving:
             return
         if seen is None:
-            self._look(x)
+            self._rebuild(x)
             return
         number, (travelled, is_idle), nodes, vertices = seen
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._places = nodes, vertices
-        here = self._pair.search.neighbourhood
-        self._choose(here, number, here.find(self._pair.history.key))
+        candidates = self._pair.search.candidates
+        self._choose(candidates, number, candidates.find(self._pair.history.key))
 
-    def _look(self, x: Floats) -> None:
+    def _rebuild(self, x: Floats) -> None:
         pair = self._pair
-        here, _ = pair.search.update(x, (_REACH + _MARGIN) * pair.segment_size)
+        candidates, _ = pair.search.update(x, (_REACH + _MARGIN) * pair.segment_size)
         if np.isinf(self._travelled):
-            current = here.find(pair.history.key)
+            current = candidates.find(pair.history.key)
         else:
             current = np.full(len(pair.nodes.nodes), -1, dtype=np.int32)
-            current[self.number] = self._current_in(here)
+            current[self.number] = self._current_in(candidates)
         self._travelled, self._places = 0.0, pair.search.places(x)
-        x = here.with_ghosts(x[: here.index_map.size_local])
-        near = here.near(x, pair.nodes.nodes, _MARGIN * pair.segment_size)
-        self._choose(here, near, current)
+        x = candidates.with_ghosts(x[: candidates.index_map.size_local])
+        near = candidates.near(x, pair.nodes.nodes, _MARGIN * pair.segment_size)
+        self._choose(candidates, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))
 
-    def _current_in(self, here: Neighbourhood | ObstacleNeighbourhood) -> Ints:
+    def _current_in(self, candidates: SegmentCandidates | ObstacleCandidates) -> Ints:
         """Last segments of the nodes in a neighbourhood or -1, shape ``(c,)``."""
-        if here is self.here:
+        if candidates is self.candidates:
             return self.current
         found = self.current >= 0
         segment: Ints = np.full(len(found), -1, dtype=np.int32)
-        segment[found] = here.find(self.here.key[self.current[found]])
+        segment[found] = candidates.find(self.candidates.key[self.current[found]])
         return segment
 
     def _choose(
-        self, here: Neighbourhood | ObstacleNeighbourhood, number: Ints, current: Ints
+        self, candidates: SegmentCandidates | ObstacleCandidates, number: Ints, current: Ints
     ) -> None:
         """Take some nodes.
 
         Args:
-            here: Segments in reach.
+            candidates: Segments in reach.
             number: The nodes.
             current: Last segment of each node of the surface or -1.
         """
         pair = self._pair
         assert pair.eps_N is not None
-        self.here, self.number, self.current = here, number, current[number]
+        self.candidates, self.number, self.current = candidates, number, current[number]
         self.nodes, self.stiffness = pair.nodes.nodes[number], pair.eps_N[number]

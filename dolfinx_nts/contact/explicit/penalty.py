@@ -18,15 +18,15 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.neighbour_list import Lookout
+from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.friction import transport
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.slip import Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Neighbourhood
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
 
 __all__ = ["ContactSprings", "SpringState"]
 
@@ -48,7 +48,7 @@ class SpringState(NamedTuple):
     """Forces of the springs of a pair at one state.
 
     Attributes:
-        neighbourhood: Owned nodes and ghosts of the forces; None where no
+        candidates: Owned nodes and ghosts of the forces; None where no
             rank has a node near a segment.
         springs: Springs of the active nodes, by their positions in the
             surface's nodes.
@@ -57,7 +57,7 @@ class SpringState(NamedTuple):
         history: Makes what the pair remembers of the state.
     """
 
-    neighbourhood: Neighbourhood | ObstacleNeighbourhood | None
+    candidates: SegmentCandidates | ObstacleCandidates | None
     springs: _kernels.Springs
     dissipation: Floats | None
     history: Callable[[], ContactHistory]
@@ -75,8 +75,8 @@ class SpringState(NamedTuple):
         Args:
             total: Shape ``(n, 3)`` [N].
         """
-        if self.neighbourhood is not None:
-            self.neighbourhood.add_to_owners(total, self.springs.dofs, self.springs.force)
+        if self.candidates is not None:
+            self.candidates.add_to_owners(total, self.springs.dofs, self.springs.force)
 
     @property
     def stored(self) -> float:
@@ -89,7 +89,7 @@ class SpringState(NamedTuple):
         Args:
             du: That of the owned nodes, shape ``(n, 3)`` [m].
         """
-        return du if self.neighbourhood is None else self.neighbourhood.with_ghosts(du)
+        return du if self.candidates is None else self.candidates.with_ghosts(du)
 
 
 class ContactSprings:
@@ -127,16 +127,16 @@ class ContactSprings:
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
-        self._lookout = Lookout(pair)
+        self._neighbours = NeighbourList(pair)
 
     def forget(self) -> None:
         """Look at all nodes again: the state was set."""
-        self._lookout.forget()
+        self._neighbours.forget()
 
-    def exchange(
+    def serialize(
         self, archive: Archive, name: str, state: SpringState | None, x: Floats
     ) -> SpringState:
-        """Exchange the last evaluation and the nodes that are looked at.
+        """Serialize the last evaluation and the nodes that are looked at.
 
         Collective, after the pair.
 
@@ -151,7 +151,7 @@ class ContactSprings:
             The evaluation.
         """
         pair = self.pair
-        self._lookout.exchange(archive, f"{name}/looked", x)
+        self._neighbours.serialize(archive, f"{name}/looked", x)
         k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
         force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
         if state is not None:
@@ -159,15 +159,15 @@ class ContactSprings:
         force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
         if state is not None and not archive.giving:
             return state
-        history, here = pair.history, self._lookout.here
+        history, candidates = pair.history, self._neighbours.candidates
         lost = None if pair.friction is None else history.dissipation
-        if self._lookout.is_idle:
+        if self._neighbours.is_idle:
             return SpringState.none(lambda: history, lost)
         node = np.flatnonzero(history.active).astype(np.int32)
         key = history.key[node]
-        dofs = here.dofs(pair.nodes.nodes[node], here.find(key))
+        dofs = candidates.dofs(pair.nodes.nodes[node], candidates.find(key))
         springs = _kernels.Springs(node, key, dofs, force[node], history.energy[node])
-        return SpringState(here, springs, lost, lambda: history)
+        return SpringState(candidates, springs, lost, lambda: history)
 
     @property
     def is_open(self) -> bool:
@@ -207,7 +207,7 @@ class ContactSprings:
     @property
     def num_segments(self) -> int:
         """Segments that this rank looks at."""
-        return len(self._lookout.here.size)
+        return len(self._neighbours.candidates.size)
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
         """Forces at x; never changes the pair.
@@ -219,32 +219,36 @@ class ContactSprings:
             step: Largest motion of any node since the last evaluation,
                 the same on all ranks [m].
         """
-        pair, seen = self.pair, self._lookout
+        pair, seen = self.pair, self._neighbours
         seen.update(x, step)
         if seen.is_idle:
             return self._nothing()
-        here, number, stiffness = seen.here, seen.number, seen.stiffness
-        x = here.with_ghosts(x[: here.index_map.size_local])
+        candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
+        x = candidates.with_ghosts(x[: candidates.index_map.size_local])
         nodes, current = seen.nodes, seen.current
-        segment, gap, springs = here.press(x, number, nodes, current, seen.reach, stiffness)
+        segment, gap, springs = candidates.penalty_forces(
+            x, number, nodes, current, seen.reach, stiffness
+        )
         seen.current = segment
         rubbed: dict[str, Any] = {}
         if pair.friction is not None:
-            x_n = here.with_ghosts(x_n[: here.index_map.size_local])
+            x_n = candidates.with_ghosts(x_n[: candidates.index_map.size_local])
             inside = gap < 0
-            rubbed = self._rub(x_n, x, springs, segment[inside], (stiffness * gap)[inside])
+            rubbed = self._friction_forces(
+                x_n, x, springs, segment[inside], (stiffness * gap)[inside]
+            )
 
         def history() -> ContactHistory:
             history, node = ContactHistory.none(len(self._reduced_mass)), springs.node
             paired, inside = segment >= 0, gap < 0
-            history.key[number[paired]] = here.key[segment[paired]]
+            history.key[number[paired]] = candidates.key[segment[paired]]
             history.gap[number] = gap
             history.active[node] = True
             history.lambda_N[node] = (stiffness * gap)[inside]
             history.energy[node], history.force[node] = springs.energy, springs.force[:, 0]
             return replace(history, **rubbed)
 
-        return SpringState(here, springs, rubbed.get("dissipation"), history)
+        return SpringState(candidates, springs, rubbed.get("dissipation"), history)
 
     def work(self, old: SpringState, new: SpringState, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on a displacement, on this rank. Collective.
@@ -257,10 +261,10 @@ class ContactSprings:
         Returns:
             Work by the causes of `ContactWork` [J].
         """
-        if old.neighbourhood is None and new.neighbourhood is None:
+        if old.candidates is None and new.candidates is None:
             return _NO_WORK
         du_old = old.displacement(du)
-        du_new = du_old if new.neighbourhood is old.neighbourhood else new.displacement(du)
+        du_new = du_old if new.candidates is old.candidates else new.displacement(du)
         lost = _NONE if new.dissipation is None else new.dissipation
         return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, lost)
 
@@ -281,7 +285,7 @@ class ContactSprings:
         energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
         return energy
 
-    def _rub(
+    def _friction_forces(
         self,
         x_n: Floats,
         x: Floats,
@@ -293,7 +297,7 @@ class ContactSprings:
         pair, node = self.pair, springs.node
         assert pair.friction is not None and pair.eps_T is not None
         old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._lookout.here.slip(x_n, x, springs.dofs, segments))
+        slip = Slip(self._neighbours.candidates.slip(x_n, x, springs.dofs, segments))
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
         slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))

@@ -1,6 +1,6 @@
 """Active set of exact contact: which nodes have a normal multiplier.
 
-Pivoting: which nodes of a set of violators change their state.
+BlockPivoting: which nodes of a set of violators change their state.
 
 Contact or none and stick or slip are decided node by node, but each decision
 changes what all others see.
@@ -12,11 +12,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.implicit.contributions import Rows
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ActiveSet", "Pivoting"]
+__all__ = ["ActiveSet", "BlockPivoting"]
 
 
 # Force of an active node, and gap times stiffness, that are none: of k h, as in
@@ -28,7 +28,7 @@ _PATIENCE = 3  # iterations without fewer violators until one node changes at a 
 _PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between
 
 
-class Pivoting:
+class BlockPivoting:
     """Block pivoting (Judice, Pires 1994) within Newton's method.
 
     All violators change while they become fewer; Murty's rule, only the
@@ -58,8 +58,8 @@ class Pivoting:
         Returns:
             Flags, shape ``(m,)``; and the violators on this rank.
         """
-        here = int(np.count_nonzero(violates))
-        count = reductions.total(self._comm, here)
+        num_violators = int(np.count_nonzero(violates))
+        count = reductions.total(self._comm, num_violators)
         if count < self._fewest:
             self._fewest, self._patience = count, _PATIENCE
         elif count and count >= self._last:
@@ -67,11 +67,11 @@ class Pivoting:
         self._last = count
         if count and self._patience < 0:
             if iteration % _PERIOD:
-                return np.zeros_like(violates), here
+                return np.zeros_like(violates), num_violators
             last = np.iinfo(np.int64).max
             lowest = reductions.least(self._comm, ids[violates].min(initial=last))
             violates = violates & (ids == lowest)
-        return violates, here
+        return violates, num_violators
 
 
 class ActiveSet:
@@ -90,10 +90,10 @@ class ActiveSet:
         """Start with nothing known."""
         self._law, self._stiffness = law, stiffness
         self._ids, self._size = pair.nodes.node_ids, pair.segment_size
-        self._pivoting = Pivoting(comm)
+        self._pivoting = BlockPivoting(comm)
 
     def update(
-        self, rows: Rows, before: Flags, lambda_N: Floats, iteration: int
+        self, rows: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
         """Decide. Collective.
 

@@ -11,10 +11,10 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.slip import Slip
 
-__all__ = ["ContactState", "Rows"]
+__all__ = ["ContactContribution", "PairKinematics"]
 
 
-class ContactState(NamedTuple):
+class ContactContribution(NamedTuple):
     """Pairs that may transmit force, evaluated between x_n and x.
 
     ``d`` stands for the 3(1+k) coordinates of a pair; rows and columns of
@@ -68,7 +68,7 @@ class ContactState(NamedTuple):
         return float(np.abs(self.excess[rows]).max(initial=0.0))
 
 
-class Rows:
+class PairKinematics:
     """Kernel values of pairs, before multipliers are known.
 
     Args:
@@ -77,7 +77,7 @@ class Rows:
         dofs: Nodes of the pair in the index map, shape ``(m, 1+k)``.
         free: 1 where the displacement is unknown, otherwise 0, shape
             ``(m, d)``; None if all are unknown.
-        values: What `Neighbourhood.contact` gives.
+        values: What `SegmentCandidates.contact` gives.
 
     Attributes:
         gap_n, gap: Gap at t_n and at x [m].

@@ -8,16 +8,16 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Neighbourhood
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
 
-__all__ = ["Pairing"]
+__all__ = ["LocalSearch"]
 
 
 _MOST_MOVES = 2  # a node that changed its segment this often keeps it
 
 
-class Pairing:
+class LocalSearch:
     """Nodes of a contact pair and their segments. Collective.
 
     Args:
@@ -27,7 +27,7 @@ class Pairing:
         x_trial: The same for the ballistic state x_n + h v_n.
 
     Attributes:
-        here: Segments in reach.
+        candidates: Segments in reach.
         way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the neighbourhood knows.
@@ -46,21 +46,21 @@ class Pairing:
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
-        here: Neighbourhood | ObstacleNeighbourhood
-        here, _ = pair.search.update(x_n, self.reach)
-        self.here, self._nodes = here, pair.nodes.nodes
-        self.x_n = here.with_ghosts(x_n[: here.index_map.size_local])
-        trial = here.with_ghosts(x_trial[: here.index_map.size_local])
+        candidates: SegmentCandidates | ObstacleCandidates
+        candidates, _ = pair.search.update(x_n, self.reach)
+        self.candidates, self._nodes = candidates, pair.nodes.nodes
+        self.x_n = candidates.with_ghosts(x_n[: candidates.index_map.size_local])
+        trial = candidates.with_ghosts(x_trial[: candidates.index_map.size_local])
 
-        self.last = here.find(pair.history.key)
-        self.segment_n, self.gap = here.pair(self.x_n, self._nodes, self.last, self.reach)
-        met, self.gap_trial = here.pair(trial, self._nodes, self.segment_n, self.reach)
+        self.last = candidates.find(pair.history.key)
+        self.segment_n, self.gap = candidates.pair(self.x_n, self._nodes, self.last, self.reach)
+        met, self.gap_trial = candidates.pair(trial, self._nodes, self.segment_n, self.reach)
         # The gap at t_n counts on the segment that the ballistic state meets.
         self.met: Ints = np.where(met >= 0, met, self.segment_n)
         self.gap_n = self.gap.copy()
         moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
-            self.gap_n[moved] = here.gap(self.x_n, self._nodes[moved], met[moved])
+            self.gap_n[moved] = candidates.gap(self.x_n, self._nodes[moved], met[moved])
         self.segment = self.segment_n.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
         self._is_calm = True  # no node has changed its segment too often
@@ -98,7 +98,7 @@ class Pairing:
         if not self._is_calm:
             free = node[self._moves[node] < _MOST_MOVES]
             current = self.segment[free]
-        found, gap = self.here.pair(x, self._nodes[free], current, self.reach, slack)
+        found, gap = self.candidates.pair(x, self._nodes[free], current, self.reach, slack)
         self.segment[free], self.gap[free] = found, gap
         segment = found if free is node else self.segment[node]
         return segment, segment != before

@@ -6,20 +6,20 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import transport
-from dolfinx_nts.contact.implicit.active_set import Pivoting
-from dolfinx_nts.contact.implicit.contributions import Rows
+from dolfinx_nts.contact.implicit.active_set import BlockPivoting
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.pair import ContactPair
 
-__all__ = ["Tangential"]
+__all__ = ["StickSlip"]
 
 
 _SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
 
 
-class Tangential:
+class StickSlip:
     """What friction adds to a `ContactStep`.
 
-    ``m`` pairs of `Rows` are a part of the ``n`` nodes of the surface;
+    ``m`` pairs of `PairKinematics` are a part of the ``n`` nodes of the surface;
     ``active`` tells which of the pairs transmit force, shape ``(m,)``.
 
     Args:
@@ -37,7 +37,7 @@ class Tangential:
         history, n = pair.history, len(stiffness)
         assert pair.friction is not None
         self._pair, self._law, self._stiffness = pair, pair.friction, stiffness
-        self._pivoting = Pivoting(comm)
+        self._pivoting = BlockPivoting(comm)
         # A node that arrives slides until it is found to stick.
         self.sliding: Flags = history.sliding | ~history.active
         self.traction: Floats = np.zeros((n, 2))
@@ -71,7 +71,7 @@ class Tangential:
         energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self._pair.eps_T)
         return energy
 
-    def update(self, rows: Rows, p: Floats, active: Flags, iteration: int) -> int:
+    def update(self, rows: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction. Collective.
 
         Args:
@@ -124,7 +124,7 @@ class Tangential:
         self.release(node[~active])
         return violators
 
-    def reduced(self, rows: Rows, R: Floats, active: Flags) -> tuple[Floats, Floats]:
+    def reduced(self, rows: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
         """What the normal multipliers have to balance, and their columns. Local.
 
         Args:
@@ -144,7 +144,9 @@ class Tangential:
         )
         return rest, column
 
-    def balance(self, rows: Rows, rest: Floats, lambda_N: Floats, active: Flags) -> Floats:
+    def balance(
+        self, rows: PairKinematics, rest: Floats, lambda_N: Floats, active: Flags
+    ) -> Floats:
         """Set the tractions that go with normal multipliers. Local.
 
         Args:
@@ -165,7 +167,7 @@ class Tangential:
         self.traction[rows.node] = np.where(active[:, None], traction, 0.0)
         return lambda_N
 
-    def follow(self, rows: Rows, lambda_N: Floats, active: Flags) -> None:
+    def follow(self, rows: PairKinematics, lambda_N: Floats, active: Flags) -> None:
         """Set the tractions of sliding nodes by their model. Local.
 
         What `balance` does for them, where multipliers were solved for.
@@ -180,7 +182,7 @@ class Tangential:
         traction = self._known(rows, active) - lambda_N[:, None] * self._direction[node]
         self.traction[node[slides]] = traction[slides]
 
-    def _known(self, rows: Rows, active: Flags) -> Floats:
+    def _known(self, rows: PairKinematics, active: Flags) -> Floats:
         """Tractions that do not scale with the pressing force, ``(m, 2)``."""
         node = rows.node
         explicit: Floats = self._explicit[node]
@@ -190,7 +192,7 @@ class Tangential:
         stick = self.sticks(node, active) & ~rows.fixed
         return np.where(stick[:, None], 0.0, explicit)
 
-    def add_to(self, rows: Rows, active: Flags, force: Floats, tangent: Floats) -> Floats:
+    def add_to(self, rows: PairKinematics, active: Flags, force: Floats, tangent: Floats) -> Floats:
         """Add tractions to forces and tangents of pairs. Local.
 
         Args:

@@ -7,11 +7,11 @@ namespace nts::bindings
 {
 void cells(nanobind::module_& m);
 void kinematics(nanobind::module_& m);
-void pairing(nanobind::module_& m);
+void local_search(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
-void patch(nanobind::module_& m);
+void contact_schwarz(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void springs(nanobind::module_& m);
 } // namespace nts::bindings
@@ -23,11 +23,11 @@ NB_MODULE(_kernels, m)
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
   nts::bindings::cells(m);
   nts::bindings::kinematics(m);
-  nts::bindings::pairing(m);
+  nts::bindings::local_search(m);
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
-  nts::bindings::patch(m);
+  nts::bindings::contact_schwarz(m);
   nts::bindings::leapfrog(m);
   nts::bindings::springs(m);
 }

@@ -48,10 +48,11 @@ private:
   Out<double> _force, _energy;
 };
 
-Springs press_pairs(const Ints& number, const Ints& node, const Ints& segment,
-                    const Doubles& xi, const Doubles& gap,
-                    const Doubles& normal, const Ints& segments,
-                    const Keys& key, const Doubles& stiffness)
+Springs penalty_forces_of_pairs(const Ints& number, const Ints& node,
+                                const Ints& segment, const Doubles& xi,
+                                const Doubles& gap, const Doubles& normal,
+                                const Ints& segments, const Keys& key,
+                                const Doubles& stiffness)
 {
   const std::size_t c = node.size();
   check("number", number, {c});
@@ -83,8 +84,8 @@ Springs press_pairs(const Ints& number, const Ints& node, const Ints& segment,
   dispatch(k,
            [&]<class S>()
            {
-             press<S>(pairs, chosen, view(segments), view(stiffness),
-                      view(dofs), view(force), view(energy));
+             penalty_forces<S>(pairs, chosen, view(segments), view(stiffness),
+                               view(dofs), view(force), view(energy));
            });
   return {numbers, keys, dofs, force, energy};
 }
@@ -123,9 +124,10 @@ void springs(nb::module_& m)
                    "Nodes and vertices of the pairs, (m, 1+k)")
       .def_prop_ro("force", &Springs::force, "On these, (m, 1+k, 3) [N]")
       .def_prop_ro("energy", &Springs::energy, "Stored, (m,) [J]");
-  m.def("press", &press_pairs, nb::arg("number"), nb::arg("node"),
-        nb::arg("segment"), nb::arg("xi"), nb::arg("gap"), nb::arg("normal"),
-        nb::arg("segments"), nb::arg("key"), nb::arg("stiffness"),
+  m.def("penalty_forces", &penalty_forces_of_pairs, nb::arg("number"),
+        nb::arg("node"), nb::arg("segment"), nb::arg("xi"), nb::arg("gap"),
+        nb::arg("normal"), nb::arg("segments"), nb::arg("key"),
+        nb::arg("stiffness"),
         "(c,), (c,), (c,), (c, 2), (c,), (c, 3), (s, k), (s,), (c,) -> springs "
         "of gaps < 0");
   m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),

@@ -1,9 +1,9 @@
-"""Pivoting: all violators while they become fewer, then one at a time."""
+"""BlockPivoting: all violators while they become fewer, then one at a time."""
 
 import numpy as np
 import pytest
 
-from dolfinx_nts.contact.implicit.active_set import Pivoting
+from dolfinx_nts.contact.implicit.active_set import BlockPivoting
 
 
 def ids_of(comm, n=4):
@@ -12,7 +12,7 @@ def ids_of(comm, n=4):
 
 
 def test_all_violators_change_while_they_become_fewer(comm):
-    pivoting, ids = Pivoting(comm), ids_of(comm)
+    pivoting, ids = BlockPivoting(comm), ids_of(comm)
     for count in (4, 3, 2, 1):
         violates = ids % 4 < count
         changes, violators = pivoting.select(violates, ids, 1)
@@ -21,7 +21,7 @@ def test_all_violators_change_while_they_become_fewer(comm):
 
 
 def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
-    pivoting, ids = Pivoting(comm), ids_of(comm)
+    pivoting, ids = BlockPivoting(comm), ids_of(comm)
     violates = np.ones(4, dtype=bool)
     totals = []
     for iteration in range(20):
@@ -38,7 +38,7 @@ def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
 
 
 def test_fewer_violators_than_ever_change_together_again(comm):
-    pivoting, ids = Pivoting(comm), ids_of(comm)
+    pivoting, ids = BlockPivoting(comm), ids_of(comm)
     for iteration in range(20):
         pivoting.select(np.ones(4, dtype=bool), ids, iteration)
     violates = ids % 4 < 3
@@ -56,7 +56,7 @@ def test_random_complementarity_problems_are_solved(comm, matrices):
         A = rng.normal(size=(n, n))
         A = A @ A.T + 0.1 * np.eye(n) + 0.5 * (A - A.T)
         b = rng.normal(size=n)
-        active, pivoting = np.zeros(n, dtype=bool), Pivoting(comm)
+        active, pivoting = np.zeros(n, dtype=bool), BlockPivoting(comm)
         mine = np.arange(n) % comm.size == comm.rank
         for iteration in range(2000):
             x = np.zeros(n)

@@ -121,7 +121,7 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     def forces(y):
         return step.evaluate(y, None, 1).residual
 
-    local = step.neighbourhood.with_ghosts(d)[state.dofs].reshape(state.residual.shape)
+    local = step.candidates.with_ghosts(d)[state.dofs].reshape(state.residual.shape)
     # Penalty has no constraints: all of the derivative is in the tangent.
     slope = np.einsum("mij,mj->mi", state.tangent, local)
     assert taylor_order(forces, x, d, slope) > 1.9

@@ -59,7 +59,7 @@ def test_forces_of_every_pair_are_in_equilibrium(comm, cell, scheme):
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
     force = state.force.reshape(*state.dofs.shape, 3)
-    here = step.neighbourhood
+    here = step.candidates
     x_mid = (here.with_ghosts(x) + here.with_ghosts(x_n)) / 2
     moment = np.cross(x_mid[state.dofs], force).sum(axis=1)
     worst = max(np.abs(force.sum(axis=1)).max(initial=0), np.abs(moment).max(initial=0))
@@ -73,7 +73,7 @@ def test_nodal_forces_of_all_ranks_sum_to_zero(comm, cell, scheme):
     scene = scenes.blocks(comm, cell=cell)
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
-    here = step.neighbourhood
+    here = step.candidates
     local = np.zeros((here.num_local, 3))
     np.add.at(local, state.dofs.ravel(), state.residual.reshape(-1, 3))
     total = here.to_owners(local)
@@ -89,7 +89,7 @@ def test_energy_momentum_force_works_with_the_change_of_the_gap(comm, scheme):
     scene = scenes.blocks(comm)
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
-    here = step.neighbourhood
+    here = step.candidates
     x, x_n = here.with_ghosts(x)[state.dofs], here.with_ghosts(x_n)[state.dofs]
     signs = here.orientation[state.segment]
     change = _kernels.project(x, signs)[1] - _kernels.project(x_n, signs)[1]
@@ -138,14 +138,14 @@ def test_penetrating_nodes_are_active_first_then_those_that_push(comm):
 def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeypatch, value):
     # A node without a gap must not go through unnoticed.
     step, x, _ = attempt(scenes.blocks(comm), "conserving")
-    kernel = step.neighbourhood.contact
+    kernel = step.candidates.contact
 
     def contact(*args):
         gap_n, gap, *rest, turn, status = kernel(*args)
         gap_n, gap, turn = (np.full_like(gap, of) for of in (value, value, np.nan))
         return gap_n, gap, *rest, turn, np.ones_like(status)
 
-    monkeypatch.setattr(step.neighbourhood, "contact", contact)
+    monkeypatch.setattr(step.candidates, "contact", contact)
     state = step.evaluate(x, None, 0)
     assert step.num_active == 0
     assert state.failed == (len(state.node) if np.isnan(value) else 0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
-from dolfinx_nts.contact.implicit.penetration import lost_nodes
-from dolfinx_nts.search.candidates import Neighbourhood
+from dolfinx_nts.contact.implicit.penetration import check_penetration
+from dolfinx_nts.search.candidates import SegmentCandidates
 
 pytestmark = pytest.mark.serial
 
@@ -28,7 +28,7 @@ def step_of(facets, before, after, held):
     segments = np.array(SEGMENTS[facets], dtype=np.int32)
     orientation = np.resize([1.0, -1.0] if facets == "triangle" else [1.0], len(segments))
     none = np.empty(0, dtype=np.int64)
-    here = Neighbourhood(
+    candidates = SegmentCandidates(
         compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32)),
         segments,
         orientation,
@@ -39,19 +39,19 @@ def step_of(facets, before, after, held):
     x_n, x = (np.array([[at[0], 0.4, at[1]], *FLAT, *STEEP]) for at in (before, after))
     node = np.zeros(1, dtype=np.int32)
     none_yet = np.full(1, -1, dtype=np.int32)
-    segment_n, gap_n = here.pair(x_n, node, none_yet, 2.0)
-    segment, gap = here.pair(x, node, segment_n, 2.0)
+    segment_n, gap_n = candidates.pair(x_n, node, none_yet, 2.0)
+    segment, gap = candidates.pair(x, node, segment_n, 2.0)
     if held[1] and segment[0] < 0:
         # Kept, as by a node that has changed its segment again and again.
-        segment, gap = segment_n, here.gap(x, node, segment_n)
+        segment, gap = segment_n, candidates.gap(x, node, segment_n)
     history = SimpleNamespace(active=np.array(held[:1]), gap=gap_n)
-    pairing = SimpleNamespace(
+    local_search = SimpleNamespace(
         x_n=x_n, reach=2.0, last=segment_n, segment_n=segment_n, segment=segment, gap=gap
     )
     return SimpleNamespace(
-        neighbourhood=here,
+        candidates=candidates,
         pair=SimpleNamespace(history=history, nodes=SimpleNamespace(nodes=node)),
-        pairing=pairing,
+        local_search=local_search,
         comm=MPI.COMM_SELF,
         x=x,
         active=np.array(held[1:]),
@@ -76,12 +76,12 @@ def step_of(facets, before, after, held):
 def test_nodes_that_sank_are_told_from_nodes_beside_the_surface(
     facets, before, after, held, message
 ):
-    assert lost_nodes(step_of(facets, before, after, held)) == message
+    assert check_penetration(step_of(facets, before, after, held)) == message
 
 
 def test_node_that_goes_through_a_surface_is_found():
     step = step_of("quadrilateral", (0.4, 0.2), (0.4, -0.9), (False, False))
-    assert lost_nodes(step) == "nodes that pass through a surface: 1"
+    assert check_penetration(step) == "nodes that pass through a surface: 1"
 
 
 @pytest.mark.parametrize(("facets", "flat"), [("quadrilateral", 0), ("triangle", 1)])
@@ -96,7 +96,7 @@ def test_node_that_goes_through_a_surface_is_found():
 def test_node_must_not_sink_between_two_segments(facets, flat, after, held, message):
     # On the flat one, continued, at the end; the next step finds it below the steep one.
     step = step_of(facets, (0.9, 0.1), after, (True, held))
-    step.pairing.segment[:], step.pairing.gap[:] = flat, after[1]
-    assert lost_nodes(step) == message
-    step.pairing.gap[:] = -0.1  # not much deeper than now
-    assert lost_nodes(step) == ""
+    step.local_search.segment[:], step.local_search.gap[:] = flat, after[1]
+    assert check_penetration(step) == message
+    step.local_search.gap[:] = -0.1  # not much deeper than now
+    assert check_penetration(step) == ""

@@ -16,7 +16,7 @@ def test_springs_press_nodes_that_are_inside(rng, k):
     node, segments = np.arange(20, 20 + c, dtype=np.int32), np.arange(3 * k).reshape(3, k)
     xi, normal, stiffness = rng.uniform(size=(c, 2)), rng.normal(size=(c, 3)), rng.uniform(size=c)
     number, key = np.arange(40, 40 + c, dtype=np.int32), np.array([7, 5, 9])
-    springs = _kernels.press(
+    springs = _kernels.penalty_forces(
         number, node, segment, xi, gap, normal, segments.astype(np.int32), key, stiffness
     )
     position, dofs, force, energy = [0, 3, 5], springs.dofs, springs.force, springs.energy

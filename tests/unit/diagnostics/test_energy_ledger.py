@@ -41,7 +41,7 @@ def report(step, iterations):
         residual_norms=(1.0,),
         num_active=0,
         num_segments=0,
-        num_resting=0,
+        num_sleeping=0,
         contact_work=CONTACT,
         load_work=16.0,
         support_work=32.0,
@@ -98,9 +98,9 @@ def test_ledger_without_steps_has_a_mean_of_zero():
 
 def test_ledger_that_is_given_back_goes_on_alike(ledger):
     archive = Snapshot()
-    ledger.exchange(archive)
+    ledger.serialize(archive)
     other = EnergyLedger(0, balance(0.0, 0.0))
-    other.exchange(archive.rewind())
+    other.serialize(archive.rewind())
     for each in (ledger, other):
         each.add(report(10, 1), 0.1, balance(1.0, 2.0, (1.0, 1.0, 1.0)))
     assert other.columns() == ledger.columns()

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.diagnostics.reverse_penetration import SunkVertices
+from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
 
 RUBBER = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
 
@@ -40,7 +40,7 @@ def touch(stepper):
 @pytest.mark.parametrize(("depth", "warns"), [(0.05, False), (0.2, True)])
 def test_the_deepest_vertex_is_found_and_told_once(comm, depth, warns, caplog):
     stepper = boxes(comm, depth, lambda top, bottom: [nts.ContactPair(bottom, top)])
-    sunk = SunkVertices(stepper)
+    sunk = ReversePenetration(stepper)
     sunk.look()
     assert sunk.deepest == {0: 0.0}  # nothing touches
     touch(stepper)
@@ -60,6 +60,6 @@ def test_pairs_in_both_directions_and_obstacles_are_left_out(comm):
 
     stepper = boxes(comm, 0.2, both)
     touch(stepper)
-    sunk = SunkVertices(stepper)
+    sunk = ReversePenetration(stepper)
     sunk.look()
     assert sunk.deepest == {}

@@ -405,7 +405,7 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
     seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
     few, many = seldom.stepper, often.stepper
-    look, found = neighbour_list.Lookout._look, []
+    look, found = neighbour_list.NeighbourList._rebuild, []
     search, size = few.pairs[0].search, few.pairs[0].segment_size
 
     def watched(self, x):
@@ -413,10 +413,10 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
         found.append(since / size)
         look(self, x)
 
-    monkeypatch.setattr(neighbour_list.Lookout, "_look", watched)
+    monkeypatch.setattr(neighbour_list.NeighbourList, "_rebuild", watched)
     for _ in range(100):
         few.advance()
-        places = few._springs[0]._lookout._places
+        places = few._springs[0]._neighbours._places
         assert search.approach(few.x, places) <= neighbour_list._MARGIN * size
     assert np.isinf(found[0]) and 2 <= len(found) <= 10
     assert agree(min(found[1:]) > neighbour_list._USED * neighbour_list._MARGIN)
@@ -427,18 +427,18 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
     np.testing.assert_allclose(often.positions(), seldom.positions(), atol=1e-12)
 
 
-def test_nodes_keep_their_segments_in_another_neighbourhood(comm, agree):
+def test_nodes_keep_their_segments_among_other_candidates(comm, agree):
     stepper = scenes.ball_plate(comm, nts.CentralDifference, nts.Penalty(), dt=2e-3).stepper
     while stepper.advance().num_active < 5:
         pass
-    seen = stepper._springs[0]._lookout
+    seen = stepper._springs[0]._neighbours
     # The segments under the ball, with other numbers than among all.
     other = stepper.pairs[0].search._exchange(stepper.x, 0.3)
     found, paired = seen._current_in(other), seen.current >= 0
     assert comm.allreduce(np.count_nonzero(found != seen.current)) > 0
     assert comm.allreduce(np.count_nonzero(paired)) >= 5
     assert agree(np.array_equal(found >= 0, paired))
-    keys = seen.here.key[seen.current[paired]]
+    keys = seen.candidates.key[seen.current[paired]]
     assert agree(np.array_equal(other.key[found[paired]], keys))
 
 

@@ -43,9 +43,9 @@ def test_another_time_or_length_begins_a_new_count():
 def test_equal_steps_go_on_alike_from_an_archive():
     even, archive = EvenSteps(), Snapshot()
     even.go_on(0.7, 3, 0.1)
-    even.exchange(archive)
+    even.serialize(archive)
     other = EvenSteps()
-    other.exchange(archive.rewind())
+    other.serialize(archive.rewind())
     other.go_on(even.end(9, 0.1), 9, 0.1)
     assert other.end(12, 0.1) == even.end(12, 0.1)
 
@@ -80,10 +80,10 @@ def test_a_cut_starts_the_count_of_good_steps_again():
     length.cut()
     length.accept()
     length.accept()
-    length.exchange(archive)
+    length.serialize(archive)
     length.cut()
     length.accept()
     assert length.cuts == 2
-    length.exchange(archive.rewind())
+    length.serialize(archive.rewind())
     length.accept()
     assert length.cuts == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.search.global_search import Search
+from dolfinx_nts.search.global_search import GlobalSearch
 from helpers import scenes
 
 ROUNDING = 1e2 * np.finfo(float).eps
@@ -13,7 +13,7 @@ cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 
 def search_of(scene):
     pair = scene.stepper.pairs[0]
-    return Search(pair.nodes, pair.segments), pair
+    return GlobalSearch(pair.nodes, pair.segments), pair
 
 
 def all_segments(pair, x):
@@ -55,7 +55,7 @@ def test_nodes_near_the_segments_are_those_near_one_of_their_boxes(comm):
 
 @cells_
 @pytest.mark.parametrize("reach", [0.05, 0.1, 0.4, np.inf], ids=str)
-def test_neighbourhood_contains_every_segment_within_reach(comm, cell, reach):
+def test_candidates_contains_every_segment_within_reach(comm, cell, reach):
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x = scene.stepper.x
@@ -70,7 +70,7 @@ def test_neighbourhood_contains_every_segment_within_reach(comm, cell, reach):
 
 
 @cells_
-def test_neighbourhood_describes_the_segments_of_other_ranks_correctly(comm, cell):
+def test_candidates_describes_the_segments_of_other_ranks_correctly(comm, cell):
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x = scene.stepper.x
@@ -143,7 +143,7 @@ def test_movement_on_one_rank_alone_sends_the_segments_on_all(comm):
 
 
 @cells_
-def test_kept_neighbourhood_still_contains_every_segment_within_reach(comm, cell):
+def test_candidates_that_are_used_again_still_contains_every_segment_within_reach(comm, cell):
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x, reach = scene.stepper.x.copy(), 0.05

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.self_contact import OwnSearch, independent
+from dolfinx_nts.search.self_contact import SelfContactSearch, independent_nodes
 from helpers.scenes import part
 
 
 def flattened(comm, cell):
-    """A ring's inner surface and its neighbourhood once it is pressed flat."""
+    """A ring's inner surface and its candidates once it is pressed flat."""
     shape = {"inner_radius": 0.9, "outer_radius": 1.0, "width": 0.3, "cells": (24, 1, 2)}
     V, _, facets, tag = part(comm, "ring", cell, centre=(0, 0, 0), **shape)
     surface = nts.Surface(V, facets, tag["ring_inner"])
     x = V.tabulate_dof_coordinates() * [1, 0.02, 1]
-    here, _ = OwnSearch(surface, surface).update(x, 0.2)
+    here, _ = SelfContactSearch(surface, surface).update(x, 0.2)
     x = here.with_ghosts(x[: here.index_map.size_local])
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
     return surface, here, here.pair(x, surface.nodes, none, 0.2)[0]
@@ -25,7 +25,7 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
     surface, here, segment = flattened(comm, cell)
     candidates = segment >= 0
     urgency = surface.node_ids % 3
-    taken = independent(here, surface, segment, candidates, urgency)
+    taken = independent_nodes(here, surface, segment, candidates, urgency)
     assert comm.allreduce(int(np.count_nonzero(taken & ~candidates))) == 0
     node = np.flatnonzero(candidates)
     dofs = here.dofs(surface.nodes[node], segment[node])
@@ -51,4 +51,4 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
 def test_without_candidates_nobody_is_taken(comm):
     surface, here, segment = flattened(comm, "hexahedron")
     none = np.zeros(len(segment), dtype=bool)
-    assert not independent(here, surface, segment, none, np.zeros(len(segment))).any()
+    assert not independent_nodes(here, surface, segment, none, np.zeros(len(segment))).any()

@@ -1,4 +1,4 @@
-"""Nodes that meet an obstacle: the answers of a neighbourhood without other ranks."""
+"""Nodes that meet an obstacle: the answers of candidates without other ranks."""
 
 from mpi4py import MPI
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.obstacle_candidates import ObstacleNeighbourhood
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
 from helpers import scenes
 
 OBSTACLES = {
@@ -26,7 +26,7 @@ def nodes(comm):
 
 @obstacles
 def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
-    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
     facet, gap = here.pair(x, nodes.nodes, none, 0.5)
@@ -43,7 +43,7 @@ def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
 @obstacles
 @pytest.mark.parametrize("reach", [0.05, 0.5, 5.0])
 def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
-    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
     gap = here.pair(x, nodes.nodes, none, np.inf)[1]
@@ -57,7 +57,7 @@ def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
 
 @obstacles
 def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
-    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     before = here.places(x)
     assert here.approach(x, before) == 0.0
@@ -70,7 +70,7 @@ def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
 
 @obstacles
 def test_nothing_is_sent(name, nodes):
-    here = ObstacleNeighbourhood(OBSTACLES[name], nodes)
+    here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     assert here.update(x, 0.1) == (here, False)
     for values in (here.with_ghosts(x), here.to_owners(x)):

@@ -1,10 +1,10 @@
-"""Pairing of a surface with itself, against looking at all segments."""
+"""LocalSearch of a surface with itself, against looking at all segments."""
 
 import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.self_contact import OwnSearch
+from dolfinx_nts.search.self_contact import SelfContactSearch
 from helpers.scenes import part
 from reference.bulk import rotation
 
@@ -35,8 +35,8 @@ def folded(X, distance):
 
 
 def pairing(surface, x, reach=REACH):
-    """Pairing of the surface's nodes: neighbourhood, segment, gap, normals."""
-    here, _ = OwnSearch(surface, surface).update(x, reach)
+    """Segments of the surface's nodes: candidates, segment, gap, normals."""
+    here, _ = SelfContactSearch(surface, surface).update(x, reach)
     x = here.with_ghosts(x[: here.index_map.size_local])
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
     return here, x, *here.pair(x, surface.nodes, none, reach)

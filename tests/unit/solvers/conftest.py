@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from dolfinx_nts.solvers.block_csr import BlockRows
+from dolfinx_nts.solvers.block_csr import BlockCSR
 from helpers import scenes
 
 
@@ -30,4 +30,4 @@ def matrices(comm):
     mine = np.zeros((len(indptr) - 1, size))
     mine[np.repeat(np.arange(len(mine)), np.diff(indptr)), columns] = values
     A.destroy()
-    return BlockRows(csr), np.concatenate(comm.allgather(mine)), form
+    return BlockCSR(csr), np.concatenate(comm.allgather(mine)), form

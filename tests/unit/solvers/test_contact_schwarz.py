@@ -45,7 +45,7 @@ def test_complete_factors_solve_the_projected_system(k, rng):
     arrays = pairs(k, rng)
     E, G, F, C = dense(*arrays)
     Z, Zt = projections(E, G, F)
-    patch = _kernels.Patch(*rows)
+    patch = _kernels.ContactSchwarz(*rows)
     patch.add(_kernels.Elimination(*arrays))
     assert patch.build()
     assert patch.size == NODES
@@ -66,7 +66,7 @@ def test_units_do_not_matter(force, stiffness, rng):
     r, guess = rng.normal(size=(2, NODES, 3))
     results = []
     for f, k in ((1.0, 1.0), (force, stiffness)):
-        patch = _kernels.Patch(start, column, k * value)
+        patch = _kernels.ContactSchwarz(start, column, k * value)
         patch.add(_kernels.Elimination(*rest, k * tangent))
         assert patch.build()
         z = f / k * guess
@@ -81,7 +81,7 @@ def test_factors_of_former_pairs_leave_nothing_behind(k, rng):
     rows, _ = matrix(rng, FAR)
     first, second = pairs(k, rng), list(pairs(k, rng))
     second[0] = np.minimum(second[0], NODES - FAR - 1).astype(np.int32)
-    kept, fresh = _kernels.Patch(*rows), _kernels.Patch(*rows)
+    kept, fresh = _kernels.ContactSchwarz(*rows), _kernels.ContactSchwarz(*rows)
     kept.add(_kernels.Elimination(*first))
     kept.build()
     kept.clear()
@@ -102,7 +102,7 @@ def test_nodes_far_from_contact_are_left_alone(k, rng):
     rows, _ = matrix(rng, FAR)
     arrays = list(pairs(k, rng))
     arrays[0] = np.minimum(arrays[0], NODES - FAR - 1).astype(np.int32)
-    patch = _kernels.Patch(*rows)
+    patch = _kernels.ContactSchwarz(*rows)
     patch.add(_kernels.Elimination(*arrays))
     assert patch.build()
     assert patch.size == NODES - FAR
@@ -116,7 +116,9 @@ def test_nodes_far_from_contact_are_left_alone(k, rng):
 def test_nodes_without_rows_are_left_alone(rng):
     (start, column, value), _ = matrix(rng)
     rows = NODES - 2
-    patch = _kernels.Patch(start[: rows + 1], column[: start[rows]], value[: 9 * start[rows]])
+    patch = _kernels.ContactSchwarz(
+        start[: rows + 1], column[: start[rows]], value[: 9 * start[rows]]
+    )
     dofs, *rest = pairs(4, rng)
     patch.add(_kernels.Elimination(np.minimum(dofs, rows - 1).astype(np.int32), *rest))
     assert patch.build()
@@ -130,7 +132,7 @@ def test_nodes_without_rows_are_left_alone(rng):
 
 def test_singular_rows_are_reported(rng):
     start, column, value = matrix(rng)[0]
-    patch = _kernels.Patch(start, column, 0 * value)
+    patch = _kernels.ContactSchwarz(start, column, 0 * value)
     patch.add(_kernels.Elimination(*pairs(4, rng)[:5], np.zeros((5, 15, 15))))
     assert not patch.build()
 
@@ -138,10 +140,10 @@ def test_singular_rows_are_reported(rng):
 def test_wrong_matrices_and_nodes_are_refused(rng):
     start, column, value = matrix(rng)[0]
     with pytest.raises(ValueError, match="expected rows that hold all columns"):
-        _kernels.Patch(start[:-1], column, value)
+        _kernels.ContactSchwarz(start[:-1], column, value)
     with pytest.raises(ValueError, match=r"value: expected shape"):
-        _kernels.Patch(start, column, value[:-1])
-    patch = _kernels.Patch(start, column, value)
+        _kernels.ContactSchwarz(start, column, value[:-1])
+    patch = _kernels.ContactSchwarz(start, column, value)
     dofs, *rest = pairs(4, rng)
     with pytest.raises(ValueError, match="expected dofs that are rows of the matrix"):
         patch.add(_kernels.Elimination(dofs + NODES, *rest))

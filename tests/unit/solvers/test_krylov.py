@@ -7,10 +7,10 @@ import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.solvers import block_ilu, preconditioner
-from dolfinx_nts.solvers.block_csr import BlockRows
-from dolfinx_nts.solvers.block_ilu import KeptFactors, KeptRows
-from dolfinx_nts.solvers.contact_schwarz import GlobalPairs, OverlappingDomain
-from dolfinx_nts.solvers.saddle_point import SaddleSystem
+from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
+from dolfinx_nts.solvers.contact_schwarz import OverlappingSubdomain, SharedPairs
+from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from helpers import scenes
 from helpers.dense_factors import definition, dense, rounding
 
@@ -22,7 +22,7 @@ def compare(monkeypatch, scene, num_steps):
     """Advance; solve every linear system of contact both ways."""
     differences, ranks = [], set()
     solver = scene.stepper._solver
-    saddle, solve = SaddleSystem(scene.stepper._bulk), solver.solve
+    saddle, solve = SaddlePointSystem(scene.stepper._bulk), solver.solve
 
     def both(R, steps, states, rtol):
         du, multipliers = solve(R, steps, states, 1e-11)
@@ -133,7 +133,7 @@ def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(c
     monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
     monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], preconditioner._Smoother.apply
-    multiplied, mult = [], KeptRows.mult
+    multiplied, mult = [], SinglePrecisionOperator.mult
 
     def counted(self, pc, r, z):
         smoothed.append(pc)
@@ -152,7 +152,7 @@ def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(c
         return scene.positions(), solver.num_iterations
 
     monkeypatch.setattr(preconditioner._Smoother, "apply", counted)
-    monkeypatch.setattr(KeptRows, "mult", counted_product)
+    monkeypatch.setattr(SinglePrecisionOperator, "mult", counted_product)
     kept, iterations = run()
     # Before and after the coarser levels.
     counts = len(smoothed), len(multiplied)
@@ -194,7 +194,7 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
 def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
     bulk = scenes.blocks(comm).stepper._bulk
     bulk.assemble_nearby()
-    factors = KeptFactors(bulk.rows)
+    factors = BlockILU(bulk.rows)
     assert factors.build()
     nodes = bulk.rows.matrix.index_map(1)
     here = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
@@ -264,16 +264,16 @@ def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, 
         pass
     rows = scene.stepper._bulk.rows
     (pairs,) = scene.stepper._solver._preconditioner._patch._pairs
-    fewer = GlobalPairs(*(array[:-1] for array in pairs.arrays))
-    gathered, gather = [], BlockRows.gather
-    monkeypatch.setattr(BlockRows, "gather", lambda *args: gathered.append(1) or gather(*args))
-    domain = OverlappingDomain(rows)
+    fewer = SharedPairs(*(array[:-1] for array in pairs.arrays))
+    gathered, gather = [], BlockCSR.gather
+    monkeypatch.setattr(BlockCSR, "gather", lambda *args: gathered.append(1) or gather(*args))
+    domain = OverlappingSubdomain(rows)
     history = [(fewer, 1, 1), (pairs, 1, 2), (pairs, 1, 2), (pairs, 2, 3), (fewer, 2, 3)]
     for some, version, count in history:
         domain.build([some], version)
         assert len(gathered) == count
     # What there is more than needed changes nothing.
-    exact = OverlappingDomain(rows)
+    exact = OverlappingSubdomain(rows)
     exact.build([fewer], 2)
     r, z = np.random.default_rng(comm.rank).random((2, rows.index_map.size_local, 3))
     expected = z.copy()
@@ -291,13 +291,13 @@ def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
     def slabs(middle):  # the borders between ranks cross the contact
         return np.argsort(np.argsort(middle[:, 0])) * comm.size // len(middle)
 
-    given, local = {}, GlobalPairs.local
+    given, local = {}, SharedPairs.local
 
     def taken(self, dofs):
         given[comm.rank] = self.nodes
         return local(self, dofs)
 
-    monkeypatch.setattr(GlobalPairs, "local", taken)
+    monkeypatch.setattr(SharedPairs, "local", taken)
     scene = scenes.blocks(comm, owner=slabs)
     while scene.stepper.advance().num_active < 5:
         pass
@@ -326,12 +326,12 @@ def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agre
     stepper = scenes.blocks(comm).stepper
     stepper.advance()
     before = Snapshot()
-    stepper.exchange(before)
+    stepper.serialize(before)
     factors = stepper._solver._preconditioner
     kind = str(factors)
     factors.strengthen()
     factors.build()
     assert agree(factors.is_strong and str(factors) != kind)
-    stepper.exchange(before.rewind())
+    stepper.serialize(before.rewind())
     assert agree(not factors.is_strong and str(factors) == kind)
     stepper.advance()

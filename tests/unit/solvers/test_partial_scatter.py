@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.search.global_search import Search
-from dolfinx_nts.solvers.elimination import Excerpt
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.solvers.elimination import PartialScatter
 from helpers import scenes
 
 ROUNDING = 1e2 * np.finfo(float).eps
 
 
 @pytest.fixture
-def neighbourhood(comm):
+def candidates(comm):
     """One that reaches everywhere."""
     scene = scenes.blocks(comm)
     pair = scene.stepper.pairs[0]
-    here, _ = Search(pair.nodes, pair.segments).update(scene.stepper.x, np.inf)
+    here, _ = GlobalSearch(pair.nodes, pair.segments).update(scene.stepper.x, np.inf)
     return here
 
 
@@ -27,10 +27,10 @@ def some_nodes(here, comm, share):
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_values_are_those_of_the_owners(comm, neighbourhood, agree, share):
-    here = neighbourhood
+def test_values_are_those_of_the_owners(comm, candidates, agree, share):
+    here = candidates
     nodes = some_nodes(here, comm, share)
-    excerpt = Excerpt(here, nodes)
+    excerpt = PartialScatter(here, nodes)
     for number in range(2):  # nothing of the first vector stays
         rng = np.random.default_rng([number, comm.rank])
         x = rng.normal(size=(here.index_map.size_local, 3))
@@ -38,11 +38,11 @@ def test_values_are_those_of_the_owners(comm, neighbourhood, agree, share):
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_what_ghosts_have_is_added_at_their_owners(comm, neighbourhood, agree, share):
-    here = neighbourhood
+def test_what_ghosts_have_is_added_at_their_owners(comm, candidates, agree, share):
+    here = candidates
     n = here.index_map.size_local
     nodes = some_nodes(here, comm, share)
-    excerpt = Excerpt(here, nodes)
+    excerpt = PartialScatter(here, nodes)
     for number in range(2):
         rng = np.random.default_rng([number, comm.rank])
         y = rng.normal(size=(n, 3))

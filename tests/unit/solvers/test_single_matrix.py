@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers.block_ilu import KeptRows
+from dolfinx_nts.solvers.block_ilu import SinglePrecisionOperator
 from helpers.dense_factors import NODES, matrix
 
 EPS = np.finfo(np.float32).eps
@@ -74,7 +74,7 @@ def test_kernel_refuses_what_does_not_fit(rng):
 
 def test_products_of_kept_rows_are_those_of_all_ranks(comm, matrices, agree):
     rows, dense, _ = matrices
-    A = KeptRows(rows).matrix()
+    A = SinglePrecisionOperator(rows).matrix()
     x, y = A.createVecs()
     first, last = x.getOwnershipRange()
     values = np.random.default_rng(0).normal(size=len(dense))

@@ -3,8 +3,8 @@
 #include "nts/contact/convective_slip.h"
 #include "nts/contact/discrete_gradient.h"
 #include "nts/contact/slip.h"
-#include "nts/search/kept_tree.h"
-#include "nts/search/own_surface.h"
+#include "nts/search/cached_tree.h"
+#include "nts/search/self_contact.h"
 
 /// @brief Loops over pairs and nodes. Inputs and outputs are flat, row-major,
 /// allocated by the caller; every pair is independent of all others.
@@ -166,10 +166,10 @@ inline constexpr auto any_segment
 template <class S, class MayTouch>
 void pair_nodes(std::span<const double> x_node,
                 std::span<const std::int32_t> current, double slack,
-                double reach, const SegmentSurface<S>& surface, KeptTree& tree,
-                const MayTouch& may_touch, std::span<std::int32_t> segment,
-                std::span<double> xi, std::span<double> gap,
-                std::span<double> normal)
+                double reach, const SegmentSurface<S>& surface,
+                CachedTree& tree, const MayTouch& may_touch,
+                std::span<std::int32_t> segment, std::span<double> xi,
+                std::span<double> gap, std::span<double> normal)
 {
   const Tree* present = nullptr;
   const auto get_tree = [&]() -> const Tree&

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "nts/geometry/gap.h"
-#include "nts/search/own_surface.h"
+#include "nts/search/self_contact.h"
 
 #include <cstdint>
 #include <span>
@@ -39,10 +39,12 @@ inline std::vector<std::int32_t> inside(const Paired& pairs)
 /// @param[out] force On each of them, (m, 1 + k, 3) [N].
 /// @param[out] energy Stored, (m,) [J].
 template <class S>
-void press(const Paired& pairs, std::span<const std::int32_t> positions,
-           std::span<const std::int32_t> segments,
-           std::span<const double> stiffness, std::span<std::int32_t> dofs,
-           std::span<double> force, std::span<double> energy) noexcept
+void penalty_forces(const Paired& pairs,
+                    std::span<const std::int32_t> positions,
+                    std::span<const std::int32_t> segments,
+                    std::span<const double> stiffness,
+                    std::span<std::int32_t> dofs, std::span<double> force,
+                    std::span<double> energy) noexcept
 {
   constexpr std::size_t k = S::vertices;
   for (std::size_t m = 0; m < positions.size(); ++m)

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/search/own_surface.h"
+#include "nts/search/self_contact.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,4 +1,4 @@
-#include "nts/solvers/patch.h"
+#include "nts/solvers/contact_schwarz.h"
 #include "block_matrix.h"
 #include "elimination.h"
 
@@ -8,11 +8,12 @@ namespace nts::bindings
 {
 namespace
 {
-/// @brief `Patch` and the matrix whose rows it reads.
-class KeptPatch
+/// @brief `ContactSchwarz` and the matrix whose rows it reads.
+class BoundContactSchwarz
 {
 public:
-  KeptPatch(In<std::int64_t> start, In<std::int32_t> column, Doubles value)
+  BoundContactSchwarz(In<std::int64_t> start, In<std::int32_t> column,
+                      Doubles value)
       : _start(std::move(start)), _column(std::move(column)),
         _value(std::move(value))
   {
@@ -48,26 +49,29 @@ private:
   In<std::int64_t> _start;
   In<std::int32_t> _column;
   Doubles _value;
-  std::optional<Patch> _patch;
+  std::optional<ContactSchwarz> _patch;
 };
 } // namespace
 
-void patch(nb::module_& m)
+void contact_schwarz(nb::module_& m)
 {
-  nb::class_<KeptPatch>(m, "Patch",
-                        "Incomplete factors of the projected tangent around "
-                        "the contacts, see nts/patch.h")
+  nb::class_<BoundContactSchwarz>(
+      m, "ContactSchwarz",
+      "Incomplete factors of the projected tangent around "
+      "the contacts, see nts/solvers/contact_schwarz.h")
       .def(nb::init<In<std::int64_t>, In<std::int32_t>, Doubles>(),
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
-      .def("clear", &KeptPatch::clear, "Be without pairs, as in the beginning")
-      .def("add", &KeptPatch::add, nb::arg("pairs"), "Add active pairs")
-      .def("build", &KeptPatch::build, "Factorise; false if singular")
-      .def("correct", &KeptPatch::correct, nb::arg("r"),
+      .def("clear", &BoundContactSchwarz::clear,
+           "Be without pairs, as in the beginning")
+      .def("add", &BoundContactSchwarz::add, nb::arg("pairs"),
+           "Add active pairs")
+      .def("build", &BoundContactSchwarz::build, "Factorise; false if singular")
+      .def("correct", &BoundContactSchwarz::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
            "Constrain z and add what the patch solves for: (n, 3), "
            "(columns, 3)")
-      .def_prop_ro("size", &KeptPatch::size, "Nodes in the patch");
+      .def_prop_ro("size", &BoundContactSchwarz::size, "Nodes in the patch");
 }
 } // namespace nts::bindings

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/search/pairing.h"
+#include "nts/search/local_search.h"
 
 /// @brief Contact of a surface with itself: what a node may not touch.
 namespace nts
@@ -26,7 +26,7 @@ struct OwnRule
 ///   with opposed normals, as in a notch. That leaves out neighbours on the
 ///   mesh and the other side of the node's own wall, whatever the motion.
 template <class S>
-struct OwnSurface
+struct SelfContact
 {
   std::span<const double> normal;    ///< at the nodes, outward, (n, 3)
   std::span<const double> X_node;    ///< at rest, (n, 3) [m]

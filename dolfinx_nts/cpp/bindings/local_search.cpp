@@ -56,8 +56,8 @@ public:
         x_node, current, slack, reach, x,
         [&]<class S>()
         {
-          const OwnSurface<S> own{view(normal), view(X_node), view(N_node),
-                                  surface<S>(X), view(thickness)};
+          const SelfContact<S> own{view(normal), view(X_node), view(N_node),
+                                   surface<S>(X), view(thickness)};
           return [own](std::size_t i) noexcept { return own.of(i); };
         });
   }
@@ -90,7 +90,7 @@ public:
   std::size_t num_trees() const noexcept { return _tree.num_built(); }
 
 private:
-  static KeptTree rows(const Ints& vertices)
+  static CachedTree rows(const Ints& vertices)
   {
     check("vertices", vertices, {any, any});
     return {view(vertices), vertices.shape(1)};
@@ -143,7 +143,7 @@ private:
   Ints _vertices;
   Doubles _orientation;
   Keys _key;
-  KeptTree _tree;
+  CachedTree _tree;
   std::size_t _num_rows = 0;
 };
 
@@ -155,7 +155,7 @@ double farthest_point(const Doubles& x, const Doubles& before)
 }
 } // namespace
 
-void pairing(nb::module_& m)
+void local_search(nb::module_& m)
 {
   m.attr("HYSTERESIS") = PairingRule::hysteresis;
   m.attr("OVERHANG") = PairingRule::overhang;
@@ -173,13 +173,13 @@ void pairing(nb::module_& m)
       .def("pair", &KeptSegments::pair, nb::arg("x_node"), nb::arg("current"),
            nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            "(n, 3), (n,), -, -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
-           "(n,), normal (n, 3), see nts/pairing.h")
+           "(n,), normal (n, 3), see nts/search/local_search.h")
       .def("pair_own", &KeptSegments::pair_own, nb::arg("x_node"),
            nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"),
            nb::arg("X"), nb::arg("thickness"),
            "as pair and (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> the same for "
-           "nodes of the surface itself, see nts/own_surface.h")
+           "nodes of the surface itself, see nts/search/self_contact.h")
       .def("near", &KeptSegments::near, nb::arg("x_node"), nb::arg("reach"),
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "

@@ -11,12 +11,12 @@ namespace nts
 ///
 /// Its boxes are wider than the segments by a margin, and it holds for all
 /// positions to which no vertex has moved farther than that.
-class KeptTree
+class CachedTree
 {
 public:
   /// @param[in] vertices Rows of the positions, (s, k); must outlive the tree.
   /// @param[in] k Vertices of a segment.
-  KeptTree(std::span<const std::int32_t> vertices, std::size_t k)
+  CachedTree(std::span<const std::int32_t> vertices, std::size_t k)
       : _vertices(vertices), _k(k), _rows(vertices.begin(), vertices.end())
   {
     std::ranges::sort(_rows);

@@ -20,12 +20,12 @@
 namespace nts
 {
 /// @brief See the head of this file.
-class Patch
+class ContactSchwarz
 {
 public:
   /// @param[in] K Bulk tangent; columns beyond its rows are of nodes that
   /// the patch does not change.
-  explicit Patch(const BlockMatrix& K) : _K(K)
+  explicit ContactSchwarz(const BlockMatrix& K) : _K(K)
   {
     std::size_t columns = K.start.size() - 1;
     for (const std::int32_t column : K.column)
