@@ -73,12 +73,12 @@ def count(n: int, h: float, skip: int, steps: int, comm: MPI.Comm) -> dict[str, 
         if step == skip:
             counter.counts.clear()
             start, newton, krylov = counter.now(), 0, stepper._solver.num_iterations
-            exchanges = stepper.pairs[0].search.exchanges
+            exchanges = stepper.contacts[0].search.exchanges
         newton += stepper.advance().newton_iterations
     total = counter.now() - start
     contact = sum((counter.counts.get(name, np.zeros(4)) for name in CONTACT), np.zeros(4))
     krylov = stepper._solver.num_iterations - krylov
-    exchanges = stepper.pairs[0].search.exchanges - exchanges
+    exchanges = stepper.contacts[0].search.exchanges - exchanges
     index_map = stepper.u.function_space.dofmap.index_map
     row = {
         "n": n,

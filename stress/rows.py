@@ -241,7 +241,7 @@ def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> A
         size = [pair.segment_size for pair in setup.stepper.pairs]
         depth = np.full(len(depth), _CLOSED * max(size, default=0.0))
     comm = setup.stepper.u.function_space.mesh.comm
-    springs = [pair.eps_N for pair in setup.stepper.pairs if pair.eps_N is not None]
+    springs = [c.eps_N for c in setup.stepper.contacts if c.eps_N is not None]
     weakest = min((eps_N.min(initial=np.inf) for eps_N in springs), default=np.inf)
     weakest = comm.allreduce(weakest, op=MPI.MIN)
     energy = np.maximum.accumulate(np.maximum(values["contact_energy"], 0.0))

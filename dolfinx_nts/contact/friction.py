@@ -7,8 +7,7 @@ traction t is a nodal force that opposes it, with
 .. math:: |t| \le \mu p, \qquad p = -\lambda_N.
 """
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,7 @@ __all__ = ["Coulomb", "TractionModel", "transport"]
 _STIFFEST_DIRECTION = 1e4
 
 
-@dataclass(frozen=True)
-class TractionModel:
+class TractionModel(NamedTuple):
     """Linear model of the traction, t = explicit + p direction + stiffness dg.
 
     Attributes:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
 __all__ = ["ContactHistory", "ContactWork"]
 
@@ -43,6 +43,20 @@ class ContactHistory:
     slip: Floats
     energy: Floats
     dissipation: Floats
+
+    @classmethod
+    def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
+        """Contact of some of n nodes; no contact at the others.
+
+        Args:
+            n: Number of nodes.
+            node: Positions among the nodes, shape ``(m,)``.
+            **values: Attributes by name, of these nodes, ``(m, ...)``.
+        """
+        history = cls.none(n)
+        for name, value in values.items():
+            getattr(history, name)[node] = value
+        return history
 
     @classmethod
     def none(cls, n: int) -> "ContactHistory":

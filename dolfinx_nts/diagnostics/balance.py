@@ -137,7 +137,7 @@ class Diagnostics:
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""
-        return float(self._sum(sum(pair.history.energy.sum() for pair in self._stepper.pairs)))
+        return float(self._sum(sum(pair.history.energy.sum() for pair in self._stepper.contacts)))
 
     def linear_momentum(self) -> Floats:
         """Linear momentum, shape ``(3,)`` [kg m/s]."""
@@ -170,8 +170,8 @@ class Diagnostics:
         """
         stepper = self._stepper
         x_m = stepper.x - (stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3) / 2
-        parts = np.zeros((len(stepper.pairs), 2, 3))
-        for part, pair in zip(parts, stepper.pairs, strict=True):
+        parts = np.zeros((len(stepper.contacts), 2, 3))
+        for part, pair in zip(parts, stepper.contacts, strict=True):
             force = pair.history.force
             part[:] = force.sum(axis=0), np.cross(x_m[pair.nodes.nodes], force).sum(axis=0)
         resultants: Floats = self._sum(parts)
@@ -179,7 +179,7 @@ class Diagnostics:
 
     def active_nodes(self) -> int:
         """Nodes that transmit force, on all ranks."""
-        active = [np.count_nonzero(pair.history.active) for pair in self._stepper.pairs]
+        active = [np.count_nonzero(pair.history.active) for pair in self._stepper.contacts]
         return int(self._sum(sum(active)))
 
     def min_gap(self) -> float:
@@ -188,12 +188,12 @@ class Diagnostics:
         Pairs whose boxes are further apart than what has been found are
         left out, and so are segments further from a node than that.
         """
-        x, pairs, least = self._stepper.x, self._stepper.pairs, np.inf
+        x, pairs, least = self._stepper.x, self._stepper.contacts, np.inf
         distances = self._distances(x)
         for i in np.argsort(distances, kind="stable"):
             pair = pairs[i]
             # A gap is measured across a facet, at its rim to a point beside it.
-            reach = least + pair.segment_size
+            reach = least + pair.pair.segment_size
             if distances[i] > reach:
                 continue
             gap = pair.gap(x, reach)
@@ -206,7 +206,7 @@ class Diagnostics:
 
         Below zero for obstacles, which are asked first: they know their gaps.
         """
-        pairs = self._stepper.pairs
+        pairs = self._stepper.contacts
         # Least coordinates of both, and of their negatives.
         least = np.full((len(pairs), 2, 2, 3), np.inf)
         for box, pair in zip(least, pairs, strict=True):

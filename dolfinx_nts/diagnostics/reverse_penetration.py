@@ -10,12 +10,12 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["ReversePenetration"]
 
@@ -43,7 +43,7 @@ class ReversePenetration:
         self._stepper = stepper
         directions = {(pair.nodes, pair.segments) for pair in stepper.pairs}
         self._turned = {
-            i: GlobalSearch(pair.segments, pair.nodes)
+            i: (GlobalSearch(pair.segments, pair.nodes), pair.segments.nodes)
             for i, pair in enumerate(stepper.pairs)
             if isinstance(pair.segments, Surface) and (pair.segments, pair.nodes) not in directions
         }
@@ -52,12 +52,13 @@ class ReversePenetration:
     def look(self) -> None:
         """Look at the pairs in contact as they are now."""
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
-        for i, search in self._turned.items():
-            pair = self._stepper.pairs[i]
-            if not reductions.anywhere(comm, bool(pair.history.active.any())):
+        for i, (search, vertices) in self._turned.items():
+            contact = self._stepper.contacts[i]
+            if not reductions.anywhere(comm, bool(contact.history.active.any())):
                 continue
-            depth = reductions.largest(comm, _depth(pair, search, self._stepper.x))
-            limit = _DEEP * pair.nodes.size
+            depth = _depth(vertices, search, self._stepper.x, contact.nodes.size)
+            depth = reductions.largest(comm, depth)
+            limit = _DEEP * contact.nodes.size
             if depth > limit >= self.deepest[i] and comm.rank == 0:
                 _logger.warning(
                     "pair %d: vertices of the segments are %.3g inside the surface of the nodes, "
@@ -69,12 +70,16 @@ class ReversePenetration:
             self.deepest[i] = max(self.deepest[i], depth)
 
 
-def _depth(pair: ContactPair, search: GlobalSearch, x: Floats) -> float:
-    """Depth of the deepest vertex of this rank [m]. Collective."""
-    assert isinstance(pair.segments, Surface)
-    vertices, reach = pair.segments.nodes, pair.nodes.size
-    here, _ = search.update(x, reach)
-    ghosted = here.with_ghosts(x[: here.index_map.size_local])
+def _depth(vertices: Ints, search: GlobalSearch, x: Floats, reach: float) -> float:
+    """Depth of the deepest of some nodes of this rank [m]. Collective.
+
+    Args:
+        vertices: The nodes, shape ``(v,)``.
+        search: Finds the facets between the contact nodes.
+        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        reach: Largest gap of interest [m].
+    """
+    facets, _ = search.update(x, reach)
     none = np.full(len(vertices), -1, dtype=np.int32)
-    _, gap = here.pair(ghosted, vertices, none, reach)
+    _, gap = facets.pair(NodalPoints(vertices), facets.scatter.forward(x), none, reach)
     return float(max(0.0, -np.min(gap[~np.isnan(gap)], initial=0.0)))

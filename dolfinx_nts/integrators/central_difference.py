@@ -25,7 +25,7 @@ from dolfinx import fem
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringState
+from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
@@ -108,16 +108,16 @@ class CentralDifference(Stepper):
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
-        self._springs = [ContactSprings(pair, self.mass) for pair in pairs]
+        self._springs = [ContactSprings(contact, self.mass) for contact in self.contacts]
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs, mass)
         self.stable_step, default = self._stability.room(self.x)
         self.dt = default if dt is None else dt
-        self.stable_step = self._stability.settle(self.x, self.dt)
+        self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         # Forces of the present state: what they accelerate, those of springs, and
         # f . a; whether they are known.
         self._acceleration: Floats = np.zeros((n, 3))
-        self._contact_forces: tuple[SpringState, ...] = ()
+        self._contact_forces: tuple[SpringForces, ...] = ()
         self._power, self._known = 0.0, False
         # Values of the owned nodes, and room for more.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
@@ -127,7 +127,7 @@ class CentralDifference(Stepper):
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
         self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
-        self._rough = any(pair.friction is not None for pair in pairs)
+        self._rough = any(pair.friction is not None for pair in self.pairs)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also the forces."""
@@ -209,8 +209,8 @@ class CentralDifference(Stepper):
         self._evaluate(0.0)
         for load in self.loads:
             load.update(self.t + self.dt)
-        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
-            pair.history = state.history
+        for contact, state in zip(self.contacts, self._contact_forces, strict=True):
+            contact.accept(state.history)
         np.multiply(self._mobility, self._bulk.total, out=self._acceleration)
         self._power = float(np.vdot(self._bulk.total, self._acceleration))
         v = self._owned[2]
@@ -252,8 +252,8 @@ class CentralDifference(Stepper):
             sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
         sums[3] = dt**2 / 8 * (self._power - power)
         for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
-            contact = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
-            sums[4:] = map(operator.add, sums[4:], contact)
+            counts = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
+            sums[4:] = map(operator.add, sums[4:], counts)
         sums = reductions.total(self._comm, sums)
         load, damping, support, defect, in_reach, active, *works = sums
         contact_work = ContactWork(*works)
@@ -264,8 +264,8 @@ class CentralDifference(Stepper):
         if self._ghosts:
             self.v.x.scatter_forward()
         self.inertia_defect = defect
-        for pair, state in zip(self.pairs, self._contact_forces, strict=True):
-            pair.history = state.history
+        for contact, state in zip(self.contacts, self._contact_forces, strict=True):
+            contact.accept(state.history)
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,

@@ -81,7 +81,7 @@ class ImplicitStepper(Stepper):
         )
         self._supports = self._bulk.supports
         self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
-        self._sleeping = SleepingBodies(self._bulk, self.bodies, self.pairs, self.loads)
+        self._sleeping = SleepingBodies(self._bulk, self.bodies, self.contacts, self.loads)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((self._num_owned, 3))
@@ -179,10 +179,10 @@ class ImplicitStepper(Stepper):
         """Set velocity and history by the solution; the works of the step."""
         dt, n = self.dt, 3 * self._num_owned
         work = ContactWork()
-        for pair, step, state in zip(self.pairs, steps, solution.states, strict=True):
+        for contact, step, state in zip(self.contacts, steps, solution.states, strict=True):
             history = step.accepted(state)
             work = work + step.work(state, history)
-            pair.history = history
+            contact.accept(history)
         moved = self.u.x.array - self.u_n.x.array
         du = moved[:n]
         support_work = self._support_work(steps, solution.states, du)
@@ -228,8 +228,8 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("contact"):
             stiffness = self._bulk.nodal_stiffness()
             steps = [
-                ContactStep(pair, self._contact, x_n, x_trial, stiffness, self._free)
-                for pair in self.pairs
+                ContactStep(contact, self._contact, x_n, x_trial, stiffness, self._free)
+                for contact in self.contacts
             ]
         if not all_awake:
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)

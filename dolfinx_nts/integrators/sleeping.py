@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
@@ -41,7 +41,7 @@ class SleepingBodies:
         self,
         bulk: Bulk,
         bodies: Sequence[Body],
-        pairs: Sequence[ContactPair],
+        pairs: Sequence[PairState],
         loads: Sequence[Load],
     ) -> None:
         """Find out what can act on which body."""

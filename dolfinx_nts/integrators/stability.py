@@ -81,7 +81,7 @@ class Stability:
         part = _WITH_SPRINGS if any(springs.is_open for springs in self._springs) else 1.0
         return part * estimate, _DEFAULT * estimate
 
-    def settle(self, x: Floats, dt: float) -> float:
+    def choose_penalties(self, x: Floats, dt: float) -> float:
         """Choose springs that are open, as stiff as a step allows.
 
         Args:
@@ -93,7 +93,7 @@ class Stability:
         """
         squared = (self._damping.highest(dt) - self._squared_frequency(x)) / 2
         for springs in self._springs:
-            springs.settle(squared)
+            springs.choose_penalty(squared)
         return self.longest_step(x)
 
     def start(self, energy: float) -> None:

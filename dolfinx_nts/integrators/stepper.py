@@ -20,6 +20,8 @@ from dolfinx_nts.common.arguments import finite, instances, positive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.start import check_start
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
@@ -52,7 +54,8 @@ class Stepper(ABC):
 
     Attributes:
         bodies: The bodies.
-        pairs: The contact pairs with their accepted contact.
+        pairs: The contact pairs.
+        contacts: What this stepper remembers of each pair.
         loads: The loads.
         t: Time [s].
         dt: Length of the next step [s].
@@ -97,6 +100,7 @@ class Stepper(ABC):
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
         end_together()
+        self.contacts = tuple(PairState(pair) for pair in self.pairs)
         self.t, self.step = 0.0, 0
         self.inertia_defect = 0.0
         self.timings = Timings()
@@ -138,7 +142,7 @@ class Stepper(ABC):
 
     def describe(self) -> list[str]:
         """Lines on the pairs, with numbers that were derived. Local."""
-        return [f"pair {number}: {pair}" for number, pair in enumerate(self.pairs, start=1)]
+        return [f"pair {number}: {pair}" for number, pair in enumerate(self.contacts, start=1)]
 
     @property
     def dt(self) -> float:
@@ -184,8 +188,8 @@ class Stepper(ABC):
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             self._serialize_nodal(archive, name, function.x.array)
-        for number, pair in enumerate(self.pairs, start=1):
-            pair.serialize(archive, f"pair_{number}")
+        for number, contact in enumerate(self.contacts, start=1):
+            contact.serialize(archive, f"pair_{number}")
 
     def _serialize_nodal(self, archive: Archive, name: str, values: Floats) -> None:
         """Serialize values of the local nodes, shape ``(3 l,)``."""
@@ -263,8 +267,8 @@ class Stepper(ABC):
         """
         self._check_state()
         if self.step == 0:
-            for pair in self.pairs:
-                pair.check_start(self.x)
+            for contact in self.contacts:
+                check_start(contact, self.x)
         if self._update is not None or self.loads:
             with agreed(self._comm):
                 self._call_back()

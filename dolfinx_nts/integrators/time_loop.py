@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
@@ -45,8 +45,8 @@ class Steps(Protocol):
         """Length of a step that is not cut [s]."""
 
     @property
-    def pairs(self) -> Sequence[ContactPair]:
-        """Contact pairs."""
+    def contacts(self) -> Sequence[PairState]:
+        """Contact of each pair."""
 
     @property
     def x(self) -> Floats:
@@ -141,7 +141,7 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
 def _loose_nodes(stepper: Steps, gap_tol: float) -> list[Flags]:
     """Nodes of each pair that are held, or inside, beyond the tolerance."""
     x = stepper.x
-    return [pair.loose(x, gap_tol) for pair in stepper.pairs]
+    return [pair.held_apart(x, gap_tol) for pair in stepper.contacts]
 
 
 def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]:
@@ -150,7 +150,7 @@ def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]
     comm = stepper.u.function_space.mesh.comm
     new = [
         pair.nodes.node_ids[now & ~then]
-        for pair, now, then in zip(stepper.pairs, after, before, strict=True)
+        for pair, now, then in zip(stepper.contacts, after, before, strict=True)
     ]
     none = np.empty(0, dtype=np.int64)
     nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))

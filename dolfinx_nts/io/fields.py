@@ -32,15 +32,15 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
     gap = np.full(n, np.nan)
     pressure, active, slip_state, slip = np.zeros((4, n))
     traction = np.zeros((n, 3))
-    for pair in stepper.pairs:
-        at, history = pair.nodes.nodes, pair.history
-        gap[at] = np.fmin(gap[at], pair.gap(stepper.x))
-        pressure[at] += pair.pressure
+    for contact in stepper.contacts:
+        at, history = contact.nodes.nodes, contact.history
+        gap[at] = np.fmin(gap[at], contact.gap(stepper.x))
+        pressure[at] += contact.pressure
         active[at] = np.maximum(active[at], history.active)
-        if pair.friction is not None:
+        if contact.pair.friction is not None:
             slip_state[at] = np.maximum(slip_state[at], history.active + 1.0 * history.sliding)
             slip[at] += history.slip
-            traction[at] -= pair.nodes.per_area(history.traction)
+            traction[at] -= contact.nodes.per_area(history.traction)
     if rubs:
         fields["friction_traction"] = traction
     if stepper.pairs:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call
-from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 
 __all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
@@ -86,6 +86,18 @@ class Obstacle(ABC):
             x: Positions, shape ``(m, 3)`` [m].
             reach: [m].
         """
+
+    def beside(self, x: Floats, segment: Ints) -> Flags:
+        """Whether nodes have left their facets sideways, over a rim. Local.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+            segment: Facet of each node, shape ``(m,)``.
+
+        Returns:
+            Flags, shape ``(m,)``; an exact surface has no rim.
+        """
+        return np.zeros(len(x), dtype=bool)
 
 
 class _Exact(Obstacle):

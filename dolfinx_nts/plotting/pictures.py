@@ -147,7 +147,7 @@ def contact(
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
-    touching = stepper.pairs[pair]
+    touching = stepper.contacts[pair]
     surface, V = touching.nodes, stepper.u.function_space
     comm: MPI.Comm = V.mesh.comm
     gap = touching.gap(stepper.x)
@@ -162,8 +162,8 @@ def contact(
     force = reductions.total(comm, touching.history.force.sum(axis=0))
     least = float(np.nanmin(gap, initial=np.inf))
     closest = reductions.least(comm, least)
-    if colour == "gap" and limits is None and closest < touching.segment_size:
-        limits = (closest, touching.segment_size)
+    if colour == "gap" and limits is None and closest < touching.pair.segment_size:
+        limits = (closest, touching.pair.segment_size)
     at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0
     _, nearest = min(comm.allgather((least, tuple(stepper.x[at]))))
 

@@ -1,229 +1,190 @@
-"""The segments that the nodes of a rank can reach, and values at their vertices."""
+"""Candidates of contact: what contact points may touch, and the search for it.
 
-import numpy as np
-from dolfinx import common, la
+The global search finds the segments, or facets of a rigid obstacle, that the
+points of a rank can reach within a step. The local search chooses one of these
+candidates for each point. Contact asks candidates for gap, force and slip of
+the pairs, and never what they are.
+"""
 
-from dolfinx_nts import _kernels, compat
-from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from collections.abc import Sequence
+from typing import Protocol
 
-__all__ = ["SegmentCandidates"]
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.search.scatter import NodalScatter
+
+__all__ = ["Candidates", "Search"]
 
 
-class SegmentCandidates:
-    """Segments within reach of this rank's nodes.
+class Candidates(Protocol):
+    """Segments or facets within reach of the contact points of a rank. Local.
 
-    Args:
-        index_map: Owned nodes of the space, then the ghosts that the
-            segments need.
-        segments: Vertices, shape ``(s, k)``, local indices of the map.
-        orientation: Shape ``(s,)``.
-        key: Partition-independent number, ascending, shape ``(s,)``.
-        size: Current diameters, shape ``(s,)`` [m].
-        thickness: Of the cells under them, shape ``(s,)`` [m, reference].
-
-    Attributes:
-        vector: Carries values of nodes between ranks.
-        shared: Owned nodes that are ghosts of other ranks.
-        is_serial: Whether there are no other ranks' nodes.
+    ``x`` stands for positions of the nodes of the scatter's map, owned and
+    ghost, shape ``(l, 3)`` [m]; ``segment`` for the numbers of chosen
+    candidates, one a point, or -1.
     """
 
-    def __init__(
-        self,
-        index_map: common.IndexMap,
-        segments: Ints,
-        orientation: Floats,
-        key: GlobalInts,
-        size: Floats,
-        thickness: Floats,
-    ) -> None:
-        """Allocate the vector that carries values between ranks."""
-        self.index_map, self.segments = index_map, segments
-        self.orientation, self.key, self.size = orientation, key, size
-        self.thickness = thickness
-        self._kernel = _kernels.Segments(segments, orientation, key)
-        self.is_serial = index_map.size_global == index_map.size_local
-        self.vector = la.vector(index_map, 3)
-        self.shared = compat.shared(index_map)
-
-    def find(self, key: GlobalInts) -> Ints:
-        """Local segment of each key, -1 where it is not here."""
-        return self._kernel.find(key)
+    @property
+    def scatter(self) -> NodalScatter:
+        """Brings values to the vertices of the candidates, and forces back."""
 
     @property
-    def num_local(self) -> int:
-        """Owned nodes and ghosts."""
-        return int(self.index_map.size_local + self.index_map.num_ghosts)
+    def segments(self) -> Ints:
+        """Vertices of each candidate, nodes of the map, shape ``(s, k)``."""
 
-    def dofs(self, nodes: Ints, segment: Ints) -> Ints:
-        """Nodes of pairs in the index map, shape ``(m, 1+k)``. Local."""
-        dofs = np.empty((len(nodes), 1 + self.segments.shape[1]), dtype=np.int32)
-        dofs[:, 0], dofs[:, 1:] = nodes, self.segments.take(segment, axis=0)
-        return dofs
+    @property
+    def key(self) -> GlobalInts:
+        """Number of each candidate on any partition of the mesh, ``(s,)``."""
+
+    @property
+    def size(self) -> Floats:
+        """Length with which gaps are compared, shape ``(s,)`` [m]."""
+
+    def find(self, key: GlobalInts) -> Ints:
+        """Candidate of each key or -1, of the same shape."""
 
     def pair(
         self,
+        points: ContactPoints,
         x: Floats,
-        nodes: Ints,
         current: Ints,
         reach: float,
         slack: float = _kernels.HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Pair nodes with segments, see `cpp/nts/search/local_search.h`. Local.
+        """Choose a candidate for each point, see `cpp/nts/search/local_search.h`.
 
         Args:
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-            nodes: Nodes to be paired, shape ``(n,)``.
-            current: Their last segments or -1, shape ``(n,)``.
-            reach: Largest distance of interest [m].
-            slack: By how much a node may be beside the last segment and
-                keeps it; of half a quadrilateral, or of a triangle.
+            points: The points.
+            x: Positions.
+            current: Candidates of the last choice or -1, shape ``(p,)``.
+            reach: Largest gap of interest [m].
+            slack: By how much a point may be beside its current candidate
+                and stays with it, relative to half a quadrilateral, or to
+                a triangle.
 
         Returns:
-            Segment or -1, shape ``(n,)``, and gap [m], NaN without.
+            Candidate or -1, shape ``(p,)``, and gap [m], NaN without.
         """
-        found = self._found(x, nodes, current, slack, reach)
-        return found[0], found[2]
 
     def penalty_forces(
         self,
-        x: Floats,
-        numbers: Ints,
         nodes: Ints,
+        x: Floats,
         current: Ints,
         reach: float,
+        numbers: Ints,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Springs of nodes that `pair` finds inside, see `cpp/nts/contact/springs.h`. Local.
+        """Springs of nodes that `pair` finds inside, see `cpp/nts/contact/springs.h`.
 
         Args:
-            x: As of `pair`, and so are ``nodes``, ``current`` and ``reach``.
-            numbers: By which the springs call the nodes, shape ``(c,)``.
-            nodes: Shape ``(c,)``.
+            nodes: The nodes, shape ``(c,)``.
+            x: As of `pair`, and so are ``current`` and ``reach``.
             current: Shape ``(c,)``.
             reach: [m].
+            numbers: By which the springs call the nodes, shape ``(c,)``.
             stiffness: Of each spring, shape ``(c,)`` [N/m].
 
         Returns:
-            Segments and gaps, shape ``(c,)``; springs of those with gap < 0.
+            Candidate and gap, shape ``(c,)``; springs of nodes with gap < 0.
         """
-        segment, xi, gap, normal = self._found(x, nodes, current, _kernels.HYSTERESIS, reach)
-        springs = _kernels.penalty_forces(
-            numbers, nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
-        )
-        return segment, gap, springs
 
-    def _found(
-        self, x: Floats, nodes: Ints, current: Ints, slack: float, reach: float
-    ) -> tuple[Ints, Floats, Floats, Floats]:
-        return self._kernel.pair(x.take(nodes, axis=0), current, slack, reach, x)
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        """Positions of the points that are within reach of a candidate, at least."""
 
-    def near(self, x: Floats, nodes: Ints, reach: float) -> Ints:
-        """Nodes in the boxes around the segments. Local.
-
-        Args:
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-            nodes: Nodes to choose from, shape ``(n,)``.
-            reach: By how much the boxes are wider than the segments [m].
-
-        Returns:
-            Positions in ``nodes``.
-        """
-        return self._kernel.near(x.take(nodes, axis=0), reach, x)
-
-    def gap(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gap of nodes to given segments, shape ``(m,)`` [m]. Local."""
-        x = x.take(self.dofs(nodes, segment), axis=0)
-        return _kernels.project(x, self.orientation.take(segment))[1]
-
-    def gap_gradient(self, x: Floats, nodes: Ints, segment: Ints) -> Floats:
-        """Gradient of the gap of pairs, shape ``(m, d)``. Local."""
-        return _kernels.gap_gradient(x[self.dofs(nodes, segment)], self.orientation[segment])
+    def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Gap of points to given candidates, shape ``(m,)`` [m]."""
 
     def contact(
-        self, scheme: str, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[Array, ...]:
-        """Contact of pairs between two states. Local.
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Gap and force of pairs between two states.
 
         Args:
-            scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
-            x_n: Positions with ghosts at t_n, shape ``(l, 3)`` [m].
-            x: The same at t_{n+1}.
-            dofs: Nodes of the pairs, as `dofs` returns them.
-            segment: Segments of the pairs, shape ``(m,)``.
+            scheme: Kernel: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+            points: The points.
+            x_n: Positions at t_n.
+            x: Positions at t_{n+1}.
+            segment: Candidate of each point, shape ``(m,)``.
+        """
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Slip of pairs between two states.
+
+        Args:
+            law: Measure of slip: ``"objective"`` or ``"convective"``.
+            points: As of `contact`, and so are the others.
+            x_n: Positions at t_n.
+            x: Positions at t_{n+1}.
+            segment: Shape ``(m,)``.
+        """
+
+    def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
+        """Which displacements are unknown, at the nodes of the map. Collective.
+
+        Args:
+            points: The points.
+            free: 1 where the displacement of an owned node is unknown,
+                otherwise 0, shape ``(n, 3)``.
 
         Returns:
-            gap_n and gap ``(m,)``, force and gradient ``(m, d)``, tangent
-            ``(m, d, d)``, turn and status ``(m,)``; d = 3(1+k).
+            The same at all nodes of the map, shape ``(l, 3)``; None if all
+            of the points and the candidates are unknown.
         """
-        kernel = getattr(_kernels, f"contact_{scheme}")
-        values: tuple[Array, ...] = kernel(*self._of_pairs(x_n, x, dofs, segment))
-        return values
 
-    def slip(self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints) -> tuple[Array, ...]:
-        """Slip of pairs between two states, see `cpp/nts/contact/slip.h`. Local."""
-        pairs = self._of_pairs(x_n, x, dofs, segment)
-        return *_kernels.slip(*pairs), pairs[2]
+    def beside(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """Whether points have left their candidates sideways, over a rim of the surface."""
 
-    def convective_slip(
-        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[Array, ...]:
-        """The same by coordinates, see `cpp/nts/contact/convective_slip.h`. Local."""
-        pairs = self._of_pairs(x_n, x, dofs, segment)
-        return *_kernels.convective_slip(*pairs), pairs[2]
-
-    def _of_pairs(
-        self, x_n: Floats, x: Floats, dofs: Ints, segment: Ints
-    ) -> tuple[Floats, Floats, Floats]:
-        orientation = self.orientation.take(segment)
-        return x_n.take(dofs, axis=0), x.take(dofs, axis=0), orientation
-
-    def with_ghosts(self, owned: Floats) -> Floats:
-        """Owned values, then those of the ghosts. Collective.
+    def independent(
+        self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
+    ) -> Flags:
+        """Nodes that may have multipliers at the same time. Collective.
 
         Args:
-            owned: Values at owned nodes, shape ``(n, 3)``.
+            surface: The surface of the nodes.
+            segment: Candidate of each node or -1, shape ``(n,)``.
+            eligible: Nodes that have a candidate and might be held, ``(n,)``.
+            urgency: Nodes with a greater one are taken first, ``(n,)``.
 
         Returns:
-            Values at all nodes of the map, shape ``(n + ghosts, 3)``; the
-            same array if there are no ghosts.
+            Flags, shape ``(n,)``: all eligible nodes, unless they are also
+            vertices of the segments of others.
         """
-        if self.is_serial:
-            return owned
-        self.vector.array[: owned.size] = owned.ravel()
-        self.vector.scatter_forward()
-        values: Floats = self.vector.array.reshape(-1, 3).copy()
-        return values
 
-    def add_to_owners(self, total: Floats, dofs: Ints, values: Floats) -> None:
-        """Add values of some nodes to those of the owned nodes. Collective.
+
+class Search(Protocol):
+    """Finds the candidates of a pair of surfaces. Collective, as all its methods."""
+
+    def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
+        """Candidates among which is everything within reach of a point.
 
         Args:
-            total: Values at the owned nodes, shape ``(n, 3)``.
-            dofs: Nodes of the map, any shape.
-            values: What is added at each, shape ``(*dofs.shape, 3)``.
-        """
-        if self.is_serial:
-            _kernels.add_rows(total, dofs, values)
-            return
-        forces = self.vector.array.reshape(-1, 3)
-        forces[:] = 0
-        _kernels.add_rows(forces, dofs, values)
-        self.vector.scatter_reverse(la.InsertMode.add)
-        total += forces[: len(total)]
-
-    def to_owners(self, values: Floats) -> Floats:
-        """Add what other ranks hold for owned nodes. Collective.
-
-        Args:
-            values: Values at all nodes of the map, shape
-                ``(n + ghosts, 3)``.
+            x: Positions of the local nodes of the space, owned and ghost,
+                shape ``(l, 3)`` [m].
+            reach: Distance from a point that is covered [m].
 
         Returns:
-            Sums at the owned nodes, shape ``(n, 3)``.
+            The candidates, and whether they are others than last time.
         """
-        if self.is_serial:
-            return values
-        self.vector.array[:] = values.ravel()
-        self.vector.scatter_reverse(la.InsertMode.add)
-        sums: Floats = self.vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
-        return sums
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates of the last update. Local."""
+
+    def positions(self, x: Floats) -> tuple[Floats, Floats]:
+        """Positions of this rank's nodes and vertices, for `approach`. Local."""
+
+    def approach(self, x: Floats, before: Sequence[Floats]) -> float:
+        """By how much any point may be closer to a candidate than it was [m].
+
+        Args:
+            x: As of `update`.
+            before: `positions` then.
+        """
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize where the candidates were found."""

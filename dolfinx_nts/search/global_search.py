@@ -15,17 +15,18 @@ from dolfinx import common
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
-from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 __all__ = ["GlobalSearch"]
 
 
 class GlobalSearch:
-    """Keeps the neighbourhood of a pair of surfaces up to date.
+    """Finds the segments that nodes of another surface can reach, see `Search`.
 
     Args:
         nodes: Surface whose nodes look for segments.
@@ -36,7 +37,7 @@ class GlobalSearch:
     """
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Start without a neighbourhood."""
+        """Start without a candidates."""
         self._nodes, self._segments = nodes, segments
         self._vertices = np.unique(segments.segments)
         space, vertices = segments.V.dofmap.index_map, segments.segments
@@ -61,20 +62,20 @@ class GlobalSearch:
             reach: Distance from a node to be covered [m].
 
         Returns:
-            The neighbourhood, and whether it is a new one.
+            The candidates, and whether it is a new one.
         """
         if self._candidates is not None and self._covered is not None:
-            *places, covered = self._covered
-            if np.isinf(covered) or self.approach(x, places) + reach <= covered:
+            *before, covered = self._covered
+            if np.isinf(covered) or self.approach(x, before) + reach <= covered:
                 return self._candidates, False
         # Three times as much saves exchanges and costs a few segments.
         reach *= 3
-        self._covered = (*self.places(x), reach)
-        self._candidates = self._exchange(x, reach)
+        self._covered = (*self.positions(x), reach)
+        self._candidates = self._find(x, reach)
         self.exchanges += 1
         return self._candidates, True
 
-    def places(self, x: Floats) -> tuple[Floats, Floats]:
+    def positions(self, x: Floats) -> tuple[Floats, Floats]:
         """Positions of this rank's nodes and vertices, for `approach`. Local.
 
         Args:
@@ -87,7 +88,7 @@ class GlobalSearch:
 
         Args:
             x: As of `update`.
-            before: `places` then.
+            before: `positions` then.
         """
         ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
@@ -96,26 +97,26 @@ class GlobalSearch:
 
     @property
     def candidates(self) -> SegmentCandidates:
-        """The last neighbourhood."""
+        """The last candidates."""
         assert self._candidates is not None
         return self._candidates
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the neighbourhood was made. Collective."""
+        """Serialize where the candidates was made. Collective."""
         covered = self._covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
-        kept = archive.local(name, arrays)
+        stored = archive.local(name, arrays)
         if not archive.giving:
             return
         self._covered = self._candidates = None
-        if kept is not None:
-            x_nodes, x_vertices, reach = kept
+        if stored is not None:
+            x_nodes, x_vertices, reach = stored
             self._covered = (x_nodes, x_vertices, float(reach))
             x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
-            self._candidates = self._exchange(x, float(reach))
+            self._candidates = self._find(x, float(reach))
 
-    def _exchange(self, x: Floats, reach: float) -> SegmentCandidates:
+    def _find(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map
         comm = self._segments.V.mesh.comm
         vertices = self._segments.segments
@@ -144,14 +145,26 @@ class GlobalSearch:
             ghost_owners[place] = owners[remote]
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
-        return SegmentCandidates(
-            space,
+        return self._make(
+            NodalScatter(space, is_local=comm.size == 1),
             local.astype(np.int32),
             orientation[order],
             key[order],
             size[order],
             thickness[order],
         )
+
+    def _make(
+        self,
+        scatter: NodalScatter,
+        segments: Ints,
+        orientation: Floats,
+        key: GlobalInts,
+        size: Floats,
+        thickness: Floats,
+    ) -> SegmentCandidates:
+        """Make the candidates of segments that were found."""
+        return SegmentCandidates(scatter, segments, orientation, key, size)
 
 
 def _box(x: Floats, reach: float) -> Floats:

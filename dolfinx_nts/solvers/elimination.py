@@ -28,8 +28,8 @@ from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import SegmentCandidates
-from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ActivePairs", "Coupling", "Elimination", "PartialScatter"]
 
@@ -44,21 +44,21 @@ class PartialScatter:
     these nodes, shape ``(m, 3)``.
 
     Args:
-        candidates: The neighbourhood.
+        scatter: Brings values of nodes to this rank.
         nodes: Numbers in its index map, ascending, shape ``(m,)``.
     """
 
-    def __init__(self, candidates: SegmentCandidates, nodes: Ints) -> None:
+    def __init__(self, scatter: NodalScatter, nodes: Ints) -> None:
         """Divide them into owned ones and ghosts."""
-        self._here, self._num_nodes = candidates, len(nodes)
-        self._num_owned = int(np.searchsorted(nodes, candidates.index_map.size_local))
+        self._scatter, self._num_nodes = scatter, len(nodes)
+        self._num_owned = int(np.searchsorted(nodes, scatter.index_map.size_local))
         self._owned, self._ghosts = np.split(nodes, [self._num_owned])
 
     def take(self, x: Floats) -> Floats:
         """PartialScatter of a vector. Collective."""
-        shared, values = self._here.shared, self._values
+        shared, values = self._scatter.shared, self._values
         values[shared] = x[shared]
-        self._here.vector.scatter_forward()
+        self._scatter.vector.scatter_forward()
         return np.concatenate([x[self._owned], values[self._ghosts]])
 
     def owned(self, y: Floats) -> Floats:
@@ -70,15 +70,15 @@ class PartialScatter:
     def put(self, part: Floats, y: Floats) -> None:
         """Set a vector at the owned nodes, and add at owners what ghosts have. Collective."""
         y[self._owned], ghosts = np.split(part, [self._num_owned])
-        shared, values = self._here.shared, self._values
-        values[shared] = values[self._here.index_map.size_local :] = 0.0
+        shared, values = self._scatter.shared, self._values
+        values[shared] = values[self._scatter.index_map.size_local :] = 0.0
         values[self._ghosts] = ghosts
-        self._here.vector.scatter_reverse(la.InsertMode.add)
+        self._scatter.vector.scatter_reverse(la.InsertMode.add)
         y[shared] += values[shared]
 
     @property
     def _values(self) -> Floats:
-        values: Floats = self._here.vector.array.reshape(-1, 3)
+        values: Floats = self._scatter.vector.array.reshape(-1, 3)
         return values
 
 
@@ -90,7 +90,7 @@ class ActivePairs(NamedTuple):
         excerpt: Their nodes; None where a rank knows all values: then it is
             the vector itself.
         place: Of ``dofs`` in the excerpt, shape ``(m, 1+k)``.
-        candidates: SegmentCandidates that carries their values between ranks.
+        scatter: Carries their values between ranks.
         fixed: Whether the node cannot give up what constraints determine.
         excess: What they should make zero, shape ``(m, 3)`` [m].
         dofs: Nodes in its index map, shape ``(m, 1+k)``.
@@ -104,7 +104,7 @@ class ActivePairs(NamedTuple):
     kernel: _kernels.Elimination
     excerpt: PartialScatter | None
     place: Ints
-    candidates: SegmentCandidates | ObstacleCandidates
+    scatter: NodalScatter
     fixed: Flags
     excess: Floats
     dofs: Array
@@ -115,32 +115,28 @@ class ActivePairs(NamedTuple):
     tangent: Floats
 
     @classmethod
-    def of(
-        cls, candidates: SegmentCandidates | ObstacleCandidates, state: ContactContribution
-    ) -> "ActivePairs":
+    def of(cls, candidates: Candidates, state: ContactContribution) -> "ActivePairs":
         """The active ones of a state."""
+        pairs, scatter = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
-            *(state.fixed, state.excess, state.dofs, state.rank),
-            *(state.normal, state.gradients, state.columns, state.tangent),
+            *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
+            *(pairs.normal, pairs.gradients, state.columns, state.tangent),
         )
         if not state.active.all():
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
         excerpt, place = None, arrays[2]
-        if isinstance(candidates, SegmentCandidates) and not candidates.is_serial:
+        if not scatter.is_local:
             nodes, place = np.unique(place, return_inverse=True)
-            excerpt = PartialScatter(candidates, nodes)
+            excerpt = PartialScatter(scatter, nodes)
             place = place.reshape(arrays[2].shape).astype(np.int32)
         kernel = _kernels.Elimination(place, *arrays[3:])
-        return cls(kernel, excerpt, place, candidates, *arrays)
+        return cls(kernel, excerpt, place, scatter, *arrays)
 
     def global_dofs(self) -> Array:
         """Global numbers of the nodes, shape ``(m, 1+k)``."""
-        index_map = self.candidates.index_map
-        if index_map.size_local == index_map.size_global:
-            return self.dofs
-        nodes = index_map.local_to_global(self.dofs.ravel())
-        return np.asarray(nodes).reshape(self.dofs.shape)
+        nodes: Array = self.scatter.global_nodes(self.dofs)
+        return nodes
 
     @property
     def constrained(self) -> Ints:
@@ -243,11 +239,11 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     blocked = False
     for p in pairs:
         constrained = p.rank > 0
-        marks: Floats = np.zeros((p.candidates.num_local, 3))
+        marks: Floats = np.zeros((p.scatter.num_local, 3))
         marks[p.constrained, 0] = 1  # each node is in one pair of a contact pair
         marks[p.dofs[~constrained, 0], 1] = 1
         marks[p.dofs[:, 1:].ravel(), 1] = 1
-        marks = p.candidates.to_owners(marks)
+        marks = p.scatter.reverse(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
         blocked = blocked or bool(p.fixed[constrained].any())
     return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())

@@ -137,7 +137,7 @@ def solve(
         solved = norm <= target or small
         converged = solved and not violated and not changed
         if converged and steps:
-            moved = reductions.total(bulk.comm, sum(step.settle() for step in steps))
+            moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
             if moved:  # the equilibrium is one on segments that nodes have left
                 changes += moved
                 norms.pop()

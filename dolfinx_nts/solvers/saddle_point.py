@@ -86,16 +86,16 @@ class SaddlePointSystem:
         right[: last - first] = -R
         for step, state in zip(steps, states, strict=True):
             active = np.flatnonzero(state.active)
-            nodes = step.candidates.index_map.local_to_global(state.dofs[active].ravel())
+            nodes = step.candidates.scatter.global_nodes(state.pairs.dofs[active]).ravel()
             dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
             dofs = dofs.reshape(len(active), state.residual.shape[1])
             for i, pair_dofs in zip(active, dofs, strict=True):
                 A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
                 for a in range(state.rank[i]):
                     A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
-                    A.setValues(multiplier, pair_dofs, state.gradients[i, a], addv=True)
+                    A.setValues(multiplier, pair_dofs, state.pairs.gradients[i, a], addv=True)
                     A.setValue(multiplier, multiplier, -compliance, addv=True)
-                    right[multiplier - first - shift[comm.rank]] = -state.excess[i, a]
+                    right[multiplier - first - shift[comm.rank]] = -state.pairs.excess[i, a]
                     multiplier += 1
         A.assemble()
 

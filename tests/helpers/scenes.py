@@ -230,6 +230,7 @@ def ball_plate(
     shift: Sequence[float] = (0.0, 0.0, 0.0),
     motion: Motion | None = None,
     dt: float = BALL_PLATE_STEP,
+    friction: nts.Coulomb | None = None,
 ) -> Scene:
     """Return a hollow ball that flies against a plate, both free. Collective.
 
@@ -240,6 +241,7 @@ def ball_plate(
         shift: Moves the ball before the start.
         motion: Moves everything, velocities too.
         dt: Step.
+        friction: Law of friction.
     """
     motion = motion or Motion.none()
     mesh, cells, facets, tag = nts.read_mesh(BALL_PLATE, comm)
@@ -253,6 +255,7 @@ def ball_plate(
         nts.Surface(V, facets, tag["ball_outer"]),
         nts.Surface(V, facets, tag["plate_top"]),
         enforcement,
+        friction,
     )
     stepper = scheme(list(bodies.values()), [pair], dt=dt)
     stepper.set_velocity(bodies["ball"], motion.Q @ [0.0, 1.0, -1.0])

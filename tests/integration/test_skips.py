@@ -148,6 +148,5 @@ def test_without_friction_there_is_no_slip(comm, monkeypatch):
         raise AssertionError("slip evaluated")
 
     scene = scenes.ball_plate(comm)
-    scene.stepper.pairs[0].friction = None
-    monkeypatch.setattr("dolfinx_nts.search.candidates.SegmentCandidates.slip", refuse)
+    monkeypatch.setattr("dolfinx_nts.search.segment_candidates.SegmentCandidates.slip", refuse)
     assert any(scene.stepper.advance().num_active for _ in range(8))

@@ -55,10 +55,10 @@ class System:
         if contact:
             weight = np.zeros(self.owned)  # the sign of the multiplier decides
             X = V.tabulate_dof_coordinates()
-            step = ContactStep(s.pairs[0], scheme, s.x, X + trial.reshape(-1, 3), weight)
+            step = ContactStep(s.contacts[0], scheme, s.x, X + trial.reshape(-1, 3), weight)
             step.evaluate(self.X + self.u, None, 0)
             step.evaluate(self.X + self.u, None, 1)
-            step.lambda_N[:] = -2.0 - np.arange(len(step.lambda_N))
+            step.normal.lambda_N[:] = -2.0 - np.arange(len(step.normal.lambda_N))
             self.steps = [step]
 
     def states(self, u):
@@ -70,7 +70,7 @@ class System:
         """Residual of all nodes by input number, and constraints."""
         states = self.states(u)
         R = self.bulk.residual() + contact_residual(self.steps, states, 3 * self.owned)
-        gaps = [s.excess[np.arange(3) < s.rank[:, None]] for s in states]
+        gaps = [s.pairs.excess[np.arange(3) < s.rank[:, None]] for s in states]
         return self.everywhere(R), self.constraints(gaps)
 
     def slope(self, u, d):
@@ -79,14 +79,14 @@ class System:
         K_d = self.bulk.action(d)
         gaps = []
         for step, state in zip(self.steps, states, strict=True):
-            here = step.candidates
-            local = here.with_ghosts(d)[state.dofs].reshape(state.force.shape)
+            scatter = step.candidates.scatter
+            local = scatter.forward(d)[state.pairs.dofs].reshape(state.force.shape)
             values = np.einsum("mab,mb->ma", state.tangent, local)
-            forces = np.zeros((here.num_local, 3))
-            np.add.at(forces, state.dofs.ravel(), values.reshape(-1, 3))
-            K_d = K_d + here.to_owners(forces)
+            forces = np.zeros((scatter.num_local, 3))
+            np.add.at(forces, state.pairs.dofs.ravel(), values.reshape(-1, 3))
+            K_d = K_d + scatter.reverse(forces)
             rows = np.arange(3) < state.rank[:, None]
-            gaps.append(np.einsum("mia,ma->mi", state.gradients, local)[rows])
+            gaps.append(np.einsum("mia,ma->mi", state.pairs.gradients, local)[rows])
         return self.everywhere(K_d), self.constraints(gaps)
 
     def everywhere(self, values):

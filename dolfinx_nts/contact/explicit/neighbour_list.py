@@ -1,4 +1,8 @@
-"""Nodes of a contact pair that may touch soon: all that explicit steps look at."""
+"""Neighbour list of explicit steps: the nodes of a pair that may touch soon.
+
+As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes
+and segments may have approached each other by most of it.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,28 +13,32 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import SegmentCandidates
-from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["NeighbourList"]
 
-
-# Parts of a segment: a node so far from it or so deep in it belongs to it, and so
-# far it may get before the next look, which is made when most of that is used. The
-# margin is no less than the reach, or nodes deep inside would not be looked at.
-_REACH, _MARGIN, _USED = 0.5, 0.5, 0.75
+# Distances relative to the size of a segment: a node this far from it, or this deep
+# in it, is paired with it.
+_REACH = 0.5
+# A node may come nearer by this much before the list is rebuilt. It is no less than
+# the reach, or nodes deep inside would not be in the list.
+_MARGIN = 0.5
+# Part of the margin after which the list is rebuilt.
+_USED = 0.75
 
 
 class NeighbourList:
-    """Nodes that may touch before the next look. Collective, as its methods.
+    """Nodes that may touch before the list is rebuilt. Collective, as its methods.
 
     Args:
-        pair: The pair.
+        state: State of the contact pair, whose springs have been chosen at
+            the first update.
 
     Attributes:
-        candidates: Segments in reach.
+        candidates: Candidates in reach.
         number: The nodes by their positions in the surface's, shape ``(c,)``.
         nodes: The same by their numbers, shape ``(c,)``.
         stiffness: Of their springs, shape ``(c,)`` [N/m].
@@ -39,31 +47,32 @@ class NeighbourList:
         is_idle: Whether there are none on any rank.
     """
 
-    candidates: SegmentCandidates | ObstacleCandidates
+    candidates: Candidates
     number: Ints
     nodes: Ints
     stiffness: Floats
     current: Ints
     is_idle = False
 
-    def __init__(self, pair: ContactPair) -> None:
-        """Look at the first update."""
-        self._pair = pair
-        self._comm: MPI.Comm = pair.nodes.V.mesh.comm
-        self._places: tuple[Floats, Floats]  # of all nodes and vertices at the last look
+    def __init__(self, state: PairState) -> None:
+        """Build the list at the first update."""
+        self._state = state
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        # Positions of nodes and vertices when the list was built.
+        self._positions: tuple[Floats, Floats]
         self.forget()
 
     def forget(self) -> None:
-        """Look again at the next update: the state was set."""
+        """Rebuild the list at the next update, as the state was set."""
         self._travelled = np.inf
 
     @property
     def reach(self) -> float:
         """Distance at which nodes are paired [m]."""
-        return _REACH * self._pair.segment_size
+        return _REACH * self._state.pair.segment_size
 
     def update(self, x: Floats, step: float) -> None:
-        """Look around, if nodes may have come near since the last look.
+        """Rebuild the list if nodes outside of it may touch.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
@@ -71,54 +80,54 @@ class NeighbourList:
                 same on all ranks [m].
         """
         self._travelled += 2 * step
-        margin = _MARGIN * self._pair.segment_size
+        margin = _MARGIN * self._state.pair.segment_size
         if self._travelled <= margin:
             return
         # The bound is crude, as most bodies fly the same way.
         if np.isfinite(self._travelled):
-            self._travelled = self._pair.search.approach(x, self._places)
+            self._travelled = self._state.search.approach(x, self._positions)
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
-        """Serialize what was seen. After the pair.
+        """Serialize the list, after the state of the pair.
 
         Args:
             archive: Takes it or gives it.
             name: Name of the values.
             x: As of `update`.
         """
-        seen: Sequence[Any] | None = None
+        arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
-            seen = [self.number, np.array([self._travelled, self.is_idle]), *self._places]
-        seen = archive.local(name, seen)
+            arrays = [self.number, np.array([self._travelled, self.is_idle]), *self._positions]
+        arrays = archive.local(name, arrays)
         if not archive.giving:
             return
-        if seen is None:
+        if arrays is None:
             self._rebuild(x)
             return
-        number, (travelled, is_idle), nodes, vertices = seen
+        number, (travelled, is_idle), nodes, vertices = arrays
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
-        self._places = nodes, vertices
-        candidates = self._pair.search.candidates
-        self._choose(candidates, number, candidates.find(self._pair.history.key))
+        self._positions = nodes, vertices
+        candidates = self._state.search.candidates
+        self._choose(candidates, number, candidates.find(self._state.history.key))
 
     def _rebuild(self, x: Floats) -> None:
-        pair = self._pair
-        candidates, _ = pair.search.update(x, (_REACH + _MARGIN) * pair.segment_size)
+        state, size = self._state, self._state.pair.segment_size
+        candidates, _ = state.search.update(x, (_REACH + _MARGIN) * size)
         if np.isinf(self._travelled):
-            current = candidates.find(pair.history.key)
+            current = candidates.find(state.history.key)
         else:
-            current = np.full(len(pair.nodes.nodes), -1, dtype=np.int32)
+            current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
-        self._travelled, self._places = 0.0, pair.search.places(x)
-        x = candidates.with_ghosts(x[: candidates.index_map.size_local])
-        near = candidates.near(x, pair.nodes.nodes, _MARGIN * pair.segment_size)
+        self._travelled, self._positions = 0.0, state.search.positions(x)
+        points = NodalPoints(state.nodes.nodes)
+        near = candidates.near(points, candidates.scatter.forward(x), _MARGIN * size)
         self._choose(candidates, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))
 
-    def _current_in(self, candidates: SegmentCandidates | ObstacleCandidates) -> Ints:
-        """Last segments of the nodes in a neighbourhood or -1, shape ``(c,)``."""
+    def _current_in(self, candidates: Candidates) -> Ints:
+        """Last segments of the listed nodes among candidates, or -1, shape ``(c,)``."""
         if candidates is self.candidates:
             return self.current
         found = self.current >= 0
@@ -126,17 +135,15 @@ class NeighbourList:
         segment[found] = candidates.find(self.candidates.key[self.current[found]])
         return segment
 
-    def _choose(
-        self, candidates: SegmentCandidates | ObstacleCandidates, number: Ints, current: Ints
-    ) -> None:
-        """Take some nodes.
+    def _choose(self, candidates: Candidates, number: Ints, current: Ints) -> None:
+        """Put nodes on the list.
 
         Args:
-            candidates: Segments in reach.
-            number: The nodes.
+            candidates: Candidates in reach.
+            number: Positions of the nodes in the surface's, shape ``(c,)``.
             current: Last segment of each node of the surface or -1.
         """
-        pair = self._pair
-        assert pair.eps_N is not None
+        state = self._state
+        assert state.eps_N is not None
         self.candidates, self.number, self.current = candidates, number, current[number]
-        self.nodes, self.stiffness = pair.nodes.nodes[number], pair.eps_N[number]
+        self.nodes, self.stiffness = state.nodes.nodes[number], state.eps_N[number]

@@ -1,14 +1,12 @@
 """Contact by springs, evaluated at one state: for explicit steps.
 
-The force is minus the gradient of the springs' energy at that state, so
-that every evaluation leaves both momenta alone. Nothing is iterated.
-
-Forces of the springs of a contact pair at one state, and their work.
+The force is minus the gradient of the springs' energy at that state, so that
+every evaluation leaves both momenta alone. Nothing is iterated.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -16,25 +14,21 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.explicit.friction import friction_of
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
-from dolfinx_nts.contact.friction import transport
 from dolfinx_nts.contact.history import ContactHistory
-from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.slip import Slip
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import SegmentCandidates
-from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["ContactSprings", "SpringState"]
+__all__ = ["ContactSprings", "SpringForces"]
 
-
-_NONE: Floats = np.empty(0)
+_NO_DISSIPATION: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
-
-
 _NO_SPRINGS = _kernels.Springs(
     np.empty(0, dtype=np.int32),
     np.empty(0, dtype=np.int64),
@@ -44,30 +38,23 @@ _NO_SPRINGS = _kernels.Springs(
 )
 
 
-class SpringState(NamedTuple):
+class SpringForces(NamedTuple):
     """Forces of the springs of a pair at one state.
 
     Attributes:
-        candidates: Owned nodes and ghosts of the forces; None where no
-            rank has a node near a segment.
+        scatter: Brings the forces to their owners; None where no rank has
+            a node near a segment.
         springs: Springs of the active nodes, by their positions in the
             surface's nodes.
         dissipation: Lost by friction in the step at all nodes of the surface,
-            ``(n,)`` [J]; None without friction.
-        history: Makes what the pair remembers of the state.
+            ``(n,)`` [J]; empty without friction.
+        history: Makes what is remembered of the state.
     """
 
-    candidates: SegmentCandidates | ObstacleCandidates | None
+    scatter: NodalScatter | None
     springs: _kernels.Springs
-    dissipation: Floats | None
+    dissipation: Floats
     history: Callable[[], ContactHistory]
-
-    @classmethod
-    def none(
-        cls, history: Callable[[], ContactHistory], dissipation: Floats | None = None
-    ) -> "SpringState":
-        """No forces."""
-        return cls(None, _NO_SPRINGS, dissipation, history)
 
     def add_to(self, total: Floats) -> None:
         """Add the forces to those of the owned nodes. Collective.
@@ -75,8 +62,8 @@ class SpringState(NamedTuple):
         Args:
             total: Shape ``(n, 3)`` [N].
         """
-        if self.candidates is not None:
-            self.candidates.add_to_owners(total, self.springs.dofs, self.springs.force)
+        if self.scatter is not None:
+            self.scatter.add(total, self.springs.dofs, self.springs.force)
 
     @property
     def stored(self) -> float:
@@ -89,31 +76,29 @@ class SpringState(NamedTuple):
         Args:
             du: That of the owned nodes, shape ``(n, 3)`` [m].
         """
-        return du if self.candidates is None else self.candidates.with_ghosts(du)
+        return du if self.scatter is None else self.scatter.forward(du)
 
 
 class ContactSprings:
     """Springs of one contact pair by penalty. Collective.
 
     Args:
-        pair: The pair.
+        state: State of the contact pair.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-
-    Attributes:
-        pair: The pair.
 
     Raises:
         ValueError: The pair is enforced by multipliers.
     """
 
-    def __init__(self, pair: ContactPair, mass: Floats) -> None:
+    def __init__(self, state: PairState, mass: Floats) -> None:
         """Compute the masses that the springs move."""
+        pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
                 "expected contact by Penalty for an explicit step, "
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
-        self.pair = pair
+        self._state, self._friction = state, friction_of(state)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
@@ -127,52 +112,53 @@ class ContactSprings:
         # Where both sides are nodes, there are springs from both.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
-        self._neighbours = NeighbourList(pair)
+        self._neighbours = NeighbourList(state)
 
     def forget(self) -> None:
         """Look at all nodes again: the state was set."""
         self._neighbours.forget()
 
     def serialize(
-        self, archive: Archive, name: str, state: SpringState | None, x: Floats
-    ) -> SpringState:
+        self, archive: Archive, name: str, forces: SpringForces | None, x: Floats
+    ) -> SpringForces:
         """Serialize the last evaluation and the nodes that are looked at.
 
-        Collective, after the pair.
+        Collective, after the state of the pair.
 
         Args:
             archive: Takes them or gives them.
             name: Name of the values.
-            state: The last evaluation, if there is one; not needed while
+            forces: The last evaluation, if there is one; not needed while
                 the archive gives.
             x: Its positions of the local nodes, shape ``(l, 3)`` [m].
 
         Returns:
             The evaluation.
         """
-        pair = self.pair
-        self._neighbours.serialize(archive, f"{name}/looked", x)
-        k = pair.segments.segments.shape[1] if isinstance(pair.segments, Surface) else 0
-        force: Floats = np.zeros((len(pair.nodes.nodes), 1 + k, 3))
-        if state is not None:
-            force[state.springs.node] = state.springs.force
-        force = archive.nodal(f"{name}/force", pair.nodes.node_ids, force)
-        if state is not None and not archive.giving:
-            return state
-        history, candidates = pair.history, self._neighbours.candidates
-        lost = None if pair.friction is None else history.dissipation
-        if self._neighbours.is_idle:
-            return SpringState.none(lambda: history, lost)
+        state, neighbours = self._state, self._neighbours
+        neighbours.serialize(archive, f"{name}/neighbours", x)
+        k = state.segments.segments.shape[1] if isinstance(state.segments, Surface) else 0
+        force: Floats = np.zeros((len(state.nodes.nodes), 1 + k, 3))
+        if forces is not None:
+            force[forces.springs.node] = forces.springs.force
+        force = archive.nodal(f"{name}/force", state.nodes.node_ids, force)
+        if forces is not None and not archive.giving:
+            return forces
+        history, candidates = state.history, neighbours.candidates
+        dissipation = _NO_DISSIPATION if state.pair.friction is None else history.dissipation
+        if neighbours.is_idle:
+            return SpringForces(None, _NO_SPRINGS, dissipation, lambda: history)
         node = np.flatnonzero(history.active).astype(np.int32)
         key = history.key[node]
-        dofs = candidates.dofs(pair.nodes.nodes[node], candidates.find(key))
+        vertices = candidates.segments.take(candidates.find(key), axis=0)
+        dofs = NodalPoints(state.nodes.nodes[node]).dofs(vertices)
         springs = _kernels.Springs(node, key, dofs, force[node], history.energy[node])
-        return SpringState(candidates, springs, lost, lambda: history)
+        return SpringForces(candidates.scatter, springs, dissipation, lambda: history)
 
     @property
     def is_open(self) -> bool:
         """Whether the penalty is still to be chosen."""
-        return self.pair.eps_N is None and self._penalty is None
+        return self._state.eps_N is None and self._penalty is None
 
     @property
     def squared_frequency(self) -> float:
@@ -180,18 +166,18 @@ class ContactSprings:
 
         Of those that are known: 0 while `is_open`.
         """
-        friction = self.pair.friction
-        normal = self._penalty if self.pair.eps_N is None else self.pair.eps_N
+        state, friction = self._state, self._state.pair.friction
+        normal = self._penalty if state.eps_N is None else state.eps_N
         given = None if friction is None else friction.eps_T
-        tangential = given if self.pair.eps_T is None else self.pair.eps_T
+        tangential = given if state.eps_T is None else state.eps_T
         highest = 0.0
         for stiffness in (normal, tangential):
             if stiffness is not None:
                 highest = max(highest, (stiffness / self._reduced_mass).max(initial=0.0))
         return float(reductions.largest(self._comm, highest))
 
-    def settle(self, squared_frequency: float) -> None:
-        """Settle stiffnesses that the user left open.
+    def choose_penalty(self, squared_frequency: float) -> None:
+        """Choose the stiffness of springs that the user left open.
 
         Args:
             squared_frequency: Frequency of the normal springs with the
@@ -202,15 +188,15 @@ class ContactSprings:
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         # The tangential spring; a pair makes its penalty ten times as stiff.
-        self.pair.fix_stiffness((0.1 / self._share) * penalty)
+        self._state.choose_penalty((0.1 / self._share) * penalty)
 
     @property
     def num_segments(self) -> int:
         """Segments that this rank looks at."""
         return len(self._neighbours.candidates.size)
 
-    def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringState:
-        """Forces at x; never changes the pair.
+    def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
+        """Forces at x; never changes the accepted contact.
 
         Args:
             x_n: Accepted positions of the local nodes, owned and ghost,
@@ -219,38 +205,39 @@ class ContactSprings:
             step: Largest motion of any node since the last evaluation,
                 the same on all ranks [m].
         """
-        pair, seen = self.pair, self._neighbours
+        seen, n = self._neighbours, len(self._reduced_mass)
         seen.update(x, step)
         if seen.is_idle:
-            return self._nothing()
-        candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
-        x = candidates.with_ghosts(x[: candidates.index_map.size_local])
-        nodes, current = seen.nodes, seen.current
-        segment, gap, springs = candidates.penalty_forces(
-            x, number, nodes, current, seen.reach, stiffness
-        )
-        seen.current = segment
-        rubbed: dict[str, Any] = {}
-        if pair.friction is not None:
-            x_n = candidates.with_ghosts(x_n[: candidates.index_map.size_local])
-            inside = gap < 0
-            rubbed = self._friction_forces(
-                x_n, x, springs, segment[inside], (stiffness * gap)[inside]
+            lost = self._friction.lost()
+            return SpringForces(
+                None,
+                _NO_SPRINGS,
+                lost.get("dissipation", _NO_DISSIPATION),
+                lambda: replace(ContactHistory.none(n), **lost),
             )
+        candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
+        x = candidates.scatter.forward(x)
+        segment, gap, springs = candidates.penalty_forces(
+            seen.nodes, x, seen.current, seen.reach, number, stiffness
+        )
+        seen.current, inside = segment, gap < 0
+        lambda_N = (stiffness * gap)[inside]
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 
         def history() -> ContactHistory:
-            history, node = ContactHistory.none(len(self._reduced_mass)), springs.node
-            paired, inside = segment >= 0, gap < 0
+            history = ContactHistory.at(
+                n, springs.node, lambda_N=lambda_N, energy=springs.energy, force=springs.force[:, 0]
+            )
+            paired = segment >= 0
+            history.active[springs.node] = True
             history.key[number[paired]] = candidates.key[segment[paired]]
             history.gap[number] = gap
-            history.active[node] = True
-            history.lambda_N[node] = (stiffness * gap)[inside]
-            history.energy[node], history.force[node] = springs.energy, springs.force[:, 0]
-            return replace(history, **rubbed)
+            return replace(history, **slip)
 
-        return SpringState(candidates, springs, rubbed.get("dissipation"), history)
+        dissipation = slip.get("dissipation", _NO_DISSIPATION)
+        return SpringForces(candidates.scatter, springs, dissipation, history)
 
-    def work(self, old: SpringState, new: SpringState, du: Floats) -> tuple[float, ...]:
+    def work(self, old: SpringForces, new: SpringForces, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on a displacement, on this rank. Collective.
 
         Args:
@@ -261,62 +248,8 @@ class ContactSprings:
         Returns:
             Work by the causes of `ContactWork` [J].
         """
-        if old.candidates is None and new.candidates is None:
+        if old.scatter is None and new.scatter is None:
             return _NO_WORK
         du_old = old.displacement(du)
-        du_new = du_old if new.candidates is old.candidates else new.displacement(du)
-        lost = _NONE if new.dissipation is None else new.dissipation
-        return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, lost)
-
-    def _nothing(self) -> SpringState:
-        """No forces; what friction remembers is lost."""
-        n = len(self._reduced_mass)
-        if self.pair.friction is None:
-            return SpringState.none(lambda: ContactHistory.none(n))
-        slip, lost = self.pair.history.slip, self._slip_energy()
-        return SpringState.none(
-            lambda: replace(ContactHistory.none(n), slip=slip, dissipation=lost), lost
-        )
-
-    def _slip_energy(self) -> Floats:
-        """Energy of the tangential springs at t_n, lost where a node leaves."""
-        t, eps_T = self.pair.history.traction, self.pair.eps_T
-        assert eps_T is not None
-        energy: Floats = np.einsum("ni,ni->n", t, t) / (2 * eps_T)
-        return energy
-
-    def _friction_forces(
-        self,
-        x_n: Floats,
-        x: Floats,
-        springs: _kernels.Springs,
-        segments: Ints,
-        lambda_N: Floats,
-    ) -> dict[str, Any]:
-        """Add friction to force and energy; returns what the pair remembers of it."""
-        pair, node = self.pair, springs.node
-        assert pair.friction is not None and pair.eps_T is not None
-        old, n, eps_T = pair.history, len(pair.eps_T), pair.eps_T[node]
-        slip = Slip(self._neighbours.candidates.slip(x_n, x, springs.dofs, segments))
-        t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
-        trial, p = t_n + eps_T[:, None] * slip.value, -lambda_N
-        slides = pair.friction.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
-        law = pair.friction.spring(trial, p, eps_T, trial, slides)
-        t = law.explicit + p[:, None] * law.direction
-        force, energy = springs.force, springs.energy
-        force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
-        lasting = slip.value - (t - t_n) / eps_T[:, None]
-        energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
-        length, dissipation, sliding = old.slip.copy(), self._slip_energy(), np.zeros(n, dtype=bool)
-        normal, traction = np.zeros((2, n, 3))
-        length[node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
-        dissipation[node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
-        sliding[node], normal[node] = slides, slip.normal
-        traction[node] = np.einsum("mi,mij->mj", t, slip.frame)
-        return {
-            "slip": length,
-            "dissipation": dissipation,
-            "sliding": sliding,
-            "normal": normal,
-            "traction": traction,
-        }
+        du_new = du_old if new.scatter is old.scatter else new.displacement(du)
+        return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)

@@ -1,9 +1,7 @@
-"""Active set of exact contact: which nodes have a normal multiplier.
+"""Which nodes are in contact: active set of multipliers, and pivoting.
 
-BlockPivoting: which nodes of a set of violators change their state.
-
-Contact or none and stick or slip are decided node by node, but each decision
-changes what all others see.
+Contact or none, and stick or slip, are decided node by node, but each decision
+changes what all other nodes see.
 """
 
 from mpi4py import MPI
@@ -18,14 +16,14 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ActiveSet", "BlockPivoting"]
 
-
-# Force of an active node, and gap times stiffness, that are none: of k h, as in
-# the round-off of the residual.
+# A force, or a gap times the stiffness k of its node, is none up to this part of k h,
+# where h is the size of a segment: that is the round-off of the residual.
 _ROUNDING = 16 * np.finfo(np.float64).eps
-
-
-_PATIENCE = 3  # iterations without fewer violators until one node changes at a time
-_PERIOD = 3  # of the changes afterwards, so that Newton's method settles in between
+# Iterations without fewer violators after which only one node changes at a time.
+_PATIENCE = 3
+# From then on a node changes in one of so many iterations, so that Newton's method
+# comes near to equilibrium in between.
+_PERIOD = 3
 
 
 class BlockPivoting:
@@ -93,29 +91,29 @@ class ActiveSet:
         self._pivoting = BlockPivoting(comm)
 
     def update(
-        self, rows: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
+        self, pairs: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
         """Decide. Collective.
 
         Args:
-            rows: The pairs.
+            pairs: The pairs.
             before: Whether they were active, shape ``(m,)``.
             lambda_N: Their multipliers, shape ``(m,)`` [N].
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
-            Whether they are active now; and how many here do not fit.
+            Whether they are active now; and how many of this rank do not fit.
         """
-        excess = rows.excess[:, 0]
+        excess = pairs.excess[:, 0]
         if iteration == 0:
             wrong = (excess < 0) & ~before
         else:
-            stiffness = self._stiffness[rows.node]
+            stiffness = self._stiffness[pairs.node]
             wrong = self._law.active(lambda_N, excess, stiffness) != before
             if wrong.any():
                 # Vertices of triangles of degree 2 carry nothing under a uniform
                 # pressure: rounding must not decide again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= _ROUNDING * stiffness * self._size)
-        changes, violators = self._pivoting.select(wrong, self._ids[rows.node], iteration)
+        changes, violators = self._pivoting.select(wrong, self._ids[pairs.node], iteration)
         return before ^ changes if violators else before, violators

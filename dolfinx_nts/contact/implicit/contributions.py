@@ -1,94 +1,39 @@
-"""Pairs that may transmit force: kernel values, residual, tangent.
+"""Pairs that may transmit force: kinematics, residual and tangent.
 
-Arrays over the pairs of one contact pair on one rank; d stands for the
-3(1+k) coordinates of a pair, its node first.
+Arrays over the pairs of one contact pair on one rank; d stands for the 3(1+k)
+coordinates of a pair, its node first.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
-from dolfinx_nts.contact.slip import Slip
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["ContactContribution", "PairKinematics"]
 
 
-class ContactContribution(NamedTuple):
-    """Pairs that may transmit force, evaluated between x_n and x.
-
-    ``d`` stands for the 3(1+k) coordinates of a pair; rows and columns of
-    given displacements are 0 unless noted otherwise.
-
-    Attributes:
-        node: Position in the surface's nodes, shape ``(m,)``.
-        segment: Segment in the neighbourhood, shape ``(m,)``.
-        dofs: Nodes of the pair in the neighbourhood's index map, shape
-            ``(m, 1+k)``.
-        active: Whether the pair transmits force, shape ``(m,)``.
-        rank: Number of constraints: 0 inactive or penalty, 1 normal, 3
-            normal and stick, shape ``(m,)``.
-        excess: What the constraints should make zero: gap minus its
-            reference, slip; shape ``(m, 3)`` [m].
-        gradients: Gradients of gap and slip at x, shape ``(m, 3, d)``.
-        columns: Force per multiplier, shape ``(m, 3, d)``; that of the
-            normal includes the friction which scales with it.
-        residual: Contact forces of the pair, ``(m, d)`` [N].
-        tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
-        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
-        fixed: Whether the node cannot give up what the constraints
-            determine, shape ``(m,)``.
-        force: All of ``residual``, given displacements or not.
-        changed: Pairs that changed their segment; that became active or
-            inactive, began to stick or to slide, or should.
-        failed: Pairs that could not be evaluated, active or not, and active
-            ones whose normal has turned by more than 90 degrees.
-    """
-
-    node: Ints
-    segment: Ints
-    dofs: Ints
-    active: Flags
-    rank: Ints
-    excess: Floats
-    gradients: Floats
-    columns: Floats
-    residual: Floats
-    tangent: Floats
-    normal: Floats
-    fixed: Flags
-    force: Floats
-    changed: int
-    failed: int
-
-    @property
-    def constraint_error(self) -> float:
-        """Largest violation of a constraint on this rank [m]."""
-        rows = np.arange(3) < self.rank[:, None]
-        return float(np.abs(self.excess[rows]).max(initial=0.0))
-
-
 class PairKinematics:
-    """Kernel values of pairs, before multipliers are known.
+    """Kinematics of pairs, before multipliers are known.
 
     Args:
         node: Position in the surface's nodes, shape ``(m,)``.
-        segment: Segment in the neighbourhood, shape ``(m,)``.
-        dofs: Nodes of the pair in the index map, shape ``(m, 1+k)``.
+        segment: Candidate that the node faces, shape ``(m,)``.
+        dofs: Nodes of the pair in the map of the candidates' scatter,
+            shape ``(m, 1+k)``.
         free: 1 where the displacement is unknown, otherwise 0, shape
             ``(m, d)``; None if all are unknown.
-        values: What `SegmentCandidates.contact` gives.
+        contact: Gap and force of the pairs.
 
     Attributes:
-        gap_n, gap: Gap at t_n and at x [m].
-        tangent: Derivative of the normal force, shape ``(m, d, d)``.
+        node, segment, dofs: The arguments.
+        contact: The argument.
         force: Normal and tangential force per multiplier, ``(m, 3, d)``.
         columns: The same, 0 where the displacement is given.
         gradients: Of gap and slip at x, 0 where it is given, ``(m, 3, d)``.
         excess: What constraints make zero, shape ``(m, 3)`` [m].
         normal: Free part of the node's normal, unit, shape ``(m, 3)``.
-        valid: Whether the kernel could be evaluated and the normal has
-            turned by less than 90 degrees, shape ``(m,)``.
         fixed: Whether the node cannot give up what constraints determine,
             shape ``(m,)``.
         slip: Slip of the pairs, with friction only.
@@ -102,17 +47,16 @@ class PairKinematics:
         segment: Ints,
         dofs: Ints,
         free: Floats | None,
-        values: tuple[Array, ...],
+        contact: ContactKinematics,
     ) -> None:
-        """Complete the normal parts; the tangential ones are zero."""
-        self.node, self.segment, self.dofs, self.free = node, segment, dofs, free
-        self.gap_n, self.gap, F, G, self.tangent, turn, _ = values
-        m, d = F.shape
+        """Fill the normal parts; the tangential ones are zero."""
+        self.node, self.segment, self.dofs, self._free = node, segment, dofs, free
+        self.contact = contact
+        m, d = contact.force.shape
         self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
-        self.valid: Flags = turn >= 0  # not if it is NaN
-        self.force[:, 0], self.gradients[:, 0] = F, G
-        self.columns, self.normal = self.force, G[:, :3].copy()
+        self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
+        self.columns, self.normal = self.force, contact.gradient[:, :3].copy()
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
@@ -125,11 +69,72 @@ class PairKinematics:
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
         self.slip = slip
-        self.excess[:, 1:] = self.slip.value
-        self.force[:, 1:] = self.slip.force
-        self.gradients[:, 1:] = self.slip.gradient
-        if self.free is not None:
-            self.columns[:, 1:] = self.slip.force * self.free[:, None]
-            self.gradients[:, 1:] *= self.free[:, None]
+        self.excess[:, 1:] = slip.value
+        self.force[:, 1:] = slip.force
+        self.gradients[:, 1:] = slip.gradient
+        if self._free is not None:
+            self.columns[:, 1:] = slip.force * self._free[:, None]
+            self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
-            self.fixed |= np.any(self.free[:, :3] != 1, axis=1)
+            self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
+
+    def restrict(self, force: Floats, tangent: Floats) -> Floats:
+        """Force without given displacements; the same is done to ``tangent``.
+
+        Args:
+            force: Shape ``(m, d)`` [N].
+            tangent: Shape ``(m, d, d)`` [N/m], overwritten.
+        """
+        if self._free is None:
+            return force
+        tangent *= self._free[:, :, None] * self._free[:, None, :]
+        return force * self._free
+
+    def failures(self, active: Flags) -> int:
+        """Pairs without a gap, and active ones that have turned by more than 90 degrees.
+
+        Args:
+            active: Whether a pair transmits force, shape ``(m,)``.
+        """
+        valid = self.contact.turn >= 0  # not if it is NaN
+        if valid.all():
+            return 0
+        return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))
+
+
+class ContactContribution(NamedTuple):
+    """Force and tangent of the pairs that may transmit force, between x_n and x.
+
+    Rows and columns of given displacements are 0 unless noted otherwise.
+
+    Attributes:
+        pairs: The pairs and their kinematics.
+        active: Whether a pair transmits force, shape ``(m,)``.
+        rank: Number of constraints: 0 inactive or penalty, 1 normal, 3
+            normal and stick, shape ``(m,)``.
+        columns: Force per multiplier, shape ``(m, 3, d)``; that of the
+            normal includes the friction which scales with it.
+        residual: Contact forces of the pair, ``(m, d)`` [N].
+        tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
+        force: All of ``residual``, given displacements or not.
+        changed: Pairs that changed their segment; that became active or
+            inactive, began to stick or to slide, or should.
+        failed: Pairs that could not be evaluated, active or not, and active
+            ones whose normal has turned by more than 90 degrees.
+    """
+
+    pairs: PairKinematics
+    active: Flags
+    rank: Ints
+    columns: Floats
+    residual: Floats
+    tangent: Floats
+    force: Floats
+    changed: int
+    failed: int
+
+    @property
+    def constraint_error(self) -> float:
+        """Largest violation of a constraint on this rank [m]."""
+        rows = np.arange(3) < self.rank[:, None]
+        return float(np.abs(self.pairs.excess[rows]).max(initial=0.0))

@@ -1,4 +1,6 @@
-"""Which segment each node of a contact pair faces, in one attempt at a step."""
+"""Local search: which candidate each contact point faces, in one attempt at a step."""
+
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -6,71 +8,92 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import SegmentCandidates
-from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.points import NodalPoints
 
-__all__ = ["LocalSearch"]
+__all__ = ["Approach", "LocalSearch"]
+
+# A node that changed its segment this often in a step stays with it.
+_MOST_MOVES = 2
 
 
-_MOST_MOVES = 2  # a node that changed its segment this often keeps it
+class Approach(NamedTuple):
+    """Where nodes would go without contact, and what they would meet there.
+
+    Attributes:
+        segment: Segment that the ballistic state meets, or that at t_n; -1
+            without, shape ``(n,)``.
+        gap_n: Gap to it at t_n, NaN without, shape ``(n,)`` [m].
+        gap: Gap of the ballistic state, shape ``(n,)`` [m].
+    """
+
+    segment: Ints
+    gap_n: Floats
+    gap: Floats
 
 
 class LocalSearch:
     """Nodes of a contact pair and their segments. Collective.
 
     Args:
-        pair: The contact pair.
+        state: State of the contact pair.
         x_n: Accepted positions of the local nodes of the space, owned
             and ghost, shape ``(l, 3)`` [m].
         x_trial: The same for the ballistic state x_n + h v_n.
 
     Attributes:
-        candidates: Segments in reach.
+        candidates: Candidates in reach.
+        points: Contact points of the nodes.
         way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
-        x_n: Positions at t_n of the nodes that the neighbourhood knows.
+        x_n: Positions at t_n of the nodes that the candidates know.
         last: Segment of the last step of each node or -1, shape ``(n,)``.
-        segment: Segment of each node or -1, shape ``(n,)``.
-        gap: Gap to it, NaN without, shape ``(n,)`` [m].
         segment_n: Segment at t_n.
-        met: Segment that the ballistic state meets, or that at t_n.
-        gap_n, gap_trial: Gap to it at t_n, and of the ballistic state [m].
+        segment: Segment of each node now, or -1, shape ``(n,)``.
+        gap: Gap to it, NaN without, shape ``(n,)`` [m].
+        approach: What the nodes would meet without contact.
     """
 
-    def __init__(self, pair: ContactPair, x_n: Floats, x_trial: Floats) -> None:
-        """Find the segments in reach, those at t_n and those of the ballistic state."""
+    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+        """Find the candidates, the segments at t_n and those of the ballistic state."""
+        pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
         self.way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Both surfaces may move, Newton iterates overshoot, and nodes up to
         # some depth still belong to their segments.
         self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
-        candidates: SegmentCandidates | ObstacleCandidates
-        candidates, _ = pair.search.update(x_n, self.reach)
-        self.candidates, self._nodes = candidates, pair.nodes.nodes
-        self.x_n = candidates.with_ghosts(x_n[: candidates.index_map.size_local])
-        trial = candidates.with_ghosts(x_trial[: candidates.index_map.size_local])
+        self.candidates, _ = candidates, _ = state.search.update(x_n, self.reach)
+        self.points = points = NodalPoints(pair.nodes.nodes)
+        self.x_n = candidates.scatter.forward(x_n)
+        trial = candidates.scatter.forward(x_trial)
 
-        self.last = candidates.find(pair.history.key)
-        self.segment_n, self.gap = candidates.pair(self.x_n, self._nodes, self.last, self.reach)
-        met, self.gap_trial = candidates.pair(trial, self._nodes, self.segment_n, self.reach)
+        self.last = candidates.find(state.history.key)
+        self.segment_n, self.gap = candidates.pair(points, self.x_n, self.last, self.reach)
+        met, gap_trial = candidates.pair(points, trial, self.segment_n, self.reach)
         # The gap at t_n counts on the segment that the ballistic state meets.
-        self.met: Ints = np.where(met >= 0, met, self.segment_n)
-        self.gap_n = self.gap.copy()
+        gap_n = self.gap.copy()
         moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
-            self.gap_n[moved] = candidates.gap(self.x_n, self._nodes[moved], met[moved])
+            gap_n[moved] = candidates.gap(points.take(moved), self.x_n, met[moved])
+        self.approach = Approach(np.where(met >= 0, met, self.segment_n), gap_n, gap_trial)
         self.segment = self.segment_n.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
         self._is_calm = True  # no node has changed its segment too often
+
+    @property
+    def may_close(self) -> Flags:
+        """Nodes whose gap may close within the step, shape ``(n,)``."""
+        flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self.way
+        return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         """Find the segments of nodes in an iterate. Local.
 
         What iterates would choose depends on how the linear systems were
-        solved, and on the partition with it: they keep the segments of the
-        start, continued beyond their edges, until equilibrium (`settle`).
+        solved, and on the partition with it: they stay with the segments of
+        the start, continued beyond their edges, until equilibrium
+        (`reproject`).
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -85,7 +108,7 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def settle(self, x: Floats, node: Ints) -> int:
+    def reproject(self, x: Floats, node: Ints) -> int:
         """Find the segments of nodes in equilibrium; how many changed. Local."""
         _, moved = self._find(x, node, _kernels.OVERHANG)
         self._count(node, moved)
@@ -98,7 +121,7 @@ class LocalSearch:
         if not self._is_calm:
             free = node[self._moves[node] < _MOST_MOVES]
             current = self.segment[free]
-        found, gap = self.candidates.pair(x, self._nodes[free], current, self.reach, slack)
+        found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
         self.segment[free], self.gap[free] = found, gap
         segment = found if free is node else self.segment[node]
         return segment, segment != before

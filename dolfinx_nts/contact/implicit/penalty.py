@@ -1,81 +1,116 @@
-"""Normal springs of a contact pair with penalty, in one attempt at a step."""
+"""Normal contact by penalty springs, in one attempt at a step."""
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.implicit.stick_slip import Friction
+from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["NormalSprings"]
+__all__ = ["PenaltyContact"]
 
 
-class NormalSprings:
-    """Forces and energies of the springs. Local.
+class PenaltyContact:
+    """Forces and energies of the springs, see `NormalContact`.
 
     Args:
-        pair: The contact pair, with springs.
+        state: State of the contact pair, with springs.
         law: Its enforcement.
-        pairing: Segments of its nodes.
+        search: Segments of its nodes.
+
+    Attributes:
+        active, lambda_N, flips: See `NormalContact`.
     """
 
-    def __init__(self, pair: ContactPair, law: Penalty, pairing: LocalSearch) -> None:
-        """Keep what the springs depend on."""
-        self._pair, self._law, self._pairing = pair, law, pairing
+    def __init__(self, state: PairState, law: Penalty, search: LocalSearch) -> None:
+        """Begin with the nodes that were in their springs in the last step."""
+        assert state.eps_N is not None
+        self._state, self._law, self._search, self._eps_N = state, law, search, state.eps_N
+        self._has_segment = search.approach.segment >= 0
+        self.active: Flags = state.history.active & self._has_segment
+        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
+        self.flips: Ints = np.zeros(len(self.active), dtype=np.int32)
+        self._slope: Floats = np.empty(0)  # of lambda_N by the gap [N/m]
 
-    def _stiffness(self, rows: PairKinematics) -> Floats:
-        assert self._pair.eps_N is not None
-        return self._pair.eps_N[rows.node]
+    def eligible(self) -> tuple[Ints, Flags]:
+        """Nodes that face a segment, and whether they may touch in this step."""
+        nodes = self._has_segment.nonzero()[0].astype(np.int32)
+        return nodes, self._search.may_close | self._state.history.active
 
-    def _offset(self, rows: PairKinematics) -> Floats:
+    def needs(self, node: Ints) -> Flags:
+        """The kinematics of all nodes matter."""
+        return np.ones(len(node), dtype=bool)
+
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        """Compute the forces of the springs; with convective friction half-way."""
+        node, eps_N = pairs.node, self._eps_N[pairs.node]
+        if self._state.pair.is_convective:
+            # As everything else in (60)-(64).
+            points, half = self._search.points.take(node), (self._search.x_n + x) / 2
+            gap = self._search.candidates.gap(points, half, pairs.segment)
+            pairs.gradients[:, 0] = pairs.columns[:, 0]
+            lambda_N, active = eps_N * np.minimum(gap, 0.0), gap < 0
+            self._slope = np.where(active, eps_N / 2, 0.0)
+        else:
+            offset = self._offset(pairs)
+            gap_n, gap = pairs.contact.gap_n - offset, pairs.contact.gap - offset
+            lambda_N, self._slope = self._law.force(gap_n, gap, eps_N)
+            active = lambda_N < 0
+        changes = friction.update(pairs, -lambda_N, active, iteration)
+        self.active[node], self.lambda_N[node] = active, lambda_N
+        return changes
+
+    def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
+        """Do nothing, as springs want no gap."""
+
+    def rank(self, active: Flags) -> Ints:
+        """No constraints."""
+        return np.zeros(len(active), dtype=np.int32)
+
+    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
+        """Add the stiffness of the springs."""
+        tangent += (
+            self._slope[:, None, None] * columns[:, 0, :, None] * pairs.gradients[:, 0, None, :]
+        )
+
+    def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
+        """Energy [J] of the springs and gap at which they start [m], ``(m,)``."""
+        offset = self._offset(pairs)
+        gap = pairs.contact.gap - offset
+        energy = self._law.energy(gap, self._eps_N[pairs.node])
+        # An open node forgets; one still inside must not gain energy.
+        return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
+
+    def stored(self, pairs: PairKinematics) -> Floats:
+        """Energy that went into the springs in the step, shape ``(m,)`` [J]."""
+        offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
+        at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
+        # A node that starts inside its spring brings energy with it.
+        before = np.where(self._state.history.active[pairs.node], at_n, 0.0)
+        stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
+        return stored
+
+    def lost_energy(self, node: Ints) -> float:
+        """Energy of normal springs at t_n at nodes that have no pair any more [J]."""
+        history = self._state.history
+        energy = history.energy - self._state.slip_energy(history.traction)
+        energy[node] = 0.0
+        return float(energy.sum())
+
+    def _offset(self, pairs: PairKinematics) -> Floats:
         """Gap at which springs start on the present segments.
 
         On a new segment it moves by the difference of the gaps at t_n, so
         that the energy of the spring is continuous; that of a node which
         was open on the old one starts where the node is.
         """
-        old, node = self._pair.history, rows.node
-        moved = (old.key[node] >= 0) & (old.key[node] != self._pairing.candidates.key[rows.segment])
-        before = np.where(old.active[node], old.gap[node], np.maximum(rows.gap_n, 0.0))
-        offset: Floats = old.offset[node] + np.where(moved, rows.gap_n - before, 0.0)
+        old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
+        key = self._search.candidates.key[pairs.segment]
+        moved = (old.key[node] >= 0) & (old.key[node] != key)
+        before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
+        offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
         return offset
-
-    def push(self, rows: PairKinematics, x: Floats) -> tuple[Floats, Flags, Floats]:
-        """Forces of the springs.
-
-        Args:
-            rows: The pairs; with convective friction the gradients change.
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-
-        Returns:
-            lambda_N [N, <= 0], whether the node is in its spring, and the
-            derivative of lambda_N by the gap [N/m]; shape ``(m,)``.
-        """
-        eps_N = self._stiffness(rows)
-        if self._pair.is_convective:
-            # Half-way, as everything else in (60)-(64).
-            nodes, half = self._pair.nodes.nodes[rows.node], (self._pairing.x_n + x) / 2
-            gap = self._pairing.candidates.gap(half, nodes, rows.segment)
-            rows.gradients[:, 0] = rows.columns[:, 0]
-            return eps_N * np.minimum(gap, 0.0), gap < 0, np.where(gap < 0, eps_N / 2, 0.0)
-        offset = self._offset(rows)
-        lambda_N, slope = self._law.force(rows.gap_n - offset, rows.gap - offset, eps_N)
-        return lambda_N, lambda_N < 0, slope
-
-    def accepted(self, rows: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy [J] of the springs and gap at which they start [m], ``(m,)``."""
-        shift = self._offset(rows)
-        gap = rows.gap - shift
-        energy = self._law.energy(gap, self._stiffness(rows))
-        # An open node forgets; one still inside must not gain energy.
-        return energy, np.where((gap >= 0) & (rows.gap >= 0), 0.0, shift)
-
-    def stored(self, rows: PairKinematics) -> Floats:
-        """Energy that went into the springs in the step, shape ``(m,)`` [J]."""
-        offset, eps_N = self._offset(rows), self._stiffness(rows)
-        at_n = self._law.energy(rows.gap_n - offset, eps_N)
-        # A node that starts inside its spring brings energy with it.
-        before = np.where(self._pair.history.active[rows.node], at_n, 0.0)
-        stored: Floats = self._law.energy(rows.gap - offset, eps_N) - before
-        return stored

@@ -1,81 +1,68 @@
 """Stick, slip and traction of the nodes of a pair in one attempt at a step."""
 
+from typing import Any, Protocol
+
 from mpi4py import MPI
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.friction import transport
+from dolfinx_nts.contact.friction import Coulomb, TractionModel, transport
 from dolfinx_nts.contact.implicit.active_set import BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["StickSlip"]
+__all__ = ["Friction", "NoFriction", "StickSlip", "friction_of"]
+
+# Weight of slip in the test for stick, relative to the stiffness of a node.
+_SLIP_WEIGHT = 0.3
 
 
-_SLIP_WEIGHT = 0.3  # of slip in the test for stick, relative to the stiffness of a node
+class Friction(Protocol):
+    """Tangential forces of the nodes of a pair; local but for `update`.
 
-
-class StickSlip:
-    """What friction adds to a `ContactStep`.
-
-    ``m`` pairs of `PairKinematics` are a part of the ``n`` nodes of the surface;
-    ``active`` tells which of the pairs transmit force, shape ``(m,)``.
-
-    Args:
-        pair: Contact pair with friction.
-        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        comm: Communicator of the mesh.
+    ``m`` pairs are a part of the ``n`` nodes of the surface; ``active``
+    tells which of the pairs transmit force, shape ``(m,)``.
 
     Attributes:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: In the frames of the segments at t_n, ``(n, 2)`` [N].
+        flips: How often a node has changed between stick and slip, ``(n,)``.
     """
 
-    def __init__(self, pair: ContactPair, stiffness: Floats, comm: MPI.Comm) -> None:
-        """Continue from the accepted step."""
-        history, n = pair.history, len(stiffness)
-        assert pair.friction is not None
-        self._pair, self._law, self._stiffness = pair, pair.friction, stiffness
-        self._pivoting = BlockPivoting(comm)
-        # A node that arrives slides until it is found to stick.
-        self.sliding: Flags = history.sliding | ~history.active
-        self.traction: Floats = np.zeros((n, 2))
-        # Model of the traction and slip of the last iteration.
-        self._explicit, self._direction, self._slip = np.zeros((3, n, 2))
-        self._turn_stiffness = np.zeros((n, 2, 2))
+    sliding: Flags
+    traction: Floats
+    flips: Ints
 
-    def release(self, node: Ints) -> None:
-        """Forget the traction of nodes that have become inactive. Local."""
-        self.traction[node] = 0.0
-
-    def arrive(self, node: Ints) -> None:
-        """Let nodes slide that have become active. Local."""
-        self.sliding[node] = True
-        self._direction[node] = 0.0
-
-    def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes held by multipliers in the tangent plane. Local."""
-        flags: Flags = active & ~self.sliding[node] & (not self._pair.has_slip_spring)
-        return flags
-
-    def energy(self, traction: Floats) -> Floats:
-        """Energy of the tangential springs, shape ``(n,)`` [J]. Local.
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Add the slip of the pairs to their kinematics.
 
         Args:
-            traction: Of all nodes, shape ``(n, 3)`` [N].
+            pairs: The pairs.
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
         """
-        if not self._pair.has_slip_spring:
-            return np.zeros(len(traction))
-        assert self._pair.eps_T is not None
-        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self._pair.eps_T)
-        return energy
 
-    def update(self, rows: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+    def release(self, node: Ints) -> None:
+        """Forget the traction of nodes that have become inactive."""
+
+    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
+        """Release nodes that are not held any more; let those slide that are now.
+
+        Args:
+            node: The nodes of the pairs, shape ``(m,)``.
+            before: Whether they were active, shape ``(m,)``.
+            active: Whether they are now.
+        """
+
+    def sticks(self, node: Ints, active: Flags) -> Flags:
+        """Active nodes held by multipliers in the tangent plane, ``(m,)``."""
+
+    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction. Collective.
 
         Args:
-            rows: The pairs.
+            pairs: The pairs.
             p: Pressing force, shape ``(m,)`` [N].
             active: Whether a pair transmits force.
             iteration: Number of the Newton iteration, from 0.
@@ -83,120 +70,52 @@ class StickSlip:
         Returns:
             Pairs of this rank whose state did not fit.
         """
-        node, slip, before = rows.node, rows.slip.value, self.sliding[rows.node]
-        spring = self._pair.has_slip_spring
-        if spring:
-            assert self._pair.eps_T is not None
-            old, c = self._pair.history, self._pair.eps_T[node]
-            t = transport(
-                old.traction[node], old.normal[node], rows.slip.frame_n, rows.slip.normal_n
-            )
-        else:
-            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        trial = t + c[:, None] * slip
-        way = trial if spring else slip
-        sliding, violators, heading = before, 0, way
-        if iteration:
-            # With p < 0, which may pass, a traction points backwards.
-            heading = np.where(before[:, None], self._direction[node], self.traction[node])
-            arrives = ~np.any(heading != 0, axis=1)
-            heading = np.where(arrives[:, None], way, heading)
-            after = self._law.slides(trial, way, p, heading, before)
-            flips, violators = self._pivoting.select(
-                active & (after != before), self._pair.nodes.node_ids[node], iteration
-            )
-            sliding = np.where(active, before ^ flips, after)
-        if spring:
-            model = self._law.spring(trial, p, c, heading, sliding)
-        else:
-            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
-            model = self._law.exact(known * t, slip, known * p, c, heading, sliding)
-        self.sliding[node] = sliding
-        self._slip[node] = slip
-        self._explicit[node] = model.explicit
-        self._direction[node] = model.direction
-        self._turn_stiffness[node] = model.stiffness
-        self.traction[node] = np.where(
-            (sliding | spring)[:, None],
-            model.explicit + p[:, None] * model.direction,
-            self.traction[node],
-        )
-        self.release(node[~active])
-        return violators
 
-    def reduced(self, rows: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
-        """What the normal multipliers have to balance, and their columns. Local.
+    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
+        """What the normal multipliers have to balance, and their columns.
 
         Args:
-            rows: The pairs.
+            pairs: The pairs.
             R: Residual at their nodes, shape ``(m, 3)`` [N].
             active: Whether a pair transmits force.
 
         Returns:
-            Residual with the tractions that do not scale with the
-            pressing force, ``(m, 3)``; force per multiplier with those
-            that do, ``(m, 3)``.
+            Residual with the tractions that do not scale with the pressing
+            force, ``(m, 3)``; force per multiplier with those that do, at
+            the node in the first of the rows, ``(m, ..., 3 or more)``.
         """
-        along = rows.columns[:, 1:, :3]
-        rest: Floats = R + np.einsum("mi,mij->mj", self._known(rows, active), along)
-        column: Floats = rows.columns[:, 0, :3] - np.einsum(
-            "mi,mij->mj", self._direction[rows.node], along
-        )
-        return rest, column
 
     def balance(
-        self, rows: PairKinematics, rest: Floats, lambda_N: Floats, active: Flags
+        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
     ) -> Floats:
-        """Set the tractions that go with normal multipliers. Local.
+        """Set the tractions that go with normal multipliers.
 
         Args:
-            rows: The pairs.
-            rest: As `reduced` gives it.
+            pairs: The pairs.
+            reduced: The residual that `reduced` gives.
             lambda_N: Normal multipliers of sliding nodes, ``(m,)`` [N].
             active: Whether a pair transmits force.
 
         Returns:
             Normal multipliers, those of sticking nodes too.
         """
-        stick = self.sticks(rows.node, active) & ~rows.fixed
-        traction = self._known(rows, active) - lambda_N[:, None] * self._direction[rows.node]
-        A = rows.columns[stick, :, :3].transpose(0, 2, 1)
-        solution = np.linalg.solve(A, -rest[stick][:, :, None])[:, :, 0]
-        lambda_N = lambda_N.copy()
-        lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
-        self.traction[rows.node] = np.where(active[:, None], traction, 0.0)
-        return lambda_N
 
-    def follow(self, rows: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set the tractions of sliding nodes by their model. Local.
-
-        What `balance` does for them, where multipliers were solved for.
+    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
+        """Set the tractions of sliding nodes where multipliers were solved for.
 
         Args:
-            rows: The pairs.
+            pairs: The pairs.
             lambda_N: Normal multipliers, shape ``(m,)`` [N].
             active: Whether a pair transmits force.
         """
-        node = rows.node
-        slides = active & ~self.sticks(node, active)
-        traction = self._known(rows, active) - lambda_N[:, None] * self._direction[node]
-        self.traction[node[slides]] = traction[slides]
 
-    def _known(self, rows: PairKinematics, active: Flags) -> Floats:
-        """Tractions that do not scale with the pressing force, ``(m, 2)``."""
-        node = rows.node
-        explicit: Floats = self._explicit[node]
-        if not self._pair.has_slip_spring:
-            turned = rows.slip.value - self._slip[node]
-            explicit = explicit + np.einsum("mij,mj->mi", self._turn_stiffness[node], turned)
-        stick = self.sticks(node, active) & ~rows.fixed
-        return np.where(stick[:, None], 0.0, explicit)
-
-    def add_to(self, rows: PairKinematics, active: Flags, force: Floats, tangent: Floats) -> Floats:
-        """Add tractions to forces and tangents of pairs. Local.
+    def add_to(
+        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
+    ) -> Floats:
+        """Add tractions to forces and tangents of pairs.
 
         Args:
-            rows: The pairs.
+            pairs: The pairs.
             active: Whether a pair transmits force.
             force: Shape ``(m, d)`` [N].
             tangent: Shape ``(m, d, d)`` [N/m].
@@ -205,13 +124,259 @@ class StickSlip:
             Force per multiplier, shape ``(m, 3, d)``, that of the normal
             with the friction which scales with it.
         """
-        node, along = rows.node, rows.force[:, 1:]
+
+    def add_multipliers(self, node: Ints, increments: Floats) -> None:
+        """Add increments of the tangential multipliers, ``(m, 2)`` [N]."""
+
+    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
+        """Energy of the springs [J], and what the history remembers by its names.
+
+        Args:
+            pairs: The pairs.
+            x: Positions with ghosts at the end of the step, ``(l, 3)`` [m].
+        """
+
+
+class NoFriction:
+    """Friction that is none, see `Friction`.
+
+    Args:
+        state: State of the contact pair.
+
+    Attributes:
+        sliding, traction, flips: See `Friction`; all nodes slide.
+    """
+
+    def __init__(self, state: PairState) -> None:
+        """Let all nodes slide."""
+        n = len(state.nodes.nodes)
+        self._state = state
+        self.sliding: Flags = np.ones(n, dtype=bool)
+        self.traction: Floats = np.zeros((n, 2))
+        self.flips: Ints = np.zeros(n, dtype=np.int32)
+
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Measure nothing."""
+
+    def release(self, node: Ints) -> None:
+        """Do nothing."""
+
+    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
+        """Do nothing."""
+
+    def sticks(self, node: Ints, active: Flags) -> Flags:
+        """No nodes."""
+        return np.zeros(len(node), dtype=bool)
+
+    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+        """No pairs that do not fit. Local."""
+        return 0
+
+    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
+        """The residual and the columns as they are."""
+        return R, pairs.columns
+
+    def balance(
+        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
+    ) -> Floats:
+        """The normal multipliers as they are."""
+        return lambda_N
+
+    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
+        """Do nothing."""
+
+    def add_to(
+        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
+    ) -> Floats:
+        """The columns as they are."""
+        return pairs.columns
+
+    def add_multipliers(self, node: Ints, increments: Floats) -> None:
+        """Do nothing."""
+
+    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
+        """No energy; the slip of former steps."""
+        return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}
+
+
+class StickSlip:
+    """Coulomb friction with exact stick or with springs, see `Friction`.
+
+    Args:
+        state: State of the contact pair.
+        law: Its law of friction.
+        search: Segments of the nodes.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+
+    Attributes:
+        sliding, traction, flips: See `Friction`.
+    """
+
+    def __init__(
+        self, state: PairState, law: Coulomb, search: LocalSearch, stiffness: Floats
+    ) -> None:
+        """Continue from the accepted step."""
+        history, n = state.history, len(stiffness)
+        self._state, self._law, self._search, self._stiffness = state, law, search, stiffness
+        comm: MPI.Comm = state.nodes.V.mesh.comm
+        self._pivoting = BlockPivoting(comm)
+        # A node that arrives slides until it is found to stick.
+        self.sliding: Flags = history.sliding | ~history.active
+        self.traction: Floats = np.zeros((n, 2))
+        self.flips: Ints = np.zeros(n, dtype=np.int32)
+        # Model of the traction and slip of the last iteration.
+        self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
+        self._slip: Floats = np.zeros((n, 2))
+
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Add the slip of the pairs, see `Friction.measure`."""
+        search = self._search
+        points = search.points.take(pairs.node)
+        slip = search.candidates.slip(self._law.law, points, search.x_n, x, pairs.segment)
+        pairs.add_slip(slip)
+
+    def release(self, node: Ints) -> None:
+        """Forget the traction of nodes, see `Friction.release`."""
+        self.traction[node] = 0.0
+
+    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
+        """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
+        self.release(node[before & ~active])
+        arrived = node[active & ~before]
+        self.sliding[arrived] = True
+        self._model.direction[arrived] = 0.0
+
+    def sticks(self, node: Ints, active: Flags) -> Flags:
+        """Active nodes held by multipliers in the tangent plane, see `Friction.sticks`."""
+        flags: Flags = active & ~self.sliding[node] & (not self._state.pair.has_slip_spring)
+        return flags
+
+    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+        """Decide on stick and slip, and model the traction, see `Friction.update`."""
+        node, slip, before = pairs.node, pairs.slip, self.sliding[pairs.node]
+        eps_T, law, model = self._state.eps_T, self._law, self._model
+        if eps_T is not None:
+            old, c = self._state.history, eps_T[node]
+            t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+        else:
+            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
+        trial = t + c[:, None] * slip.value
+        way = trial if eps_T is not None else slip.value
+        sliding, violators, heading = before, 0, way
+        if iteration:
+            # With p < 0, which may pass, a traction points backwards.
+            heading = np.where(before[:, None], model.direction[node], self.traction[node])
+            arrives = ~np.any(heading != 0, axis=1)
+            heading = np.where(arrives[:, None], way, heading)
+            after = law.slides(trial, way, p, heading, before)
+            flips, violators = self._pivoting.select(
+                active & (after != before), self._state.nodes.node_ids[node], iteration
+            )
+            sliding = np.where(active, before ^ flips, after)
+        if eps_T is not None:
+            new = law.spring(trial, p, c, heading, sliding)
+        else:
+            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
+            new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
+        self.sliding[node], self._slip[node] = sliding, slip.value
+        self.flips[node] += before != sliding
+        for values, value in zip(model, new, strict=True):
+            values[node] = value
+        modelled = (sliding | (eps_T is not None))[:, None]
+        traction = new.explicit + p[:, None] * new.direction
+        self.traction[node] = np.where(modelled, traction, self.traction[node])
+        self.release(node[~active])
+        return violators
+
+    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
+        """Residual and columns with the tractions, see `Friction.reduced`."""
+        along = pairs.columns[:, 1:, :3]
+        residual: Floats = R + np.einsum("mi,mij->mj", self._known(pairs, active), along)
+        column: Floats = pairs.columns[:, 0, :3] - np.einsum(
+            "mi,mij->mj", self._model.direction[pairs.node], along
+        )
+        return residual, column[:, None]
+
+    def balance(
+        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
+    ) -> Floats:
+        """Tractions, and multipliers of sticking nodes, see `Friction.balance`."""
+        node = pairs.node
+        stick = self.sticks(node, active) & ~pairs.fixed
+        traction = self._known(pairs, active) - lambda_N[:, None] * self._model.direction[node]
+        A = pairs.columns[stick, :, :3].transpose(0, 2, 1)
+        solution = np.linalg.solve(A, -reduced[stick][:, :, None])[:, :, 0]
+        lambda_N = lambda_N.copy()
+        lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
+        self.traction[node] = np.where(active[:, None], traction, 0.0)
+        return lambda_N
+
+    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
+        """Tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
+        node = pairs.node
+        slides = active & ~self.sticks(node, active)
+        traction = self._known(pairs, active) - lambda_N[:, None] * self._model.direction[node]
+        self.traction[node[slides]] = traction[slides]
+
+    def _known(self, pairs: PairKinematics, active: Flags) -> Floats:
+        """Tractions that do not scale with the pressing force, ``(m, 2)``."""
+        node = pairs.node
+        explicit: Floats = self._model.explicit[node]
+        if not self._state.pair.has_slip_spring:
+            turned = pairs.slip.value - self._slip[node]
+            explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
+        stick = self.sticks(node, active) & ~pairs.fixed
+        return np.where(stick[:, None], 0.0, explicit)
+
+    def add_to(
+        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
+    ) -> Floats:
+        """Add tractions to forces and tangents, see `Friction.add_to`."""
+        node, along = pairs.node, pairs.force[:, 1:]
         t, slides = self.traction[node], active & ~self.sticks(node, active)
         force += np.einsum("mi,mij->mj", t, along)
-        tangent += rows.slip.hessian(t) / 2
-        model = np.where(slides[:, None, None], self._turn_stiffness[node], 0.0)
-        tangent += np.einsum("mia,mij,mjb->mab", along, model, rows.slip.gradient, optimize=True)
-        direction = np.where(slides[:, None], self._direction[node], 0.0)
-        columns: Floats = rows.columns.copy()
+        tangent += pairs.slip.hessian(t) / 2
+        stiffness = np.where(slides[:, None, None], self._model.stiffness[node], 0.0)
+        tangent += np.einsum(
+            "mia,mij,mjb->mab", along, stiffness, pairs.slip.gradient, optimize=True
+        )
+        direction = np.where(slides[:, None], self._model.direction[node], 0.0)
+        columns: Floats = pairs.columns.copy()
         columns[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
         return columns
+
+    def add_multipliers(self, node: Ints, increments: Floats) -> None:
+        """Add increments of the tangential multipliers, see `Friction.add_multipliers`."""
+        self.traction[node] += increments
+
+    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
+        """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""
+        state, old, node, slip = self._state, self._state.history, pairs.node, pairs.slip
+        t = self.traction[node]
+        parts: dict[str, Any] = {
+            "traction": np.zeros_like(old.traction),
+            "normal": np.zeros_like(old.normal),
+            "slip": old.slip.copy(),
+            "dissipation": np.zeros_like(old.dissipation),
+        }
+        parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
+        parts["normal"][node] = slip.normal
+        length = np.linalg.norm(slip.value, axis=1)
+        parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
+        dx = (x - self._search.x_n)[pairs.dofs]
+        parts["dissipation"][node] = slip.work(t, dx.reshape(pairs.contact.force.shape))
+        energy = state.slip_energy(parts["traction"])
+        parts["dissipation"] -= energy - state.slip_energy(old.traction)
+        return energy, parts
+
+
+def friction_of(state: PairState, search: LocalSearch, stiffness: Floats) -> Friction:
+    """Friction of a pair, by its law. Local.
+
+    Args:
+        state: State of the contact pair.
+        search: Segments of the nodes.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+    """
+    law = state.pair.friction
+    return NoFriction(state) if law is None else StickSlip(state, law, search, stiffness)

@@ -200,8 +200,8 @@ def test_half_passes_share_the_stiffness_of_the_springs(comm):
         whole = nts.EnergyMomentum(whole.bodies, [pair], dt=whole.dt)
         halves.advance()
         whole.advance()
-        assert np.allclose(halves.pairs[0].eps_N, pair.eps_N / 2)
-        assert np.allclose(halves.pairs[0].eps_T, pair.eps_T / 2)
+        assert np.allclose(halves.contacts[0].eps_N, whole.contacts[0].eps_N / 2)
+        assert np.allclose(halves.contacts[0].eps_T, whole.contacts[0].eps_T / 2)
 
 
 def test_stack_of_three_falls_and_keeps_its_balances(comm):

@@ -6,6 +6,7 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.pair_state import PairState
 from helpers import scenes
 from reference import nts as reference
 from reference.bulk import rotation, sample_pairs, taylor_order
@@ -110,18 +111,18 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     x_n = scene.stepper.x
     way = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
     x = x_n + way + 0.01 * rng.normal(size=x_n.shape)
-    step = ContactStep(pair, "midpoint", x_n, x_n + way, np.ones(len(x)))
+    step = ContactStep(PairState(pair), "midpoint", x_n, x_n + way, np.ones(len(x)))
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)
     assert state.changed == 0
     assert state.active.sum() > 1
-    assert np.all(step.sliding[state.node[state.active]] == slides)
+    assert np.all(step.friction.sliding[state.pairs.node[state.active]] == slides)
     d = 0.05 * rng.normal(size=x.shape)
 
     def forces(y):
         return step.evaluate(y, None, 1).residual
 
-    local = step.candidates.with_ghosts(d)[state.dofs].reshape(state.residual.shape)
+    local = step.candidates.scatter.forward(d)[state.pairs.dofs].reshape(state.residual.shape)
     # Penalty has no constraints: all of the derivative is in the tangent.
     slope = np.einsum("mij,mj->mi", state.tangent, local)
     assert taylor_order(forces, x, d, slope) > 1.9

@@ -9,7 +9,9 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.contact.implicit.penetration import check_penetration
-from dolfinx_nts.search.candidates import SegmentCandidates
+from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 pytestmark = pytest.mark.serial
 
@@ -29,32 +31,39 @@ def step_of(facets, before, after, held):
     orientation = np.resize([1.0, -1.0] if facets == "triangle" else [1.0], len(segments))
     none = np.empty(0, dtype=np.int64)
     candidates = SegmentCandidates(
-        compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32)),
+        NodalScatter(
+            compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32)), is_local=True
+        ),
         segments,
         orientation,
         np.arange(len(segments)),
         np.full(len(segments), np.sqrt(2)),
-        np.ones(len(segments)),
     )
     x_n, x = (np.array([[at[0], 0.4, at[1]], *FLAT, *STEEP]) for at in (before, after))
-    node = np.zeros(1, dtype=np.int32)
+    points = NodalPoints(np.zeros(1, dtype=np.int32))
     none_yet = np.full(1, -1, dtype=np.int32)
-    segment_n, gap_n = candidates.pair(x_n, node, none_yet, 2.0)
-    segment, gap = candidates.pair(x, node, segment_n, 2.0)
+    segment_n, gap_n = candidates.pair(points, x_n, none_yet, 2.0)
+    segment, gap = candidates.pair(points, x, segment_n, 2.0)
     if held[1] and segment[0] < 0:
-        # Kept, as by a node that has changed its segment again and again.
-        segment, gap = segment_n, candidates.gap(x, node, segment_n)
+        # As of a node that has changed its segment again and again.
+        segment, gap = segment_n, candidates.gap(points, x, segment_n)
     history = SimpleNamespace(active=np.array(held[:1]), gap=gap_n)
-    local_search = SimpleNamespace(
-        x_n=x_n, reach=2.0, last=segment_n, segment_n=segment_n, segment=segment, gap=gap
+    search = SimpleNamespace(
+        points=points,
+        x_n=x_n,
+        reach=2.0,
+        last=segment_n,
+        segment_n=segment_n,
+        segment=segment,
+        gap=gap,
     )
     return SimpleNamespace(
         candidates=candidates,
-        pair=SimpleNamespace(history=history, nodes=SimpleNamespace(nodes=node)),
-        local_search=local_search,
+        state=SimpleNamespace(history=history),
+        search=search,
+        normal=SimpleNamespace(active=np.array(held[1:])),
         comm=MPI.COMM_SELF,
         x=x,
-        active=np.array(held[1:]),
     )
 
 
@@ -96,7 +105,7 @@ def test_node_that_goes_through_a_surface_is_found():
 def test_node_must_not_sink_between_two_segments(facets, flat, after, held, message):
     # On the flat one, continued, at the end; the next step finds it below the steep one.
     step = step_of(facets, (0.9, 0.1), after, (True, held))
-    step.local_search.segment[:], step.local_search.gap[:] = flat, after[1]
+    step.search.segment[:], step.search.gap[:] = flat, after[1]
     assert check_penetration(step) == message
-    step.local_search.gap[:] = -0.1  # not much deeper than now
+    step.search.gap[:] = -0.1  # not much deeper than now
     assert check_penetration(step) == ""

@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from helpers.scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
 from reference.bulk import Bulk, rotation
@@ -151,21 +152,23 @@ def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, 
     diagnostics = Diagnostics(stepper)
     assert diagnostics.min_gap() == pytest.approx(0.1)
     looked = []
-    gap = nts.ContactPair.gap
+    gap = PairState.gap
 
-    def counted(pair, x, reach=np.inf):
-        looked.append(pairs.index(pair))
-        return gap(pair, x, reach)
+    def counted(contact, x, reach=np.inf):
+        looked.append(pairs.index(contact.pair))
+        return gap(contact, x, reach)
 
-    monkeypatch.setattr(nts.ContactPair, "gap", counted)
+    monkeypatch.setattr(PairState, "gap", counted)
     for _ in range(12):
-        least = min(comm.allgather(min(np.nanmin(gap(p, stepper.x), initial=9.9) for p in pairs)))
+        least = min(
+            comm.allgather(min(np.nanmin(gap(p, stepper.x), initial=9.9) for p in stepper.contacts))
+        )
         assert diagnostics.min_gap() == pytest.approx(least, abs=1e-12)
         assert looked == [3, 1, 0] or looked == [3, 0, 1]
         stepper.advance()
         looked.clear()
     # What surrounds the nodes is found once.
-    assert [pair._everywhere.exchanges for pair in pairs[:3]] == [1, 1, 1]
+    assert [c._far_search.exchanges for c in stepper.contacts[:3]] == [1, 1, 1]
 
 
 def test_min_gap_is_nan_where_nothing_faces_and_without_pairs(comm):

@@ -32,9 +32,9 @@ def boxes(comm, depth, make_pairs):
 
 
 def touch(stepper):
-    for pair in stepper.pairs:
-        active = np.ones(len(pair.nodes.nodes), dtype=bool)
-        pair.history = replace(pair.history, active=active)
+    for contact in stepper.contacts:
+        active = np.ones(len(contact.nodes.nodes), dtype=bool)
+        contact.accept(replace(contact.history, active=active))
 
 
 @pytest.mark.parametrize(("depth", "warns"), [(0.05, False), (0.2, True)])

@@ -385,9 +385,9 @@ def test_tangential_spring_follows_a_given_penalty(comm):
     (pair,) = scene.stepper.pairs
     pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(50.0), nts.Coulomb(0.2))
     stable = nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step
-    nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable)
-    np.testing.assert_allclose(pair.eps_N, 50.0)
-    np.testing.assert_allclose(pair.eps_T, 5.0)
+    (contact,) = nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable).contacts
+    np.testing.assert_allclose(contact.eps_N, 50.0)
+    np.testing.assert_allclose(contact.eps_T, 5.0)
 
 
 # --- cost --------------------------------------------------------------
@@ -399,14 +399,14 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
     for _ in range(num_steps):
         stepper.advance()
     assert stepper._bulk.internal.num_assemblies == num_steps + 1
-    assert stepper.pairs[0].search.exchanges <= num_steps / 10
+    assert stepper.contacts[0].search.exchanges <= num_steps / 10
 
 
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
     seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
     few, many = seldom.stepper, often.stepper
     look, found = neighbour_list.NeighbourList._rebuild, []
-    search, size = few.pairs[0].search, few.pairs[0].segment_size
+    search, size = few.contacts[0].search, few.pairs[0].segment_size
 
     def watched(self, x):
         since = self._travelled if np.isinf(self._travelled) else search.approach(x, places)
@@ -416,7 +416,7 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
     monkeypatch.setattr(neighbour_list.NeighbourList, "_rebuild", watched)
     for _ in range(100):
         few.advance()
-        places = few._springs[0]._neighbours._places
+        places = few._springs[0]._neighbours._positions
         assert search.approach(few.x, places) <= neighbour_list._MARGIN * size
     assert np.isinf(found[0]) and 2 <= len(found) <= 10
     assert agree(min(found[1:]) > neighbour_list._USED * neighbour_list._MARGIN)
@@ -433,7 +433,7 @@ def test_nodes_keep_their_segments_among_other_candidates(comm, agree):
         pass
     seen = stepper._springs[0]._neighbours
     # The segments under the ball, with other numbers than among all.
-    other = stepper.pairs[0].search._exchange(stepper.x, 0.3)
+    other = stepper.contacts[0].search._find(stepper.x, 0.3)
     found, paired = seen._current_in(other), seen.current >= 0
     assert comm.allreduce(np.count_nonzero(found != seen.current)) > 0
     assert comm.allreduce(np.count_nonzero(paired)) >= 5

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes
 
 ROUNDING = 1e2 * np.finfo(float).eps
@@ -42,7 +43,7 @@ def test_nodes_near_the_segments_are_those_near_one_of_their_boxes(comm):
     search, pair = search_of(scene)
     x = scene.stepper.x
     here, _ = search.update(x, 0.1)
-    x, nodes = here.with_ghosts(x[: here.index_map.size_local]), pair.nodes.nodes
+    x, nodes = here.scatter.forward(x), pair.nodes.nodes
     for reach in (0.0, 0.05, 0.2):
         boxes = [(s.min(axis=0), s.max(axis=0)) for s in x[here.segments]]
         near = [
@@ -50,7 +51,7 @@ def test_nodes_near_the_segments_are_those_near_one_of_their_boxes(comm):
             for n, at in enumerate(x[nodes])
             if any(np.linalg.norm(at - at.clip(*box)) <= reach for box in boxes)
         ]
-        np.testing.assert_array_equal(here.near(x, nodes, reach), near)
+        np.testing.assert_array_equal(here.near(NodalPoints(nodes), x, reach), near)
 
 
 @cells_
@@ -79,7 +80,7 @@ def test_candidates_describes_the_segments_of_other_ranks_correctly(comm, cell):
     order = np.argsort(key) if len(pair.nodes.nodes) else slice(0)  # who has no node gets none
     signs = np.concatenate(comm.allgather(pair.segments.orientation))[order]
     wrong = int(not np.array_equal(here.key, key[order]))
-    found = here.with_ghosts(x[: here.index_map.size_local])[here.segments]
+    found = here.scatter.forward(x)[here.segments]
     wrong += not np.allclose(found, segments[order], rtol=0, atol=ROUNDING)
     wrong += not np.array_equal(here.orientation, signs)
     edges = segments[order][:, :, None] - segments[order][:, None]
@@ -101,10 +102,10 @@ def test_sending_to_ghosts_and_back_to_owners_are_transposed(comm):
     scene = scenes.blocks(comm)
     here, _ = search_of(scene)[0].update(scene.stepper.x, np.inf)
     rng = np.random.default_rng(comm.rank)
-    num_owned = here.index_map.size_local
+    num_owned = here.scatter.index_map.size_local
     a = rng.normal(size=(num_owned, 3))
-    b = rng.normal(size=(num_owned + here.index_map.num_ghosts, 3))
-    sums = [np.sum(here.with_ghosts(a) * b), np.sum(a * here.to_owners(b))]
+    b = rng.normal(size=(num_owned + here.scatter.index_map.num_ghosts, 3))
+    sums = [np.sum(here.scatter.forward(a) * b), np.sum(a * here.scatter.reverse(b))]
     sums = comm.allreduce(np.array(sums))
     assert abs(sums[0] - sums[1]) <= ROUNDING * comm.allreduce(b.size)
 
@@ -173,4 +174,4 @@ def test_rank_without_nodes_or_segments_takes_part(comm):
     assert comm.allreduce(len(pair.nodes.nodes)) == 9
     if comm.size > 1:
         assert comm.allgather(len(pair.nodes.nodes))[-1] == 0
-    here.to_owners(here.with_ghosts(x[: here.index_map.size_local]))
+    here.scatter.reverse(here.scatter.forward(x))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.self_contact import SelfContactSearch, independent_nodes
+from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.self_contact import SelfContactSearch
 from helpers.scenes import part
 
 
@@ -15,9 +16,9 @@ def flattened(comm, cell):
     surface = nts.Surface(V, facets, tag["ring_inner"])
     x = V.tabulate_dof_coordinates() * [1, 0.02, 1]
     here, _ = SelfContactSearch(surface, surface).update(x, 0.2)
-    x = here.with_ghosts(x[: here.index_map.size_local])
+    x = here.scatter.forward(x)
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
-    return surface, here, here.pair(x, surface.nodes, none, 0.2)[0]
+    return surface, here, here.pair(NodalPoints(surface.nodes), x, none, 0.2)[0]
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -25,11 +26,11 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
     surface, here, segment = flattened(comm, cell)
     candidates = segment >= 0
     urgency = surface.node_ids % 3
-    taken = independent_nodes(here, surface, segment, candidates, urgency)
+    taken = here.independent(surface, segment, candidates, urgency)
     assert comm.allreduce(int(np.count_nonzero(taken & ~candidates))) == 0
     node = np.flatnonzero(candidates)
-    dofs = here.dofs(surface.nodes[node], segment[node])
-    dofs = here.index_map.local_to_global(dofs.ravel()).reshape(dofs.shape)
+    dofs = NodalPoints(surface.nodes[node]).dofs(here.segments[segment[node]])
+    dofs = here.scatter.global_nodes(dofs)
     rows = zip(taken[node], urgency[node], surface.node_ids[node], dofs, strict=True)
     everywhere = [row for part in comm.allgather(list(rows)) for row in part]
     assert len(everywhere) > 20
@@ -51,4 +52,4 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
 def test_without_candidates_nobody_is_taken(comm):
     surface, here, segment = flattened(comm, "hexahedron")
     none = np.zeros(len(segment), dtype=bool)
-    assert not independent_nodes(here, surface, segment, none, np.zeros(len(segment))).any()
+    assert not here.independent(surface, segment, none, np.zeros(len(segment))).any()

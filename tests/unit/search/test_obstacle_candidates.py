@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates
+from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates, ObstacleSearch
+from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes
 
 OBSTACLES = {
@@ -29,15 +30,17 @@ def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
     here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
-    facet, gap = here.pair(x, nodes.nodes, none, 0.5)
+    facet, gap = here.pair(NodalPoints(nodes.nodes), x, none, 0.5)
     found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.01, 0.5)
     np.testing.assert_array_equal(facet, found)
     np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
     met = np.flatnonzero(found >= 0)
     np.testing.assert_array_equal(here.find(here.key[found[met]]), found[met])
-    np.testing.assert_allclose(here.gap(x, nodes.nodes[met], found[met]), exact[met], atol=1e-14)
-    assert here.gap_gradient(x, nodes.nodes[met], found[met]).shape == (len(met), 3)
-    np.testing.assert_array_equal(here.dofs(nodes.nodes[met], found[met])[:, 0], nodes.nodes[met])
+    points = NodalPoints(nodes.nodes[met])
+    np.testing.assert_allclose(here.gap(points, x, found[met]), exact[met], atol=1e-14)
+    dofs = points.dofs(here.segments.take(found[met], axis=0))
+    np.testing.assert_array_equal(dofs, nodes.nodes[met][:, None])
+    assert here.contact("static", points, x, x, found[met]).gradient.shape == (len(met), 3)
 
 
 @obstacles
@@ -46,8 +49,8 @@ def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
     here = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
-    gap = here.pair(x, nodes.nodes, none, np.inf)[1]
-    near = here.near(x, nodes.nodes, reach)
+    gap = here.pair(NodalPoints(nodes.nodes), x, none, np.inf)[1]
+    near = here.near(NodalPoints(nodes.nodes), x, reach)
     assert np.all(np.isin(np.flatnonzero(gap <= reach), near))
     # Boxes of facets are wider than the facets, but flat ones of flat facets.
     assert name != "facets" or np.all(gap[near] <= reach)
@@ -57,21 +60,23 @@ def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
 
 @obstacles
 def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
-    here = ObstacleCandidates(OBSTACLES[name], nodes)
+    search = ObstacleSearch(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
-    before = here.places(x)
-    assert here.approach(x, before) == 0.0
+    before = search.positions(x)
+    assert search.approach(x, before) == 0.0
     way = np.array([0.1, -0.2, 0.2])
     moved = x + way
     moved[nodes.nodes[: len(nodes.nodes) // 2]] += way
     farthest = 0.6 if len(nodes.nodes) > 1 else 0.3
-    assert here.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
+    assert search.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
 
 
 @obstacles
 def test_nothing_is_sent(name, nodes):
-    here = ObstacleCandidates(OBSTACLES[name], nodes)
-    x = nodes.V.tabulate_dof_coordinates()
-    assert here.update(x, 0.1) == (here, False)
-    for values in (here.with_ghosts(x), here.to_owners(x)):
-        assert values is x
+    search = ObstacleSearch(OBSTACLES[name], nodes)
+    here, x = search.candidates, nodes.V.tabulate_dof_coordinates()
+    assert search.update(x, 0.1) == (here, False)
+    owned = x[: nodes.V.dofmap.index_map.size_local]
+    assert np.shares_memory(here.scatter.forward(x), owned)
+    np.testing.assert_array_equal(here.scatter.forward(x), owned)
+    assert here.scatter.reverse(owned) is owned

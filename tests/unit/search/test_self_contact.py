@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.self_contact import SelfContactSearch
 from helpers.scenes import part
 from reference.bulk import rotation
@@ -37,9 +38,9 @@ def folded(X, distance):
 def pairing(surface, x, reach=REACH):
     """Segments of the surface's nodes: candidates, segment, gap, normals."""
     here, _ = SelfContactSearch(surface, surface).update(x, reach)
-    x = here.with_ghosts(x[: here.index_map.size_local])
+    x = here.scatter.forward(x)
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
-    return here, x, *here.pair(x, surface.nodes, none, reach)
+    return here, x, *here.pair(NodalPoints(surface.nodes), x, none, reach)
 
 
 @cells_
@@ -105,11 +106,11 @@ def test_node_keeps_its_segment_and_is_not_given_one_it_may_not_touch(comm):
     surface = strip(comm, "hexahedron", 0.05)
     x = folded(surface.V.tabulate_dof_coordinates(), 0.2)
     here, x, segment, gap = pairing(surface, x)
-    again = here.pair(x, surface.nodes, segment, REACH)
+    again = here.pair(NodalPoints(surface.nodes), x, segment, REACH)
     assert np.array_equal(again[0], segment)
     assert np.array_equal(again[1], gap, equal_nan=True)
     # The segment under a node is not kept if it is its own.
     own = np.full(len(segment), -1, dtype=np.int32)
     for number, vertices in enumerate(here.segments):
         own[np.isin(surface.nodes, vertices)] = number
-    assert np.array_equal(here.pair(x, surface.nodes, own, REACH)[0], segment)
+    assert np.array_equal(here.pair(NodalPoints(surface.nodes), x, own, REACH)[0], segment)

@@ -53,8 +53,7 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 def test_increments_are_those_of_the_saddle_system(comm, monkeypatch, cell, law):
     enforcement, friction, expected = LAWS[law]
-    scene = scenes.blocks(comm, nts.EnergyMomentum, enforcement, cell=cell)
-    scene.stepper.pairs[0].friction = friction
+    scene = scenes.blocks(comm, nts.EnergyMomentum, enforcement, cell=cell, friction=friction)
     differences, ranks, solver = compare(monkeypatch, scene, 10)
     assert expected <= ranks
     assert len(differences) > 3 and max(differences) < AGREEMENT
@@ -228,8 +227,7 @@ def _csr(matrix):
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
-    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
-    scene.stepper.pairs[0].friction = nts.Coulomb(mu) if mu else None
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES, friction=nts.Coulomb(mu))
     solver = scene.stepper._solver
     counts = []
     for _ in range(15):

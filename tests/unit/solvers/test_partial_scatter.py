@@ -11,45 +11,43 @@ ROUNDING = 1e2 * np.finfo(float).eps
 
 
 @pytest.fixture
-def candidates(comm):
+def scatter(comm):
     """One that reaches everywhere."""
     scene = scenes.blocks(comm)
     pair = scene.stepper.pairs[0]
-    here, _ = GlobalSearch(pair.nodes, pair.segments).update(scene.stepper.x, np.inf)
-    return here
+    candidates, _ = GlobalSearch(pair.nodes, pair.segments).update(scene.stepper.x, np.inf)
+    return candidates.scatter
 
 
-def some_nodes(here, comm, share):
+def some_nodes(scatter, comm, share):
     """A share of the nodes that a rank knows; none on the last of several."""
     rng = np.random.default_rng(comm.rank)
-    chosen = np.flatnonzero(rng.random(here.num_local) < share).astype(np.int32)
+    chosen = np.flatnonzero(rng.random(scatter.num_local) < share).astype(np.int32)
     return chosen[:0] if comm.rank == comm.size - 1 > 0 else chosen
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_values_are_those_of_the_owners(comm, candidates, agree, share):
-    here = candidates
-    nodes = some_nodes(here, comm, share)
-    excerpt = PartialScatter(here, nodes)
+def test_values_are_those_of_the_owners(comm, scatter, agree, share):
+    nodes = some_nodes(scatter, comm, share)
+    excerpt = PartialScatter(scatter, nodes)
     for number in range(2):  # nothing of the first vector stays
         rng = np.random.default_rng([number, comm.rank])
-        x = rng.normal(size=(here.index_map.size_local, 3))
-        assert agree(np.array_equal(excerpt.take(x), here.with_ghosts(x)[nodes]))
+        x = rng.normal(size=(scatter.index_map.size_local, 3))
+        assert agree(np.array_equal(excerpt.take(x), scatter.forward(x)[nodes]))
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-def test_what_ghosts_have_is_added_at_their_owners(comm, candidates, agree, share):
-    here = candidates
-    n = here.index_map.size_local
-    nodes = some_nodes(here, comm, share)
-    excerpt = PartialScatter(here, nodes)
+def test_what_ghosts_have_is_added_at_their_owners(comm, scatter, agree, share):
+    n = scatter.index_map.size_local
+    nodes = some_nodes(scatter, comm, share)
+    excerpt = PartialScatter(scatter, nodes)
     for number in range(2):
         rng = np.random.default_rng([number, comm.rank])
         y = rng.normal(size=(n, 3))
-        whole = np.concatenate([y, np.zeros((here.index_map.num_ghosts, 3))])
+        whole = np.concatenate([y, np.zeros((scatter.index_map.num_ghosts, 3))])
         part = excerpt.owned(y)
         assert agree(np.array_equal(part, whole[nodes]))
         change = rng.normal(size=part.shape)
         whole[nodes] += change
         excerpt.put(part + change, y)
-        assert agree(np.allclose(y, here.to_owners(whole), rtol=0, atol=ROUNDING))
+        assert agree(np.allclose(y, scatter.reverse(whole), rtol=0, atol=ROUNDING))

@@ -1,0 +1,129 @@
+"""Friction by springs, evaluated at one state: for explicit steps."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.friction import Coulomb, transport
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.points import NodalPoints
+
+__all__ = ["NoFriction", "SpringFriction", "TangentialSprings", "friction_of"]
+
+
+class TangentialSprings(Protocol):
+    """Friction of the nodes of a pair in explicit steps. Local."""
+
+    def add_to(
+        self,
+        springs: _kernels.Springs,
+        candidates: Candidates,
+        x_n: Floats,
+        x: Floats,
+        segment: Ints,
+        p: Floats,
+    ) -> dict[str, Any]:
+        """Add friction to force and energy of normal springs.
+
+        Args:
+            springs: The normal springs of ``m`` nodes; changed.
+            candidates: Candidates in reach.
+            x_n: Positions of the owned nodes at t_n, ``(n, 3)`` [m].
+            x: Positions with ghosts at the end of the step, ``(l, 3)`` [m].
+            segment: Segments of the nodes, shape ``(m,)``.
+            p: Pressing force, shape ``(m,)`` [N].
+
+        Returns:
+            What the history remembers, by its names.
+        """
+
+    def lost(self) -> dict[str, Any]:
+        """What the history remembers where no node touches, by its names."""
+
+
+class NoFriction:
+    """Friction that is none, see `TangentialSprings`."""
+
+    def add_to(
+        self,
+        springs: _kernels.Springs,
+        candidates: Candidates,
+        x_n: Floats,
+        x: Floats,
+        segment: Ints,
+        p: Floats,
+    ) -> dict[str, Any]:
+        """Add nothing."""
+        return {}
+
+    def lost(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+
+class SpringFriction:
+    """Coulomb friction with a spring at each node, see `TangentialSprings`.
+
+    Args:
+        state: State of the contact pair.
+        law: Its law of friction.
+    """
+
+    def __init__(self, state: PairState, law: Coulomb) -> None:
+        """Use the springs of the pair, which are chosen later."""
+        self._state, self._law = state, law
+
+    def add_to(
+        self,
+        springs: _kernels.Springs,
+        candidates: Candidates,
+        x_n: Floats,
+        x: Floats,
+        segment: Ints,
+        p: Floats,
+    ) -> dict[str, Any]:
+        """Add friction, see `TangentialSprings.add_to`."""
+        state, law, node, old = self._state, self._law, springs.node, self._state.history
+        assert state.eps_T is not None
+        eps_T = state.eps_T[node]
+        points = NodalPoints(springs.dofs[:, 0])
+        slip = candidates.slip(law.law, points, candidates.scatter.forward(x_n), x, segment)
+        t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+        trial = t_n + eps_T[:, None] * slip.value
+        slides = law.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
+        model = law.spring(trial, p, eps_T, trial, slides)
+        t = model.explicit + p[:, None] * model.direction
+        force, energy = springs.force, springs.energy
+        force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
+        lasting = slip.value - (t - t_n) / eps_T[:, None]
+        energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
+        parts: dict[str, Any] = {
+            **self.lost(),
+            "sliding": np.zeros(len(old.slip), dtype=bool),
+            "normal": np.zeros_like(old.normal),
+            "traction": np.zeros_like(old.traction),
+        }
+        parts["slip"][node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
+        parts["dissipation"][node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
+        parts["sliding"][node], parts["normal"][node] = slides, slip.normal
+        parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
+        return parts
+
+    def lost(self) -> dict[str, Any]:
+        """The slip so far; springs that no node loads any more lose their energy."""
+        history = self._state.history
+        lost = self._state.slip_energy(history.traction)
+        return {"slip": history.slip.copy(), "dissipation": lost}
+
+
+def friction_of(state: PairState) -> TangentialSprings:
+    """Friction of a pair, by its law. Local.
+
+    Args:
+        state: State of the contact pair.
+    """
+    law = state.pair.friction
+    return NoFriction() if law is None else SpringFriction(state, law)

@@ -1,0 +1,153 @@
+"""Normal contact by multipliers, in one attempt at a step."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.implicit.active_set import ActiveSet
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.stick_slip import Friction
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["MultiplierContact"]
+
+# Gaps up to this part of a segment's size are closed between Newton iterations.
+_CLOSE = 0.01
+
+
+class MultiplierContact:
+    """Decides which nodes are held, and balances forces there, see `NormalContact`.
+
+    Args:
+        state: State of the contact pair.
+        law: Its enforcement.
+        scheme: Kernel of contact.
+        search: Segments of the nodes.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+
+    Attributes:
+        active, lambda_N, flips: See `NormalContact`.
+    """
+
+    def __init__(
+        self,
+        state: PairState,
+        law: LagrangeMultiplier,
+        scheme: str,
+        search: LocalSearch,
+        stiffness: Floats,
+    ) -> None:
+        """Begin with the nodes that were held in the last step and may be in this."""
+        self._state, self._law, self._search = state, law, search
+        # Elastic impact holds gaps; in statics there is no impact.
+        self._holds = law.impact == "elastic" and scheme != "static"
+        self._eligible = search.approach.segment >= 0
+        if self._holds:
+            candidates, met = search.candidates, search.approach
+            # Without candidates nobody is eligible, whatever the size.
+            size = candidates.size if len(candidates.size) else np.ones(1)
+            self._eligible &= law.eligible(
+                met.gap_n, met.gap, size.take(met.segment, mode="wrap"), state.history.active
+            )
+        inside = np.fmin(search.approach.gap_n, search.approach.gap) < 0
+        self._eligible = search.candidates.independent(
+            state.nodes,
+            search.approach.segment,
+            self._eligible,
+            2 * state.history.active + inside,
+        )
+        self.active: Flags = state.history.active & self._eligible
+        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
+        self.flips: Ints = np.zeros(len(self.active), dtype=np.int32)
+        comm: MPI.Comm = state.nodes.V.mesh.comm
+        self._set = ActiveSet(state.pair, law, stiffness, comm)
+
+    def eligible(self) -> tuple[Ints, Flags]:
+        """Nodes that may be held, and whether they may touch in this step."""
+        may_touch = self._search.may_close | self._state.history.active
+        nodes = self._eligible.nonzero()[0].astype(np.int32)
+        return nodes, self._eligible if self._holds else may_touch
+
+    def needs(self, node: Ints) -> Flags:
+        """Whether the kinematics of nodes matter: all others are open and inactive."""
+        if self._holds:
+            return np.ones(len(node), dtype=bool)
+        return self.active[node] | (self._search.gap[node] < 0)
+
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        """Decide which nodes are held; multipliers from the balance at the nodes."""
+        gap = pairs.contact.gap
+        pairs.excess[:, 0] = gap - pairs.contact.gap_n if self._holds else gap
+        R = None if R is None else R[pairs.dofs[:, 0]]
+        node, before = pairs.node, self.active[pairs.node]
+        # Decisions follow from multipliers, multipliers from decisions.
+        lambda_N = self._balance(pairs, R, self.lambda_N[node], before, friction)
+        active, changes = self._set.update(pairs, before, lambda_N, iteration)
+        lambda_N = np.where(active, lambda_N, 0.0)
+        if changes:
+            self.flips[node] += active != before
+        friction.follow_contact(node, before, active)
+        changes += friction.update(pairs, -lambda_N, active, iteration)
+        self.active[node] = active
+        self.lambda_N[node] = self._balance(pairs, R, lambda_N, active, friction)
+        return changes
+
+    def _balance(
+        self,
+        pairs: PairKinematics,
+        R: Floats | None,
+        lambda_N: Floats,
+        active: Flags,
+        friction: Friction,
+    ) -> Floats:
+        """Multipliers that balance the residual at the nodes, if given; tractions with them."""
+        if R is None:
+            friction.follow_multipliers(pairs, lambda_N, active)
+            return lambda_N
+        reduced, columns = friction.reduced(pairs, R, active)
+        lambda_N = _kernels.balance(pairs.normal, reduced, columns)
+        return np.where(active, friction.balance(pairs, reduced, lambda_N, active), 0.0)
+
+    def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
+        """Move nodes held by a normal multiplier alone to where it wants them.
+
+        Along the normals of the last evaluation. Otherwise the linear system
+        has to do so, which takes an action of the tangent.
+        """
+        search, candidates = self._search, self._search.candidates
+        held = self.active[pairs.node] & ~pairs.fixed
+        held &= ~friction.sticks(pairs.node, held)
+        points = search.points.take(pairs.node)
+        gap = candidates.gap(points, candidates.scatter.forward(x), pairs.segment)
+        if self._holds:
+            gap -= pairs.contact.gap_n
+        # Nodes far from where the normals hold are left to the linear system.
+        farthest = _CLOSE * self._state.pair.segment_size
+        nodes = pairs.dofs[:, 0]
+        _kernels.close_gaps(nodes, held, gap, pairs.normal, pairs.gradients, farthest, u)
+
+    def rank(self, active: Flags) -> Ints:
+        """One normal constraint for each active pair."""
+        return active.astype(np.int32)
+
+    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
+        """Do nothing, as multipliers are unknowns."""
+
+    def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
+        """No springs: energy [J] and offset [m] are zero."""
+        zero = np.zeros(len(pairs.node))
+        return zero, zero
+
+    def stored(self, pairs: PairKinematics) -> Floats | float:
+        """No springs store energy."""
+        return 0.0
+
+    def lost_energy(self, node: Ints) -> float:
+        """No springs lose energy."""
+        return 0.0

@@ -1,0 +1,219 @@
+"""What one stepper remembers of a contact pair."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Search
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
+from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.self_contact import SelfContactSearch
+
+__all__ = ["PairState"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+
+class PairState:
+    """Contact of one pair in one stepper: search, springs and accepted contact.
+
+    Only an accepted step replaces its `history`. Collective.
+
+    Args:
+        pair: The pair.
+
+    Attributes:
+        pair: The pair.
+        search: Finds the candidates of steps.
+        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
+            the first step on; None without.
+        eps_T: The same of the tangential springs.
+    """
+
+    def __init__(self, pair: ContactPair) -> None:
+        """Begin without contact; the pair answers for this state from now on."""
+        self.pair = pair
+        # Gaps are asked for at any distance, which must not disturb the steps.
+        self.search, self._far_search = _search(pair), _search(pair)
+        self.eps_N: Floats | None = None
+        self.eps_T: Floats | None = None
+        # Least and greatest stiffness by name, once it has been chosen.
+        self._ranges: dict[str, tuple[float, float]] | None = None
+        self._history: ContactHistory | Callable[[], ContactHistory]
+        self._history = ContactHistory.none(len(pair.nodes.nodes))
+        pair.attach(self)
+
+    @property
+    def nodes(self) -> Surface:
+        """Surface whose nodes may touch."""
+        return self.pair.nodes
+
+    @property
+    def segments(self) -> Surface | Obstacle:
+        """Surface whose segments are touched, or a rigid obstacle."""
+        return self.pair.segments
+
+    @property
+    def history(self) -> ContactHistory:
+        """Contact of the last accepted step. Local."""
+        if not isinstance(self._history, ContactHistory):
+            self._history = self._history()
+        return self._history
+
+    def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
+        """Remember the contact of a step that is accepted. Local.
+
+        Args:
+            history: The contact; or a function that makes it if it is asked for.
+        """
+        self._history = history
+
+    def derive_penalty(self, stiffness: Floats) -> None:
+        """Choose the stiffness of springs that the user left open, once. Collective.
+
+        It is that of the softer side: a stiff node cannot press harder than
+        soft segments, and stiffer springs only spoil Newton's method.
+
+        Args:
+            stiffness: Stiffness of all owned nodes of the space, ``(n,)``
+                [N/m].
+        """
+        if self._ranges is not None:
+            return
+        softer = stiffness[self.pair.nodes.nodes]
+        if isinstance(self.pair.segments, Surface):
+            comm = self.pair.nodes.V.mesh.comm
+            stiffest = float(stiffness[self.pair.segments.nodes].max(initial=0.0))
+            softer = np.minimum(softer, reductions.largest(comm, stiffest))
+        self.choose_penalty(softer)
+
+    def choose_penalty(self, stiffness: Floats) -> None:
+        """Choose the stiffness of springs, once, and log it. Collective.
+
+        Args:
+            stiffness: What is taken for that of the contact nodes, ``(n,)``
+                [N/m].
+        """
+        if self._ranges is not None:
+            return
+        self._ranges, share, pair = {}, 1.0, self.pair
+        if isinstance(pair.enforcement, Penalty):
+            given, share = pair.enforcement.eps_N, pair.enforcement.share
+            self.eps_N = share * (
+                10 * stiffness if given is None else np.full_like(stiffness, given)
+            )
+            self._ranges["eps_N"] = self._range(self.eps_N)
+        if pair.friction is not None and pair.has_slip_spring:
+            given = pair.friction.eps_T
+            self.eps_T = share * (stiffness if given is None else np.full_like(stiffness, given))
+            self._ranges["eps_T"] = self._range(self.eps_T)
+        if pair.nodes.V.mesh.comm.rank == 0:
+            _logger.info("%s", self)
+
+    def slip_energy(self, traction: Floats) -> Floats:
+        """Energy of the tangential springs, shape ``(n,)`` [J]; 0 without. Local.
+
+        Args:
+            traction: Of all nodes, shape ``(n, 3)`` [N].
+        """
+        if self.eps_T is None:
+            return np.zeros(len(traction))
+        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.eps_T)
+        return energy
+
+    @property
+    def pressure(self) -> Floats:
+        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa].
+
+        Collective, see `Surface.per_area`.
+        """
+        return self.pair.nodes.per_area(-self.history.lambda_N)
+
+    def gap(self, x: Floats, reach: float = np.inf) -> Floats:
+        """Gap of every node, see `ContactPair.gap`. Collective."""
+        candidates, _ = self._far_search.update(x, np.inf)
+        current = candidates.find(self.history.key)
+        points = NodalPoints(self.pair.nodes.nodes)
+        return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
+
+    def held_apart(self, x: Floats, gap_tol: float) -> Flags:
+        """Nodes that elastic impact holds at a distance, or inside. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and
+                ghost, shape ``(l, 3)`` [m].
+            gap_tol: Distance that counts [m].
+
+        Returns:
+            Nodes further than that, held or inside; shape ``(n,)``.
+        """
+        law = self.pair.enforcement
+        if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
+            return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
+        gap = self.gap(x)
+        # A node deeper than that belongs to another side.
+        inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
+        flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
+        return flags
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize the accepted contact. Collective.
+
+        Args:
+            archive: Takes it or gives it.
+            name: First part of the names of the values.
+        """
+        ids = self.pair.nodes.node_ids
+        stored: dict[str, Any] = {
+            f.name: archive.nodal(f"{name}/{f.name}", ids, getattr(self.history, f.name))
+            for f in fields(ContactHistory)
+        }
+        self.accept(ContactHistory(**stored))
+        for spring in ("eps_N", "eps_T"):
+            value = getattr(self, spring)
+            if archive.same(f"{name}/has_{spring}", value is not None):
+                value = np.zeros(len(ids)) if value is None else value
+                setattr(self, spring, archive.nodal(f"{name}/{spring}", ids, value))
+            else:
+                setattr(self, spring, None)
+        chosen = archive.same(f"{name}/springs_are_chosen", self._ranges is not None)
+        if archive.giving:
+            springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
+            ranges = {name: self._range(values) for name, values in springs if values is not None}
+            self._ranges = ranges if chosen else None
+        self.search.serialize(archive, f"{name}/search")
+
+    def _range(self, stiffness: Floats) -> tuple[float, float]:
+        """Least and greatest value on all ranks."""
+        comm = self.pair.nodes.V.mesh.comm
+        least = reductions.least(comm, float(stiffness.min(initial=np.inf)))
+        return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))
+
+    def __str__(self) -> str:
+        """Laws and the stiffness of springs, as used from the first step on. Local."""
+        text = self.pair.describe()
+        for name, (least, greatest) in (self._ranges or {}).items():
+            values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
+            text += f", {name} = {values} N/m"
+        return text
+
+
+def _search(pair: ContactPair) -> Search:
+    """Search for what the nodes of a pair may touch. Collective."""
+    if isinstance(pair.segments, Obstacle):
+        return ObstacleSearch(pair.segments, pair.nodes)
+    search = SelfContactSearch if pair.touches_itself else GlobalSearch
+    return search(pair.nodes, pair.segments)

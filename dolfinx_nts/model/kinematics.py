@@ -1,0 +1,110 @@
+"""Kinematics of pairs between two states: what the kernels return, by name.
+
+A pair is a contact point and the vertices of the segment that it faces. Arrays
+are over ``m`` pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of
+the point first. A rigid obstacle has no vertices, so that d = 3.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+
+__all__ = ["ContactKinematics", "ConvectiveSlip", "Slip"]
+
+
+class ContactKinematics(NamedTuple):
+    """Gap of pairs at both ends of a step and the force of a unit multiplier.
+
+    Attributes:
+        gap_n: Gap at t_n, shape ``(m,)`` [m].
+        gap: Gap at t_{n+1}, shape ``(m,)`` [m].
+        force: Force of the scheme per multiplier, shape ``(m, d)``.
+        gradient: Gradient of the gap at t_{n+1}, shape ``(m, d)``.
+        tangent: Derivative of ``force``, shape ``(m, d, d)`` [1/m].
+        turn: Cosine of the angle by which the normal turns, ``(m,)``; NaN
+            where the pair cannot be evaluated.
+        status: 0 where the pair could be evaluated, shape ``(m,)``.
+    """
+
+    gap_n: Floats
+    gap: Floats
+    force: Floats
+    gradient: Floats
+    tangent: Floats
+    turn: Floats
+    status: Floats
+
+
+class Slip:
+    """Slip of pairs in a step by the objective measure, see `cpp/nts/contact/slip.h`.
+
+    Args:
+        value: Slip of the step, shape ``(m, 2)`` [m].
+        force: Force of the scheme per traction, shape ``(m, 2, d)``.
+        gradient: Gradient of the slip at t_{n+1}, shape ``(m, 2, d)``.
+        *second: What `hessian` needs, as the kernel returns it.
+        frame_n: Orthonormal tangents at t_n, shape ``(m, 2, 3)``.
+        frame: What has become of them at t_{n+1}, shape ``(m, 2, 3)``.
+        orientation: Sense of the segments' normals, shape ``(m,)``.
+
+    Attributes:
+        value, force, gradient, frame_n, frame: The arguments.
+        normal_n, normal: Outward unit normals of both frames, ``(m, 3)``.
+    """
+
+    def __init__(
+        self,
+        value: Floats,
+        force: Floats,
+        gradient: Floats,
+        *second: Floats,
+        frame_n: Floats,
+        frame: Floats,
+        orientation: Floats,
+    ) -> None:
+        """Compute the normals of the frames."""
+        self.value, self.force, self.gradient, self._second = value, force, gradient, second
+        self.frame_n, self.frame = frame_n, frame
+        self.normal_n, self.normal = (_normal(each, orientation) for each in (frame_n, frame))
+
+    def work(self, t: Floats, dx: Floats) -> Floats:
+        """Work of tractions in the step, shape ``(m,)`` [J].
+
+        Args:
+            t: Traction, shape ``(m, 2)`` [N].
+            dx: Displacement of the pairs in the step, shape ``(m, d)`` [m].
+        """
+        work: Floats = np.einsum("mi,mi->m", t, self.value)
+        return work
+
+    def hessian(self, t: Floats) -> Floats:
+        """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
+        w, b = self._second
+        outer = np.einsum("ma,mi,mib->mab", w, t, b)
+        blocks = outer + outer.transpose(0, 2, 1)
+        m, k, _ = blocks.shape
+        hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
+        return hessian.reshape(m, 3 * k, 3 * k)
+
+
+class ConvectiveSlip(Slip):
+    """Slip by convective coordinates, see `cpp/nts/contact/convective_slip.h`."""
+
+    def work(self, t: Floats, dx: Floats) -> Floats:
+        """Work of tractions in the step, which is not exactly t . slip."""
+        work: Floats = np.einsum("md,md->m", np.einsum("mi,mid->md", t, self.force), dx)
+        return work
+
+    def hessian(self, t: Floats) -> Floats:
+        """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
+        (H,) = self._second
+        hessian: Floats = np.einsum("mi,mide->mde", t, H)
+        return hessian
+
+
+def _normal(frame: Floats, orientation: Floats) -> Floats:
+    normal = np.cross(frame[:, 0], frame[:, 1])
+    unit: Floats = (orientation / np.linalg.norm(normal, axis=1))[:, None] * normal
+    return unit

@@ -1,0 +1,83 @@
+"""Contact points: the material points of a surface that look for segments.
+
+The position of a contact point is a constant linear combination of nodal
+positions. Node-to-segment contact has one point at each node, with weight one.
+Kernels see points and segments only; what they return is then aggregated to the
+nodes that carry the multipliers. Other methods bring points of their own.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics
+
+__all__ = ["ContactPoints", "NodalPoints"]
+
+
+class ContactPoints(Protocol):
+    """Material points whose positions are linear in those of the nodes. Local.
+
+    ``p`` is the number of points, ``n`` that of the nodes with multipliers.
+    """
+
+    def of(self, values: Floats) -> Floats:
+        """Values at the points, shape ``(p, 3)``.
+
+        Args:
+            values: Values at the local nodes, shape ``(l, 3)``: positions,
+                displacements or normals.
+        """
+
+    def take(self, nodes: Ints) -> "ContactPoints":
+        """The points of some of the nodes with multipliers.
+
+        Args:
+            nodes: Positions among these nodes, shape ``(m,)``.
+        """
+
+    def dofs(self, vertices: Ints) -> Ints:
+        """Local nodes on which each constraint depends, shape ``(n, ...)``.
+
+        The node that carries the multiplier comes first.
+
+        Args:
+            vertices: Vertices of the segments of the points, ``(p, k)``.
+        """
+
+    def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
+        """Kinematics of the constraints, from those of the pairs of points."""
+
+
+class NodalPoints:
+    """One contact point at each node: node-to-segment contact. Local.
+
+    Args:
+        nodes: Local nodes, shape ``(n,)``.
+
+    Attributes:
+        nodes: The nodes.
+    """
+
+    def __init__(self, nodes: Ints) -> None:
+        """Take the nodes as points."""
+        self.nodes = nodes
+
+    def of(self, values: Floats) -> Floats:
+        """Values at the nodes, see `ContactPoints.of`."""
+        return values.take(self.nodes, axis=0)
+
+    def take(self, nodes: Ints) -> "NodalPoints":
+        """Some of the nodes, see `ContactPoints.take`."""
+        return NodalPoints(self.nodes[nodes])
+
+    def dofs(self, vertices: Ints) -> Ints:
+        """The node and the vertices of its segment, shape ``(n, 1+k)``."""
+        dofs = np.empty((len(vertices), 1 + vertices.shape[1]), dtype=np.int32)
+        dofs[:, 0], dofs[:, 1:] = self.nodes, vertices
+        return dofs
+
+    def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
+        """The same, as every node is its own point."""
+        return kinematics

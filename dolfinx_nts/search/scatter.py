@@ -1,0 +1,99 @@
+"""Values of nodes on their way between the ranks, for one contact search."""
+
+from typing import Any
+
+import numpy as np
+from dolfinx import common, la
+
+from dolfinx_nts import _kernels, compat
+from dolfinx_nts.common.arrays import Floats, Ints
+
+__all__ = ["NodalScatter"]
+
+
+class NodalScatter:
+    """Sends values of nodes from owners to ghosts and back.
+
+    Collective, unless `is_local`.
+
+    Args:
+        index_map: Owned nodes of the space, then the ghosts that segments
+            on this rank need.
+        is_local: Whether no rank needs anything of another: all methods
+            are local then.
+
+    Attributes:
+        index_map: The index map.
+        is_local: As given.
+        vector: Carries values of nodes between ranks, shape ``(3 l,)``.
+        shared: Owned nodes that are ghosts of other ranks.
+    """
+
+    def __init__(self, index_map: common.IndexMap, *, is_local: bool) -> None:
+        """Allocate the vector that carries values between ranks."""
+        self.index_map, self.is_local = index_map, is_local
+        self.vector: Any = la.vector(index_map, 3)
+        self.shared: Ints = compat.shared(index_map)
+
+    @property
+    def num_local(self) -> int:
+        """Number of owned nodes and ghosts."""
+        return int(self.index_map.size_local + self.index_map.num_ghosts)
+
+    def global_nodes(self, nodes: Ints) -> Any:
+        """Global numbers of local nodes, of the same shape. Local."""
+        if self.index_map.size_local == self.index_map.size_global:
+            return nodes
+        return np.asarray(self.index_map.local_to_global(nodes.ravel())).reshape(nodes.shape)
+
+    def forward(self, values: Floats) -> Floats:
+        """Values of the owned nodes, then those of the ghosts.
+
+        Args:
+            values: Values whose first rows are those of the owned nodes,
+                shape ``(n, 3)`` or longer.
+
+        Returns:
+            Values at all nodes of the map, shape ``(l, 3)``; a view if
+            there are no ghosts on any rank.
+        """
+        owned = values[: self.index_map.size_local]
+        if self.is_local:
+            return owned
+        self.vector.array[: owned.size] = owned.ravel()
+        self.vector.scatter_forward()
+        everywhere: Floats = self.vector.array.reshape(-1, 3).copy()
+        return everywhere
+
+    def reverse(self, values: Floats) -> Floats:
+        """Sums at the owned nodes of what all ranks have for them.
+
+        Args:
+            values: Values at all nodes of the map, shape ``(l, 3)``.
+
+        Returns:
+            Sums at the owned nodes, shape ``(n, 3)``.
+        """
+        if self.is_local:
+            return values
+        self.vector.array[:] = values.ravel()
+        self.vector.scatter_reverse(la.InsertMode.add)
+        sums: Floats = self.vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+        return sums
+
+    def add(self, total: Floats, nodes: Ints, values: Floats) -> None:
+        """Add values of some nodes to those of the owned nodes.
+
+        Args:
+            total: Values at the owned nodes, shape ``(n, 3)``.
+            nodes: Nodes of the map, of any shape.
+            values: What is added at each, shape ``(*nodes.shape, 3)``.
+        """
+        if self.is_local:
+            _kernels.add_rows(total, nodes, values)
+            return
+        sums = self.vector.array.reshape(-1, 3)
+        sums[:] = 0
+        _kernels.add_rows(sums, nodes, values)
+        self.vector.scatter_reverse(la.InsertMode.add)
+        total += sums[: len(total)]
