@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
@@ -62,12 +62,18 @@ class Body:
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
             )
-        self.V, self.material = V, material
+        self.V, self.material, self._tag = V, material, tag
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # Ghost cells too: a node of this body may be owned here although
         # no owned cell of the body touches it.
         self.nodes: Ints = np.unique(V.dofmap.list[local])
+
+    def __repr__(self) -> str:
+        """Tag, material, and number of cells on this rank, in one line. Local."""
+        return as_call(
+            self, tag=int(self._tag), material=self.material, owned_cells=len(self.cells)
+        )
 
 
 def bulk_form(
