@@ -38,7 +38,6 @@ WITHOUT_EXAMPLE = {
     "EnergyMomentum",
     "GeneralizedAlpha",
     "LagrangeMultiplier",
-    "MeshData",
     "Midpoint",
     "Obstacle",
     "Penalty",
@@ -53,12 +52,6 @@ WITHOUT_EXAMPLE = {
     "Surface",
     "all_pairs",
     "boundary_of",
-    "parts.add_bowl",
-    "parts.add_box",
-    "parts.add_hollow_ball",
-    "parts.add_ring",
-    "parts.add_solid_ball",
-    "parts.add_torus",
     "plotting.animate",
     "plotting.contact",
     "plotting.energies",
@@ -67,7 +60,6 @@ WITHOUT_EXAMPLE = {
     "plotting.momenta",
     "plotting.show",
     "plotting.snapshot",
-    "read_mesh",
     "two_half_passes",
 }
 

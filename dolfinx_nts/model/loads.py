@@ -149,7 +149,7 @@ class BodyForce(_LoadWithValue):
 
     Example:
         >>> nts.BodyForce(body, (0.0, 0.0, 5.0))  # N/m^3
-        BodyForce(body=Body(tag=1, ...), value=(0, 0, 5))
+        BodyForce(body=Body(tag=..., ...), value=(0, 0, 5))
         >>> swinging = nts.BodyForce(body, lambda t: (np.sin(t), 0.0, 0.0))
     """
 
