@@ -45,14 +45,6 @@ WITHOUT_EXAMPLE = {
     "StepReport",
     "all_pairs",
     "boundary_of",
-    "plotting.animate",
-    "plotting.contact",
-    "plotting.energies",
-    "plotting.energy_error",
-    "plotting.forces",
-    "plotting.momenta",
-    "plotting.show",
-    "plotting.snapshot",
     "two_half_passes",
 }
 
