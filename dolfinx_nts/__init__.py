@@ -1,10 +1,15 @@
-"""Energy-momentum consistent node-to-segment contact for DOLFINx."""
+"""Energy-momentum consistent node-to-segment contact for DOLFINx.
 
+What users call is in ``__all__``: bodies, surfaces, loads and contact pairs that
+they declare, integrators that advance them, and what records and draws a run.
+"""
+
+from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.diagnostics.balance import Diagnostics
+from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
@@ -16,8 +21,8 @@ from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantK
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Pressure, Traction
-from dolfinx_nts.model.obstacles import RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
+from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.solvers.newton import ConvergenceError
@@ -25,6 +30,7 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 __version__ = "0.1.0"
 
 __all__ = [
+    "Balance",
     "Body",
     "BodyForce",
     "CentralDifference",
@@ -38,10 +44,12 @@ __all__ = [
     "Gravity",
     "Hyperelastic",
     "LagrangeMultiplier",
+    "Load",
     "MeshData",
     "Midpoint",
     "MooneyRivlin",
     "NeoHookean",
+    "Obstacle",
     "Penalty",
     "Pressure",
     "QuasiStatic",
@@ -59,6 +67,12 @@ __all__ = [
     "all_pairs",
     "boundary_of",
     "parts",
+    "plotting",
     "read_mesh",
     "two_half_passes",
 ]
+
+
+def __dir__() -> list[str]:
+    """List the public names only, for `dir` and for completion at a prompt."""
+    return sorted([*__all__, "__version__"])

@@ -1,7 +1,7 @@
-"""Every difference between the DOLFINx releases this package runs on.
+"""Every difference between the releases of DOLFINx that this package runs on.
 
-Features are detected, versions are never compared; each shim says what
-changed, in which release, and when it can be deleted.
+Features are detected, versions are never compared. A comment in each function says
+what changed, in which release, and when the function can be simplified.
 """
 
 from importlib import import_module
@@ -23,11 +23,16 @@ try:
 except ModuleNotFoundError:
     _reader = import_module("dolfinx.io.gmshio")
 
-# `Geometry` has the attributes `dofmaps` and `cmaps`, one entry a cell type, since
-# 0.11, which deprecates `dofmap` and `cmap`. Use them directly when 0.10 is dropped.
+# Since 0.11 `Geometry` has the attributes `dofmaps` and `cmaps`, with one entry for
+# each cell type; `dofmap` and `cmap` are deprecated. Use the new ones directly when
+# 0.10 is dropped.
 _HAS_LISTS = all(
     isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
 )
+
+# Tags of messages [-], which 0.11 wants to be given: any numbers that differ. The first
+# is the one that earlier releases used by themselves.
+_TAG_OF_INDEX_MAP, _TAG_OF_SHARED = 1202, 1203
 
 _ffi = cffi.FFI()
 
@@ -45,19 +50,26 @@ __all__ = [
 
 
 def geometry_nodes(mesh: Mesh) -> Ints:
-    """Nodes of the geometry of each local cell of a mesh with one type of cells."""
+    """Nodes of the geometry of each local cell. Local.
+
+    Args:
+        mesh: A mesh with one type of cells.
+
+    Returns:
+        Local indices into ``mesh.geometry.x``, shape ``(c, k)``.
+    """
     nodes = mesh.geometry.dofmaps[0] if _HAS_LISTS else mesh.geometry.dofmap
     return np.asarray(nodes)
 
 
 def geometry_degree(mesh: Mesh) -> int:
-    """Degree of the cells of a mesh with one type of cells."""
+    """Polynomial degree of the geometry of a mesh with one type of cells. Local."""
     geometry = mesh.geometry
     return int((geometry.cmaps[0] if _HAS_LISTS else geometry.cmap).degree)
 
 
 def cell_partitioner(ghosts: GhostMode) -> Any:
-    """Partitioner of `dolfinx.mesh.create_mesh` with a ghost mode."""
+    """Partitioner with a ghost mode, for `dolfinx.mesh.create_mesh`. Local."""
     # 0.11 must be told how many cells share a facet. Always tell it when 0.9 is dropped.
     try:
         return create_cell_partitioner(ghosts)
@@ -66,60 +78,69 @@ def cell_partitioner(ghosts: GhostMode) -> Any:
 
 
 def cpp_object(item: Any) -> Any:
-    """What stands behind an object of DOLFINx where C++ expects it."""
-    # The space of a condition and an adjacency list are Python classes since 0.10 or
-    # 0.11. Use the attribute directly when 0.10 is dropped.
+    """C++ object behind a Python object of DOLFINx, where only it is accepted. Local."""
+    # Spaces of boundary conditions and adjacency lists became Python classes in 0.10
+    # and 0.11. Use the attribute directly when 0.10 is dropped.
     return getattr(item, "_cpp_object", item)
 
 
 def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> IndexMap:
-    """Index map with owned entries and ghosts. Collective."""
-    # 0.11 must be told the tag of its messages, before it was 1202. Always tell it
-    # when 0.10 is dropped.
+    """Create an index map with owned entries and ghosts. Collective.
+
+    Args:
+        comm: Communicator.
+        size: Number of entries that this rank owns.
+        ghosts: Global indices of the ghosts, shape ``(g,)``.
+        owners: Rank that owns each ghost, shape ``(g,)``.
+
+    Returns:
+        The index map.
+    """
+    # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
     try:
-        return IndexMap(comm, size, ghosts, owners, 1202)
+        return IndexMap(comm, size, ghosts, owners, _TAG_OF_INDEX_MAP)
     except TypeError:
         return IndexMap(comm, size, ghosts, owners)
 
 
 def kernel(integral: Any) -> tuple[int, bool]:
-    """Address of FFCx's kernel of an integral, and whether it takes data of the user's."""
-    # It does since FFCx 0.10. Drop the second value when 0.9 is dropped.
+    """Address of FFCx's kernel of an integral, and whether it has a seventh argument.
+
+    Local. The seventh argument is a pointer to data of the user.
+    """
+    # It exists since FFCx 0.10. Drop the second value when 0.9 is dropped.
     function = integral.tabulate_tensor_float64
     address = int(_ffi.cast("uintptr_t", function))
     return address, len(_ffi.typeof(function).args) == 7
 
 
 def shared(index_map: IndexMap) -> Ints:
-    """Owned entries that are ghosts of other ranks. Collective."""
+    """Owned entries of an index map that are ghosts on other ranks. Collective."""
     if index_map.comm.size == 1:
         return np.empty(0, dtype=np.int32)
     # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
     try:
         ranks = index_map.index_to_dest_ranks()
     except TypeError:
-        ranks = index_map.index_to_dest_ranks(1203)
-    owned = ranks.offsets[: index_map.size_local + 1]  # then those of ghosts
+        ranks = index_map.index_to_dest_ranks(_TAG_OF_SHARED)
+    owned = ranks.offsets[: index_map.size_local + 1]  # those of the ghosts follow
     return np.flatnonzero(np.diff(owned)).astype(np.int32)
 
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Distribute a three-dimensional gmsh model as a DOLFINx mesh.
-
-    Collective.
+    """Distribute a three-dimensional gmsh model as a DOLFINx mesh. Collective.
 
     Args:
-        model: gmsh model, read on ``rank`` only.
+        model: The gmsh model; only that of ``rank`` is read.
         comm: Communicator of the mesh.
-        rank: Rank on which ``model`` lives.
+        rank: Rank on which gmsh holds the model.
 
     Returns:
         Mesh, cell tags and facet tags; the facet tags are empty if the
         model has no physical surface.
     """
-    # 0.9 returns three values, 0.10 a longer named tuple whose facet
-    # tags are None without physical surfaces. Replace by attribute
-    # access when 0.9 is dropped.
+    # 0.9 returns three values; 0.10 returns a longer named tuple, whose facet tags are
+    # None if there is no physical surface. Use attributes when 0.9 is dropped.
     mesh, cells, facets = _reader.model_to_mesh(model, comm, rank, gdim=3)[:3]
     if facets is None:
         none = np.empty(0, dtype=np.int32)
@@ -128,12 +149,12 @@ def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags
 
 
 def vtx_writer() -> Any:
-    """Class `dolfinx.io.VTXWriter`.
+    """Class `dolfinx.io.VTXWriter`. Local.
 
     Raises:
-        RuntimeError: This DOLFINx was built without ADIOS2.
+        RuntimeError: DOLFINx was built without ADIOS2.
     """
-    # Not a matter of the release but of how DOLFINx was built.
+    # This depends not on the release but on how DOLFINx was built.
     writer = getattr(import_module("dolfinx.io"), "VTXWriter", None)
     if writer is None:
         raise RuntimeError("expected a DOLFINx with ADIOS2 for VTX files; it writes XDMF without")

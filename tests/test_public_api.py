@@ -79,6 +79,17 @@ def test_package_has_a_version():
     assert dolfinx_nts.__version__.count(".") == 2
 
 
+def test_dir_lists_the_public_names_only():
+    assert dir(dolfinx_nts) == sorted([*dolfinx_nts.__all__, "__version__"])
+
+
+def test_wings_for_users_are_imported_from_the_package():
+    from dolfinx_nts import meshing, parts, plotting
+
+    assert parts is dolfinx_nts.parts and plotting is dolfinx_nts.plotting
+    assert parts.add_box is meshing.add_box
+
+
 @objects
 def test_object_has_a_docstring(name):
     assert inspect.getdoc(OBJECTS[name])
@@ -99,8 +110,10 @@ def test_docstring_names_all_arguments_or_attributes(name):
         return
     if inspect.isclass(obj) and issubclass(obj, Exception):
         return
-    # Classes that take the same as another of the package may say so.
     takes = obj.__init__ if inspect.isclass(obj) else obj
+    if takes is object.__init__:
+        return
+    # Classes that take the same as another of the package may say so.
     if same := re.search(r"Arguments,\sattributes\sand\serrors\sare\sthose\sof\s`(\w+)`", doc):
         other = getattr(dolfinx_nts, same[1])
         assert inspect.signature(other) == inspect.signature(obj)

@@ -1,1 +1,1 @@
-"""What knows nothing of meshes: arrays, arguments, archives, wall time."""
+"""Helpers that know nothing of meshes: array types, argument checks, archives, wall time."""

@@ -1,9 +1,10 @@
-"""Archives: what takes the state of a run and gives it back.
+"""Archives, which store the state of a run and give it back later.
 
-One description serves both ways. Every object with a state lists it in a
-method ``serialize(archive)``: it passes each value and goes on with what comes
-back, which is the value itself while the archive takes, and the kept value
-while it gives. A step that is cut and a run that is resumed go the same way.
+Every object with a state lists it once, in a method ``serialize(archive)``: it
+passes each value to the archive and goes on with what the archive returns. That
+is the value itself while the archive stores, and the stored value while it
+restores. A step that is repeated with a smaller dt and a run that is resumed from
+a file both work this way.
 """
 
 from abc import ABC, abstractmethod
@@ -20,10 +21,10 @@ T = TypeVar("T", float, int, bool, Array)
 
 
 class Archive(ABC):
-    """Takes or gives named values. Collective, as all its methods.
+    """Stores named values, or restores them. Collective, as are all its methods.
 
     Attributes:
-        giving: Whether kept values come back.
+        giving: Whether the archive restores.
     """
 
     giving: bool = False
@@ -34,10 +35,10 @@ class Archive(ABC):
 
         Args:
             name: Name of the value.
-            value: What is taken; while giving, its kind counts only.
+            value: The value to store; while restoring, only its type counts.
 
         Returns:
-            The kept value, or the one that was taken.
+            The value itself, or while restoring the stored one.
         """
 
     @abstractmethod
@@ -46,38 +47,42 @@ class Archive(ABC):
 
         Args:
             name: Name of the values.
-            ids: Numbers of the nodes in the mesh as read, shape ``(n,)``.
-            values: Shape ``(n, ...)``.
+            ids: Numbers of the nodes on which the partition has no influence,
+                shape ``(n,)``.
+            values: One row for each node, shape ``(n, ...)``.
 
         Returns:
-            The kept values of these nodes, or those that were taken.
+            The values themselves, or while restoring the stored ones of
+            these nodes.
         """
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Serialize arrays that have a meaning on this rank only.
+        """Serialize arrays that have a meaning only on this rank.
 
-        They save work, or the last digit, and are never changed in place.
+        They save work, or the last digit of a result, and are never changed
+        in place.
 
         Args:
             name: Name of the arrays.
-            arrays: What is taken, on all ranks or on none.
+            arrays: The arrays to store, or None on all ranks.
 
         Returns:
-            The arrays; None if there are none, on all ranks, which they
-            are not for another partition of the mesh.
+            The arrays themselves, or while restoring the stored ones. None on
+            all ranks if none were stored, or if they were stored for another
+            partition of the mesh.
         """
 
 
 class Snapshot(Archive):
-    """Archive in memory; first it takes, after `rewind` it gives."""
+    """Archive in memory, which stores first and restores after `rewind`."""
 
     def __init__(self) -> None:
-        """Start empty."""
-        self._kept: dict[str, Any] = {}
+        """Start without values."""
+        self._values: dict[str, Any] = {}
 
     def rewind(self) -> "Snapshot":
-        """Give back from now on."""
+        """Restore from now on; returns the snapshot itself."""
         self.giving = True
         return self
 
@@ -90,15 +95,15 @@ class Snapshot(Archive):
         return self._copy(name, values)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Serialize arrays of this rank, the very same."""
+        """Serialize arrays of this rank without copying them."""
         if not self.giving:
-            self._kept[name] = arrays
-        kept: Sequence[Array] | None = self._kept.get(name)
-        return kept
+            self._values[name] = arrays
+        stored: Sequence[Array] | None = self._values.get(name)
+        return stored
 
     def _copy(self, name: str, value: T) -> T:
         if self.giving:
-            kept: T = self._kept[name]
-            return kept.copy() if isinstance(kept, np.ndarray) else kept
-        self._kept[name] = value.copy() if isinstance(value, np.ndarray) else value
+            stored: T = self._values[name]
+            return stored.copy() if isinstance(stored, np.ndarray) else stored
+        self._values[name] = value.copy() if isinstance(value, np.ndarray) else value
         return value

@@ -1,4 +1,4 @@
-"""Arguments: checks that several classes share, and the text of a call with them."""
+"""Checks of arguments that several classes share, and the text of a call with them."""
 
 import math
 from collections.abc import Iterable
@@ -9,18 +9,27 @@ import numpy as np
 
 __all__ = ["as_call", "finite", "instances", "nonnegative", "positive", "real"]
 
+# Digits of printed numbers [-]: enough for any given number, too few for its round-off.
+_DIGITS = 12
+
 
 def as_call(item: object, **values: Any) -> str:
-    """One line with the class of an object and values by name, for its ``repr``.
+    """Text of the call that makes an object, in one line, for its ``repr``. Local.
 
-    Numbers have up to 12 digits; of a function there is its name.
+    Args:
+        item: The object.
+        **values: Its arguments by name. Numbers are printed with up to 12
+            digits, functions and UFL expressions by name.
+
+    Returns:
+        ``Class(name=value, ...)``.
     """
     return f"{type(item).__name__}({', '.join(f'{k}={_text(v)}' for k, v in values.items())})"
 
 
 def _text(value: Any) -> str:
     if isinstance(value, Real) and not isinstance(value, bool | int):
-        return f"{float(value) + 0.0:.12g}"  # not -0
+        return f"{float(value) + 0.0:.{_DIGITS}g}"  # not -0
     if isinstance(value, np.ndarray):
         return f"({', '.join(map(_text, value))})"
     if callable(value):
@@ -29,10 +38,17 @@ def _text(value: Any) -> str:
 
 
 def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
-    """Items of a kind.
+    """Check that all items of a list are of one class. Local.
+
+    Args:
+        kind: The class.
+        items: The list, or anything else to iterate over.
+
+    Returns:
+        The items.
 
     Raises:
-        TypeError: They are no list, or one of them is of another kind.
+        TypeError: The items are no list, or one of them is of another class.
     """
     if isinstance(items, kind) or not isinstance(items, Iterable):
         raise TypeError(f"expected a list of {kind.__name__}, given {type(items).__name__}")
@@ -44,7 +60,14 @@ def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def real(name: str, value: Any) -> float:
-    """A number, perhaps not finite.
+    """Check that a value is a number, perhaps not a finite one. Local.
+
+    Args:
+        name: What the message of an error calls the number.
+        value: The value to check.
+
+    Returns:
+        The number.
 
     Raises:
         TypeError: The value is no real number.
@@ -55,7 +78,9 @@ def real(name: str, value: Any) -> float:
 
 
 def finite(name: str, value: Any) -> float:
-    """A finite number.
+    """Check that a value is a finite number. Local.
+
+    Arguments and result are those of `real`.
 
     Raises:
         TypeError: The value is no real number.
@@ -68,7 +93,9 @@ def finite(name: str, value: Any) -> float:
 
 
 def nonnegative(name: str, value: Any) -> float:
-    """A finite number from 0 on.
+    """Check that a value is a finite number >= 0. Local.
+
+    Arguments and result are those of `real`.
 
     Raises:
         TypeError: The value is no real number.
@@ -81,7 +108,9 @@ def nonnegative(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above 0.
+    """Check that a value is a finite number > 0. Local.
+
+    Arguments and result are those of `real`.
 
     Raises:
         TypeError: The value is no real number.

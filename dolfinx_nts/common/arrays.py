@@ -1,4 +1,4 @@
-"""Types of NumPy arrays, by what they hold."""
+"""Types of NumPy arrays by what they hold, for annotations throughout the package."""
 
 from typing import Any
 
@@ -10,5 +10,5 @@ __all__ = ["Array", "Flags", "Floats", "GlobalInts", "Ints"]
 Array = npt.NDArray[Any]
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
-GlobalInts = npt.NDArray[np.int64]
-Ints = npt.NDArray[np.int32]
+GlobalInts = npt.NDArray[np.int64]  # numbers that are the same on all ranks
+Ints = npt.NDArray[np.int32]  # local indices, as DOLFINx counts

@@ -1,4 +1,4 @@
-"""Wall time by phase of the computation."""
+"""Wall time of a run by phase of the computation."""
 
 import time
 
@@ -6,10 +6,10 @@ __all__ = ["Timings"]
 
 
 class Timings:
-    """Accumulates the wall time of named phases. Local.
+    """Adds up the wall time that is spent in named phases. Local.
 
     Attributes:
-        seconds: Time by phase [s], in the order of their first use.
+        seconds: Time by name of the phase [s], in the order of first use.
     """
 
     def __init__(self) -> None:
@@ -17,12 +17,19 @@ class Timings:
         self.seconds: dict[str, float] = {}
 
     def phase(self, name: str) -> "_Phase":
-        """Add the time spent in a ``with`` block, also if it raises, to ``name``."""
+        """Context that adds the time spent in it to a phase, also if it raises.
+
+        Args:
+            name: Name of the phase.
+
+        Returns:
+            The context, for a ``with`` statement.
+        """
         return _Phase(self.seconds, name)
 
 
 class _Phase:
-    """A phase of some timings; a generator would take longer than some phases."""
+    """Context of one phase; a generator would take longer than some phases last."""
 
     __slots__ = ("_name", "_seconds", "_start")
 

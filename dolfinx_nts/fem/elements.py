@@ -1,11 +1,10 @@
-"""Elements of degree 1 and 2: nodes of a cell, and the cells of degree 1 between.
+"""Elements of degree 1 and 2, and checks of the spaces and tags of users.
 
 Contact, output and pictures see positions of nodes only. For them a cell of
-degree 2 is eight cells of degree 1 on its nodes, its *pieces*: a hexahedron
-of 27 nodes is cut into eight hexahedra, each face into four quadrangles; a
-tetrahedron of 10 nodes into eight tetrahedra, each face into four triangles.
-
-Spaces that the package works in, and tags on their meshes: checks.
+degree 2 consists of eight cells of degree 1 on its nodes, its *pieces*: a
+hexahedron of 27 nodes is cut into eight hexahedra, each of its faces into four
+quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its faces
+into four triangles.
 """
 
 from functools import cache, cached_property
@@ -20,10 +19,13 @@ from dolfinx_nts.common.arrays import Floats, Ints
 
 __all__ = ["Element", "check_space", "check_tag"]
 
-
-# Pieces of a tetrahedron of degree 2: four at the corners, four around the
-# diagonal from the middle of edge 02 to that of 13. Nodes as pairs of
-# vertices whose middle they are.
+_CELLS = ("tetrahedron", "hexahedron")  # on which the package works
+# Distance on the reference cell [-] below which two points are the same: far above
+# round-off, far below the distance of two nodes, 1/2.
+_COINCIDENT = 1e-6
+# Pieces of a tetrahedron of degree 2: four at the corners, and four around the diagonal
+# from the middle of edge 02 to that of edge 13. Each node is given by the two vertices
+# in whose middle it lies.
 _TETRAHEDRA = (
     *(tuple(f"{i}{j}" for j in range(4)) for i in range(4)),
     *(("02", "13", *ring) for ring in (("01", "12"), ("12", "23"), ("23", "03"), ("03", "01"))),
@@ -31,7 +33,7 @@ _TETRAHEDRA = (
 
 
 class Element:
-    """Lagrange element on tetrahedra or hexahedra.
+    """Lagrange element on tetrahedra or hexahedra, with its nodes and quadrature. Local.
 
     Args:
         cell: ``"tetrahedron"`` or ``"hexahedron"``.
@@ -40,17 +42,17 @@ class Element:
     Attributes:
         cell: The cell.
         degree: The degree.
-        basix: The element in Basix, with one value a node.
-        points: Reference positions of the nodes, shape ``(n, 3)``.
-        mass_degree: Of the rule for inertia, and for loads on facets: exact
-            for the consistent mass of straight cells.
-        stress_degree: Of the rule for the energy: 2 x 2 x 2 points in a
-            hexahedron of degree 1 and 3 x 3 x 3 in one of degree 2, 4 points
-            in a tetrahedron. No deformation of a cell goes unseen.
+        basix: The scalar element in Basix.
+        points: Positions of the nodes on the reference cell, shape ``(n, 3)``.
+        mass_degree: Degree of the quadrature of inertia and of loads on facets,
+            which is exact for the consistent mass of straight cells.
+        stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2
+            points in a hexahedron of degree 1, 3 x 3 x 3 in one of degree 2,
+            4 points in a tetrahedron. Every deformation of a cell has energy.
     """
 
     def __init__(self, cell: str, degree: int) -> None:
-        """Create the element."""
+        """Create the element in Basix and choose the degrees of quadrature."""
         self.cell, self.degree = cell, degree
         self.basix = basix.create_element(
             basix.ElementFamily.P,
@@ -64,30 +66,27 @@ class Element:
 
     @classmethod
     def of(cls, V: fem.FunctionSpace) -> "Element":
-        """Element of a space; one object for all spaces that have it."""
+        """Element of a space, one object for all spaces with the same element."""
         return _created(V.mesh.topology.cell_name(), V.ufl_element().degree)
 
     @cached_property
     def diagonals(self) -> list[Ints]:
-        """Pairs of vertices in whose middle each node is, shape ``(d, 2)``.
+        """Pairs of vertices in whose middle each node lies, by node, shape ``(d, 2)``.
 
-        One of an edge, two of a quadrangle, four of a hexahedron; a vertex
-        is in the middle of itself and itself.
+        A node on an edge has one pair, one on a quadrilateral two, one inside
+        a hexahedron four. A vertex is paired with itself.
         """
         vertices = basix.geometry(basix.CellType[self.cell])
         middles = (vertices[:, None] + vertices[None]) / 2
         pairs = []
         for point in self.points:
-            i, j = np.nonzero(np.abs(middles - point).max(axis=-1) < 1e-6)
+            i, j = np.nonzero(np.abs(middles - point).max(axis=-1) < _COINCIDENT)
             pairs.append(np.column_stack([i, j])[i <= j].astype(np.int32))
         return pairs
 
     @cached_property
     def pieces(self) -> Ints:
-        """Nodes of the cells of degree 1 between the nodes, shape ``(p, k)``.
-
-        In Basix order, as all vertices.
-        """
+        """Nodes of each piece in Basix order, shape ``(p, k)``."""
         if self.degree == 1:
             return np.arange(len(self.points), dtype=np.int32)[None]
         vertices = basix.geometry(basix.CellType[self.cell])
@@ -103,9 +102,10 @@ class Element:
 
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
-        """Sides of the pieces on each facet of the cell, by facet.
+        """Sides of pieces that lie on each facet of the cell, by facet.
 
-        Nodes of the sides, shape ``(s, k)``, and of their pieces, ``(s, m)``.
+        Nodes of each side, shape ``(s, k)``, and nodes of the piece that it
+        belongs to, shape ``(s, m)``, in Basix order.
         """
         facets = np.array(basix.topology(basix.CellType[self.cell])[2])
         sides = self.pieces[:, facets]
@@ -118,17 +118,17 @@ class Element:
 
 _created = cache(Element)
 
-_CELLS = ("tetrahedron", "hexahedron")
-
 
 def check_space(V: fem.FunctionSpace) -> None:
-    """Raise unless V is a space that this package works in. Local.
+    """Raise unless a space is one that the package works in. Local.
 
     Args:
         V: Space of the displacement.
 
     Raises:
-        ValueError: Mesh or element is another.
+        ValueError: The mesh does not consist of straight tetrahedra or
+            hexahedra, or the element is no vector of Lagrange elements of
+            degree 1 or 2.
     """
     mesh = V.mesh
     cell = mesh.topology.cell_name()
@@ -155,20 +155,18 @@ def check_space(V: fem.FunctionSpace) -> None:
 
 
 def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: str) -> None:
-    """Raise on all ranks unless ``tags`` has entities of value ``tag``.
-
-    Collective.
+    """Raise on all ranks unless tags have entities with a value. Collective.
 
     Args:
         V: Space of the displacement.
         tags: Tags of the mesh.
         tag: Value that is looked for.
-        dim: Dimension that the tags should have.
-        name: What the message calls the tags.
+        dim: Dimension that the tagged entities should have.
+        name: What the message of an error calls the tags.
 
     Raises:
         TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The dimension is wrong, or no rank has the tag.
+        ValueError: The dimension is wrong, or no rank has the value.
     """
     if not isinstance(tags, MeshTags):
         raise TypeError(f"expected MeshTags as {name}, given {type(tags).__name__}")

@@ -1,4 +1,4 @@
-"""Forms: how FFCx compiles them, and their values."""
+"""Compilation of forms and expressions by FFCx, with the package's compiler flags."""
 
 import platform
 from functools import partial
@@ -13,11 +13,11 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["assembled", "compile_expression", "compile_form"]
 
-
-# GCC takes half of the width of AVX-512 unless it is told, and kernels a fifth to a
-# third longer.
+# GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels
+# a fifth to a third slower.
 _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD64") else []
-# As fast as -ffast-math but for the assumption that there are no NaNs.
+# Flags of -ffast-math without the one that assumes that there are no NaNs, on which
+# checks depend; kernels are as fast.
 _OPTIONS = {
     "cffi_extra_compile_args": [
         "-O3",
@@ -38,30 +38,38 @@ compile_form = partial(fem.form, jit_options=_OPTIONS)
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:
     """Compile an expression at points of the reference cell. Collective.
 
+    Variables of UFL are replaced by what they stand for: each has a new number,
+    so that FFCx would compile the same expression again and again.
+
     Args:
-        expression: UFL, with derivatives by variables or without. As these
-            are numbered on and on, it would be compiled again for each.
-        points: Shape ``(p, 3)``.
+        expression: UFL expression.
+        points: Points on the reference cell, shape ``(p, 3)``.
+
+    Returns:
+        The compiled expression.
     """
     plain = map_expr_dag(_WithoutVariables(), expand_derivatives(expression))
     return fem.Expression(plain, points, jit_options=_OPTIONS)
 
 
 class _WithoutVariables(MultiFunction):  # type: ignore[misc]
-    """Puts what they stand for in the place of variables."""
+    """Replaces variables by what they stand for."""
 
     expr = MultiFunction.reuse_if_untouched
 
     def variable(self, o: Any, operand: Any, label: Any) -> Any:
-        """The operand."""
+        """What the variable stands for."""
         return operand
 
 
 def assembled(form: fem.Form) -> Floats:
-    """A linear form on the owned dofs, summed over the ranks. Collective.
+    """Assemble a linear form, summed over the ranks. Collective.
 
     Args:
-        form: The form, compiled.
+        form: The compiled form.
+
+    Returns:
+        Values of the owned scalar dofs.
     """
     vector = fem.assemble_vector(form)
     vector.scatter_reverse(la.InsertMode.add)

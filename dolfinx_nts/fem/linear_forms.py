@@ -1,6 +1,8 @@
-"""Linear forms whose functions stay packed while they do not change.
+"""Linear forms that are assembled again and again, in every Newton iteration or step.
 
-Linear forms over cells, assembled with FFCx's kernels.
+`PackedForm` takes any form and leaves the assembly to DOLFINx, but packs functions
+only when they have changed. `CellForm` takes forms over cells and calls FFCx's
+kernels itself, which reads most functions without packing them.
 """
 
 from collections.abc import Sequence
@@ -17,28 +19,35 @@ from dolfinx_nts.fem.jit import compile_form
 
 __all__ = ["CellForm", "Coefficients", "PackedForm"]
 
+# Packed values of an integral without functions of other spaces.
+_NOTHING: Floats = np.empty((0, 0))
+
 
 class Coefficients:
-    """Values of functions cell by cell, as the kernels of a form read them.
+    """Values of a form's functions by cell, packed when one of them has changed. Local.
 
     Args:
-        form: The form.
-        functions: Those of its functions that are watched.
+        form: The compiled form.
+        functions: Functions of the form that are watched for changes.
 
     Attributes:
-        packed: All functions of the form, as DOLFINx wants them.
+        packed: Values of all functions of the form, as DOLFINx packs them.
     """
 
     packed: dict[Any, Floats]
 
     def __init__(self, form: fem.Form, functions: Sequence[fem.Function]) -> None:
-        """Pack at the first update."""
+        """Note the functions; they are packed at the first update."""
         self._form = form
         self._values: list[Floats] = [f.x.array for f in functions]
         self._before: list[Floats] | None = None
 
     def update(self) -> bool:
-        """Pack if a watched function has changed; whether that was so. Local."""
+        """Pack if a watched function has changed since the last update. Local.
+
+        Returns:
+            Whether a function had changed.
+        """
         if self._before is not None and all(map(_same, self._values, self._before)):
             return False
         self._before = [values.copy() for values in self._values]
@@ -47,49 +56,50 @@ class Coefficients:
 
 
 class PackedForm:
-    """A linear form over whatever, compiled. Collective.
+    """A linear form over cells and facets, assembled by DOLFINx.
+
+    Collective.
 
     Args:
-        form: The form, not empty.
+        form: The form, which must not be empty.
     """
 
     def __init__(self, form: ufl.Form) -> None:
-        """Compile."""
+        """Compile the form."""
         self._form = compile_form(form)
         self._coefficients = Coefficients(self._form, form.coefficients())
 
     def assemble(self, b: Floats) -> None:
-        """Add the form on the cells and facets of this rank. Local.
+        """Add the form on the cells and facets of this rank to a vector. Local.
 
         Args:
-            b: Values at the local dofs, shape ``(3 l,)``.
+            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in
+                place.
         """
         self._coefficients.update()
         fem.assemble_vector(b, self._form, coeffs=self._coefficients.packed)
 
 
 def _same(values: Floats, before: Floats) -> bool:
-    """Whether all bits are the same."""
+    """Whether two arrays have the same bits."""
     return np.array_equal(values.view(np.int64), before.view(np.int64))
 
 
-_NOTHING: Floats = np.empty((0, 0))
-
-
 class CellForm:
-    """A form of `bulk_form` with one argument, compiled. Collective.
+    """A linear form over cells, assembled by a loop of the package. Collective.
 
-    For `fem.assemble_vector` functions are packed cell by cell, and with many
-    cells it waits for them: a quarter of its time with 380 000 unknowns. Here
-    each cell gathers the values of its nodes when its turn comes. Only
-    functions of other spaces than the argument's are packed, when one changed.
+    `fem.assemble_vector` reads functions that were packed cell by cell, and
+    with 380 000 unknowns waits a quarter of its time for them. This loop
+    gathers the values of a cell's nodes when it comes to the cell. Only
+    functions of other spaces than that of the argument are packed, when one of
+    them has changed.
 
     Args:
-        form: Linear form.
+        form: Linear form, made by `bulk_form`.
     """
 
     def __init__(self, form: ufl.Form) -> None:
-        """Compile, and hand over what kernels read."""
+        """Compile the form and prepare a kernel for each of its integrals."""
         V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
         self._form = compile_form(form)
         self._num_cells = len(V.dofmap.list)
@@ -103,7 +113,7 @@ class CellForm:
         others = [f for f in functions if f.function_space != V]
         self._others = Coefficients(self._form, others) if others else None
         regions = dict(form.integrals()[0].subdomain_data())
-        begin, end = compiled.form_integral_offsets[0:2]  # those over cells
+        begin, end = compiled.form_integral_offsets[0:2]  # integrals over cells
         self._regions: list[Ints] = [regions[i] for i in compiled.form_integral_ids[begin:end]]
         self._cells = self._regions
         self._integrals = [
@@ -121,22 +131,24 @@ class CellForm:
         self._packed: list[Floats] = [_NOTHING] * len(self._integrals)
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells until the next call. Local.
+        """Leave out cells from now on, until the next call of this method. Local.
 
         Args:
-            cells: Owned cells.
+            cells: Owned cells, local indices.
         """
         self._cells = [np.setdiff1d(region, cells) for region in self._regions]
 
     def assemble(self, b: Floats) -> None:
-        """Add the form on the cells of this rank. Local.
+        """Add the form on the cells of this rank to a vector. Local.
 
         Args:
-            b: Values at the local dofs, shape ``(3 l,)``.
+            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in
+                place.
         """
         if self._others is not None and self._others.update():
             by_key = self._others.packed
-            # In the order of their numbers, whether these or indices are in the keys.
+            # The second entry of a key is the integral's number, or its index in some
+            # releases; both are in the order of the integrals.
             rows = [by_key[key] for key in sorted(by_key, key=lambda key: key[1])]
             self._packed = list(map(self._by_cell, self._regions, rows))
         constants = cpp.fem.pack_constants(self._form._cpp_object)
@@ -145,7 +157,7 @@ class CellForm:
             integral.add(cells, packed, constants, b)
 
     def _by_cell(self, cells: Ints, rows: Floats) -> Floats:
-        """Rows of some cells among those of all local cells."""
+        """Put rows of some cells into an array with a row for every local cell."""
         packed = np.zeros((self._num_cells, rows.shape[1]))
         packed[cells] = rows
         return packed

@@ -1,8 +1,8 @@
 """Numbers of nodes that do not depend on the partition of the mesh.
 
-A vertex has its number in the mesh as read. Any other node is the middle of
-an edge, a face or a cell, and is called by the numbers of its two ends: the
-least vertex of the edge, face or cell and the one opposite.
+A vertex has its number in the mesh as read. Any other node is the middle of an
+edge, a face or a cell. Its number is made of those of two vertices between which
+it lies: the least vertex of the edge, face or cell, and the opposite one.
 """
 
 import numpy as np
@@ -14,15 +14,21 @@ from dolfinx_nts.fem.elements import Element
 
 __all__ = ["input_ids", "listed"]
 
-
-_BITS = 31  # of the number of a vertex
+# Bits of the number of a vertex [-]; two numbers fill the 64 bits of a node's number.
+_BITS = 31
+# Most numbers that a message lists [-].
+_MOST = 5
 
 
 def input_ids(V: fem.FunctionSpace) -> GlobalInts:
-    """Number of every local node of V: of a vertex as read.
+    """Number every local node of a space independently of the partition. Local.
 
-    Shape ``(l,)``; of the middle between vertices a < b it is
-    :math:`2^{31} (a + 1) + b`.
+    Args:
+        V: Space on the mesh.
+
+    Returns:
+        Numbers, shape ``(l,)``: of a vertex that in the mesh as read, of the
+        middle between vertices a < b :math:`2^{31} (a + 1) + b`.
     """
     geometry = V.mesh.geometry
     vertices = geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
@@ -40,9 +46,17 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
 
 
 def listed(nodes: GlobalInts) -> str:
-    """The first of some nodes, as ``12`` or, in the middle of two, ``12-13``."""
+    """Text for messages that lists the first of some nodes. Local.
+
+    Args:
+        nodes: Numbers of nodes, as `input_ids` makes them.
+
+    Returns:
+        Numbers with commas, ``12`` for a vertex and ``12-13`` for the middle
+        between two.
+    """
     names = []
-    for node in nodes[:5]:
+    for node in nodes[:_MOST]:
         end, other = divmod(int(node), 1 << _BITS)
         names.append(f"{end - 1}-{other}" if end else str(other))
-    return ", ".join(names) + (", ..." if len(nodes) > 5 else "")
+    return ", ".join(names) + (", ..." if len(nodes) > _MOST else "")

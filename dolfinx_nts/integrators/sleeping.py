@@ -55,12 +55,8 @@ class SleepingBodies:
             inside = np.isin(surface.nodes, self._nodes[body])
             return reductions.anywhere(comm, bool(inside.any()))
 
-        def loaded(load: Load, body: Body) -> bool:
-            if hasattr(load, "surface"):
-                return belongs(load.surface, body)
-            return body in getattr(load, "bodies", bodies)
-
-        self._loaded = {b for b in bodies if any([loaded(load, b) for load in loads])}
+        # A list, as the answer is collective for loads on surfaces.
+        self._loaded = {b for b in bodies if any([load.acts_on(b) for load in loads])}
         self._pairs: Mapping[Body, list[int]] = {
             body: [
                 i

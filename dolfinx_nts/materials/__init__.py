@@ -1,1 +1,1 @@
-"""Hyperelastic materials."""
+"""Hyperelastic materials: their strain energies and the stresses that follow from them."""

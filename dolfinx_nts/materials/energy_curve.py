@@ -1,24 +1,37 @@
-"""The strain energy of a material along lines of strain, evaluated by UFL."""
+"""The strain energy of a material along lines of strain, evaluated by UFL.
+
+No form is compiled: slopes give the check of an energy, curvatures its moduli.
+"""
 
 import warnings
 from collections.abc import Callable
 from typing import Any
 
 import basix.ufl
+import numpy as np
 import ufl
 from ufl.algorithms import expand_derivatives
 from ufl.utils.stacks import StackDict
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["EnergyCurve"]
+__all__ = ["GENERIC_STRAIN", "EnergyCurve"]
+
+# A direction of C [-] in which no usual invariant is stationary at C = 1.
+GENERIC_STRAIN = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
+# Step in s [-] of the difference of slopes: near the cube root of the machine epsilon,
+# where round-off and truncation are alike.
+_STEP = 1e-5
+# Parts of the slopes and of the curvatures [-] by which the difference may miss the
+# curvature: generous bounds of its round-off and of its truncation.
+_ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 
 
 class EnergyCurve:
-    r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D.
+    r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
 
-    Local. They are expanded once: UFL does it at every evaluation, which takes
-    longer than the rest of it.
+    They are expanded once; UFL would expand them at every evaluation, which
+    takes longer than everything else in it.
 
     Args:
         psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without
@@ -29,8 +42,8 @@ class EnergyCurve:
     """
 
     def __init__(self, psi: Callable[[Any], Any]) -> None:
-        """Differentiate twice."""
-        # Constants need a mesh; none is there.
+        """Differentiate the energy twice."""
+        # UFL's constants need a mesh, any one.
         mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
         self._s, self._D = ufl.Constant(mesh), ufl.Constant(mesh, shape=(3, 3))
         at = ufl.variable(self._s)
@@ -38,12 +51,29 @@ class EnergyCurve:
         self._first, self._second = map(expand_derivatives, (first, ufl.diff(first, at)))
 
     def slope(self, D: Floats, s: float = 0.0) -> float:
-        """First derivative at s in the direction D, shape ``(3, 3)`` [J/m^3]."""
+        """First derivative in the direction D, shape ``(3, 3)``, at s [J/m^3]."""
         return self._value(self._first, D, s)
 
     def curvature(self, D: Floats, s: float = 0.0) -> float:
-        """Second derivative, see `slope`."""
+        """Second derivative in the direction D, shape ``(3, 3)``, at s [J/m^3]."""
         return self._value(self._second, D, s)
+
+    def check(self) -> None:
+        """Compare the curvature at C = 1 with a difference of slopes.
+
+        Raises:
+            ArithmeticError, TypeError: A derivative cannot be evaluated.
+            ValueError: The derivatives are not finite or do not agree.
+        """
+        at = (-_STEP, 0.0, _STEP)
+        slopes = [self.slope(GENERIC_STRAIN, s) for s in at]
+        curvatures = [self.curvature(GENERIC_STRAIN, s) for s in at]
+        difference = (slopes[2] - slopes[0]) / (2 * _STEP)
+        allowed = _ROUND_OFF * np.abs(slopes).sum() + _TRUNCATION * np.abs(curvatures).sum()
+        if not abs(difference - curvatures[1]) <= allowed < np.inf:
+            raise ValueError(
+                f"derivatives {slopes[1], curvatures[1]} and a difference of {difference}"
+            )
 
     def _value(self, derivative: Any, D: Floats, s: float) -> float:
         with warnings.catch_warnings():

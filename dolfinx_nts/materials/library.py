@@ -1,7 +1,7 @@
-"""Materials by name: strain energies psi(C) with their usual numbers.
+"""Materials with a name: strain energies psi(C) with their usual numbers.
 
-Pure UFL. Numbers are moduli of small strains; what follows from the
-energy, and damping, is that of `Hyperelastic`.
+Everything is UFL. Stresses, moduli, damping and quadrature are those of
+`Hyperelastic`, from which all classes derive and whose options they take.
 """
 
 from typing import Any
@@ -15,21 +15,29 @@ __all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 
 
 class SaintVenantKirchhoff(Hyperelastic):
-    r"""St. Venant-Kirchhoff material, S = lambda tr(E) 1 + 2 mu E.
+    r"""St. Venant-Kirchhoff material, for large rotations and small strains. Local.
+
+    :math:`\psi = \lambda/2\, (\mathrm{tr}\, E)^2 + \mu\, E : E`, so that
+    :math:`S = \lambda\, \mathrm{tr}(E)\, 1 + 2 \mu E`, with the
+    Green-Lagrange strain E. The energy stays finite where the volume vanishes.
 
     Args:
         E: Young's modulus [Pa].
         nu: Poisson's ratio [-].
         rho: Reference density [kg/m^3].
-        **options: See `Hyperelastic`.
+        **options: Damping and quadrature, as for `Hyperelastic`.
 
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in
             (-1, 0.5).
+
+    Example:
+        >>> nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)  # Pa, -, kg/m^3
+        SaintVenantKirchhoff(E=100000, nu=0.4, rho=1000)
     """
 
     def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
-        """Check the numbers and convert them to Lame's."""
+        """Check the numbers and convert them to Lame's parameters."""
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
 
     def _described(self) -> dict[str, Any]:
@@ -42,7 +50,7 @@ class SaintVenantKirchhoff(Hyperelastic):
         return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Stress at the mean of both tensors: exact, as psi is quadratic in C.
+        """Stress at the mean of both tensors, which conserves as psi is quadratic in C.
 
         See `Hyperelastic.conserving_stress`.
         """
@@ -50,7 +58,7 @@ class SaintVenantKirchhoff(Hyperelastic):
 
 
 class NeoHookean(Hyperelastic):
-    r"""Compressible neo-Hookean material.
+    r"""Compressible neo-Hookean material, for large strains. Local.
 
     :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2`
     with :math:`U = \ln J` (``"log"``) or :math:`U = J - 1`
@@ -61,7 +69,7 @@ class NeoHookean(Hyperelastic):
         nu: Poisson's ratio of small strains [-].
         rho: Reference density [kg/m^3].
         volumetric: ``"log"`` or ``"quadratic"``.
-        **options: See `Hyperelastic`.
+        **options: Damping and quadrature, as for `Hyperelastic`.
 
     Attributes:
         volumetric: As given.
@@ -69,12 +77,16 @@ class NeoHookean(Hyperelastic):
     Raises:
         ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
             (-1, 0.5), or ``volumetric`` is unknown.
+
+    Example:
+        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point=["lmbda"])
+        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point=('lmbda',))
     """
 
     def __init__(
         self, E: float, nu: float, rho: float, volumetric: str = "log", **options: Any
     ) -> None:
-        """Check the numbers and convert them to Lame's."""
+        """Check the numbers and convert them to Lame's parameters."""
         energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
         if volumetric not in energies:
             raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
@@ -86,7 +98,7 @@ class NeoHookean(Hyperelastic):
 
 
 class MooneyRivlin(Hyperelastic):
-    r"""Mooney-Rivlin material of the isochoric invariants.
+    r"""Mooney-Rivlin material for rubber, of both isochoric invariants. Local.
 
     :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\,
     (J - 1)^2`; the shear modulus of small strains is 2 (c10 + c01).
@@ -96,14 +108,19 @@ class MooneyRivlin(Hyperelastic):
         c01: Coefficient of the second invariant [Pa].
         kappa: Bulk modulus [Pa].
         rho: Reference density [kg/m^3].
-        **options: See `Hyperelastic`.
+        **options: Damping and quadrature, as for `Hyperelastic`.
 
     Raises:
         ValueError: ``c10 + c01``, ``kappa`` or ``rho`` is not positive.
+
+    Example:
+        >>> rubber = nts.MooneyRivlin(c10=2.0e4, c01=5.0e3, kappa=1.0e6, rho=1.0e3)
+        >>> round(rubber.least_modulus)  # twice the shear modulus [Pa]
+        100000
     """
 
     def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
-        """Check the moduli of small strains."""
+        """Check that the moduli of small strains are positive."""
         positive("c10 + c01", c10 + c01)
         positive("kappa", kappa)
         super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
@@ -113,7 +130,7 @@ class MooneyRivlin(Hyperelastic):
 
 
 class Yeoh(Hyperelastic):
-    r"""Yeoh material of the first isochoric invariant.
+    r"""Yeoh material for rubber that stiffens, of the first isochoric invariant. Local.
 
     :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\,
     (J - 1)^2`; the shear modulus of small strains is 2 c10.
@@ -124,16 +141,20 @@ class Yeoh(Hyperelastic):
         c30: Cubic coefficient [Pa].
         kappa: Bulk modulus [Pa].
         rho: Reference density [kg/m^3].
-        **options: See `Hyperelastic`.
+        **options: Damping and quadrature, as for `Hyperelastic`.
 
     Raises:
         ValueError: ``c10``, ``kappa`` or ``rho`` is not positive.
+
+    Example:
+        >>> nts.Yeoh(c10=2.0e4, c20=-2.0e3, c30=1.0e2, kappa=1.0e6, rho=1.0e3)
+        Yeoh(c10=20000, c20=-2000, c30=100, kappa=1000000, rho=1000)
     """
 
     def __init__(
         self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any
     ) -> None:
-        """Check the moduli of small strains."""
+        """Check that the moduli of small strains are positive."""
         positive("c10", c10)
         positive("kappa", kappa)
         super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
@@ -143,7 +164,7 @@ class Yeoh(Hyperelastic):
 
 
 def _lame(E: float, nu: float) -> dict[str, float]:
-    """Lame's numbers [Pa] of Young's modulus and Poisson's ratio."""
+    """Lame's parameters [Pa] of Young's modulus and Poisson's ratio."""
     positive("Young's modulus E", E)
     if not -1 < real("nu", nu) < 0.5:
         raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
@@ -151,7 +172,7 @@ def _lame(E: float, nu: float) -> dict[str, float]:
 
 
 def _young(lmbda: float, mu: float) -> dict[str, float]:
-    """Young's modulus [Pa] and Poisson's ratio of Lame's numbers."""
+    """Young's modulus [Pa] and Poisson's ratio of Lame's parameters."""
     return {"E": mu * (3 * lmbda + 2 * mu) / (lmbda + mu), "nu": lmbda / (2 * (lmbda + mu))}
 
 

@@ -1,4 +1,4 @@
-"""Meshes: from gmsh, and shapes of hexahedra or tetrahedra for it."""
+"""Meshes with named regions, read from gmsh, and simple bodies to fill its models with."""
 
 from dolfinx_nts.meshing.gmsh import (
     MeshData,

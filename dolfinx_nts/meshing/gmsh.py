@@ -1,9 +1,8 @@
-"""Meshes: gmsh files, live gmsh models and functions that fill one.
+"""Meshes from gmsh: of files, of live models, and of functions that fill a model.
 
-First stage of the pipeline: the volumes and surfaces of a gmsh model
-become the tagged cells and facets of a distributed DOLFINx mesh, and
-the names of its physical groups lead to the tags. Simple bodies to fill
-a model with are in `parts`.
+Physical volumes and surfaces of gmsh become tagged cells and facets of a distributed
+DOLFINx mesh, and the names of the physical groups lead to the tags. Simple bodies to
+fill a model with are in `parts`.
 """
 
 import os
@@ -41,26 +40,32 @@ __all__ = [
     "read_mesh",
 ]
 
-_KINDS = ("point", "curve", "surface", "volume")
-# gmsh element types: of a tetrahedron triangles, of a hexahedron quadrangles.
+_KINDS = ("point", "curve", "surface", "volume")  # by dimension
+# gmsh's numbers of element types: a tetrahedron, 4, has triangles, 2, as facets, a
+# hexahedron, 5, has quadrilaterals, 3. Points are 15 and lines are 1.
 _FACETS = {4: 2, 5: 3}
-
-# A corner is flat up to rounding if det J is smaller than this, relative
-# to the cube of the longest tangent of the cell.
+_POINT, _LINE = 15, 1
+# det J at a corner, relative to the cube of the longest tangent of the cell [-], below
+# which the corner is flat but for round-off.
 _FLAT = 1e-12
 
 
 class MeshData(NamedTuple):
-    """A distributed mesh and its named regions.
+    """A distributed mesh with named regions, as `read_mesh` returns it.
 
     Attributes:
-        mesh: Hexahedra or tetrahedra [m], with the connectivities
+        mesh: Mesh of hexahedra or of tetrahedra [m], with the connectivities
             between cells and facets.
         cells: Tags of the physical volumes; every cell has one.
         facets: Tags of the physical surfaces.
-        tag: Tags by name, read-only. A group without a name is called
-            by its tag, ``"volume 3"`` or ``"surface 3"``; an unknown
-            name raises ``ValueError`` with the names that exist.
+        tag: Tags by name, read-only. A group without a name is called by
+            its tag, ``"volume 3"`` or ``"surface 3"``. An unknown name raises
+            ``ValueError`` with the names that exist.
+
+    Example:
+        >>> mesh, cells, facets, tag = nts.read_mesh("ball_plate.msh", comm)
+        >>> V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        >>> ball = nts.Body(V, cells, tag["ball"], rubber)
     """
 
     mesh: Mesh
@@ -70,27 +75,28 @@ class MeshData(NamedTuple):
 
 
 class _Tags(dict[str, int]):
+    """Tags by name, with a message for names that do not exist."""
+
     def __missing__(self, name: str) -> NoReturn:
         raise ValueError(f"expected a physical group out of {sorted(self)}, given {name!r}")
 
 
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
-    """Read a mesh with named physical groups.
+    """Read a mesh with named physical groups and distribute it.
 
     Collective; every error is raised on all ranks. Mirrored cells are
-    accepted, as DOLFINx integrates with ``|det J|``. DOLFINx takes one
-    kind of cells: prisms, and tetrahedra together with hexahedra, are
-    cut into hexahedra, four of a tetrahedron, six of a prism and eight
-    of a hexahedron; a warning is logged.
+    accepted, as DOLFINx integrates with ``|det J|``. DOLFINx has spaces on
+    cells of one kind only, and not on prisms: meshes of prisms, or of several
+    kinds, are cut into hexahedra, four of a tetrahedron, six of a prism and
+    eight of a hexahedron, and a warning is logged.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as
-            ``gmsh.model``; or a function that is called with an empty
-            model and adds bodies and physical groups. Looked at on
-            ``rank`` only. The current model and the log level of gmsh
-            stay as they are.
+            ``gmsh.model``; or a function that is called with an empty model
+            and adds bodies and physical groups. It is used on ``rank`` only.
+            The current model and the log level of gmsh stay as they are.
         comm: Communicator of the mesh.
-        rank: Rank that reads the file or owns the live model.
+        rank: Rank that reads the file or holds the live model.
 
     Returns:
         Mesh, cell tags, facet tags and tags by name.
@@ -99,11 +105,19 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         OSError: The file cannot be read.
         ImportError: gmsh is not installed on ``rank``.
         TypeError: ``source`` is no path, gmsh model or function.
-        ValueError: The file is no mesh; cells are pyramids, of higher
-            order, or not in exactly one physical volume; ``det J``
-            vanishes or changes sign between the corners of a cell; a
-            name stands for two tags; a physical surface has facets
-            that belong to no cell, or shares some with another.
+        ValueError: The file is no mesh; cells are pyramids, of higher order,
+            or not in exactly one physical volume; ``det J`` vanishes or
+            changes sign between the corners of a cell; a name stands for two
+            tags; a physical surface has facets that belong to no cell, or
+            shares some with another; ``rank`` does not exist.
+
+    Example:
+        >>> def build(model):
+        ...     size = {"corner": (0, 0, 0), "size": (2, 2, 0.2), "cells": (8, 8, 1)}  # m
+        ...     parts.add_box(model, "plate", **size)
+        >>> mesh, cells, facets, tag = nts.read_mesh(build, comm)
+        >>> sorted(tag)
+        ['plate', 'plate_back', 'plate_bottom', ..., 'plate_top']
     """
     if not 0 <= rank < comm.size:
         raise ValueError(f"expected a rank below {comm.size}, given {rank}")
@@ -138,7 +152,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
 
 @contextmanager
 def _opened(source: Any) -> Iterator[Any]:
-    """Yield a live model, or that of a file or function and clean up behind it."""
+    """Context with the gmsh model of a source, which is removed at the end if it is new."""
     try:
         import gmsh
     except (ImportError, OSError) as error:  # OSError: gmsh misses a library
@@ -178,7 +192,7 @@ def _opened(source: Any) -> Iterator[Any]:
 
 
 def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
-    """Check a gmsh model; return tags by name and facets per tag."""
+    """Check a gmsh model; returns tags by name, and the number of facets by tag."""
     if not model.getPhysicalGroups(3):
         raise ValueError("expected physical volumes (gmsh addPhysicalGroup(3, ...)), given none")
     tags: dict[str, int] = {}
@@ -196,7 +210,7 @@ def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
         raise ValueError(f"expected first-order cells, given {names(types)}; {hint}")
     if len(types) != 1 or types[0] not in _FACETS:
         raise ValueError(f"expected hexahedra, tetrahedra or prisms, given {names(types)}")
-    expected = (15, 1, _FACETS[types[0]], types[0])  # elements by dimension, from the point on
+    expected = (_POINT, _LINE, _FACETS[types[0]], types[0])  # by dimension
     num_facets: dict[int, int] = {}
     for dim, entity in model.getEntities():
         groups = model.getPhysicalGroupsForEntity(dim, entity).tolist()
@@ -216,7 +230,7 @@ def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
 
 
 def _check_cells(model: Any, cell: int) -> None:
-    """Refuse cells with a flat corner or with corners of both signs."""
+    """Raise if the corners of a cell are flat or have different signs of det J."""
     corners = model.mesh.getElementProperties(cell)[4]
     tags, _ = model.mesh.getElementsByType(cell)
     jacobians, det, points = model.mesh.getJacobians(cell, corners)

@@ -1,10 +1,8 @@
-"""Hexahedra in the place of mixed cells, which DOLFINx has no spaces on.
+"""Cutting of mixed cells into hexahedra, as DOLFINx has no spaces on several kinds.
 
 Cells are cut at the midpoints of their edges and the centres of their faces: a
-tetrahedron becomes four hexahedra, a prism six, a hexahedron eight. Neighbours
-keep fitting each other whatever they were, and volumes stay the same.
-
-Options of gmsh that are set for a while.
+tetrahedron becomes four hexahedra, a prism six, a hexahedron eight. Neighbours of any
+kind still share their nodes, and volumes stay the same.
 """
 
 import logging
@@ -23,13 +21,17 @@ _TETRAHEDRON, _HEXAHEDRON, _PRISM = 4, 5, 6  # gmsh element types
 
 @contextmanager
 def only_one_kind(model: Any) -> Iterator[Any]:
-    """Yield a gmsh model, or a copy with hexahedra if its cells are mixed or prisms.
+    """Context with a gmsh model, or with a copy that is cut into hexahedra. Local.
 
-    Local; the model stays as it is. Cells that cannot be cut so (pyramids, of
-    higher order) are left for others to refuse.
+    A model is cut if its cells are prisms or of several kinds, and a warning is
+    logged; the model itself stays as it is. Cells that cannot be cut, pyramids
+    and those of higher order, are left for the caller to refuse.
 
     Args:
-        model: Current gmsh model.
+        model: The current gmsh model.
+
+    Yields:
+        The model or the copy, which is removed at the end.
     """
     kinds = set(model.mesh.getElementTypes(3))
     mixed = len(kinds) > 1 or _PRISM in kinds
@@ -72,7 +74,8 @@ def gmsh_options(gmsh: Any, **values: float) -> Iterator[None]:
 
     Args:
         gmsh: The module, initialised.
-        values: Numbers by name, ``Mesh_SaveAll`` for ``Mesh.SaveAll``.
+        **values: Numbers by name of the option, with an underscore for the dot:
+            ``Mesh_SaveAll`` for ``Mesh.SaveAll``.
     """
     names = {key: key.replace("_", ".") for key in values}
     before = {key: gmsh.option.getNumber(name) for key, name in names.items()}

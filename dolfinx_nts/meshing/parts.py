@@ -1,9 +1,9 @@
-"""Parts: simple bodies of hexahedra or tetrahedra for a gmsh model.
+"""Simple bodies of hexahedra or tetrahedra for a gmsh model.
 
-Boxes (also bars and plates), hollow and solid balls, bowls, rings and
-tori. Each function adds one body with named surfaces to a live model;
-`read_mesh` then makes the mesh of all of them. Bodies do not
-share nodes.
+There are boxes (also bars and plates), hollow and solid balls, bowls, rings and tori.
+Each function adds one body with named surfaces to a live model, and `read_mesh` makes
+the mesh of all of them. Bodies do not share nodes. All functions are local: they are
+called on the rank that holds the model.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from dolfinx_nts.meshing.structured_blocks import (
 
 __all__ = ["add_bowl", "add_box", "add_hollow_ball", "add_ring", "add_solid_ball", "add_torus"]
 
-# Solid ball: half edge of the cube in its middle, relative to the radius,
-# and how round that is.
+# The cube in the middle of a solid ball: half of its edge relative to the radius [-], and
+# how round its faces are, from 0, a cube, to 1, a sphere; chosen for well-shaped cells.
 _CORE, _BULGE = 0.5, 0.6
 
 
@@ -37,22 +37,29 @@ def add_box(
     cells: Sequence[int],
     cell: str = "hexahedron",
 ) -> None:
-    """Add a box of equal cells to a live gmsh model.
+    """Add a box, a bar or a plate of equal cells to a gmsh model. Local.
 
-    Local. Creates the physical volume ``name`` and the physical
-    surfaces ``name_left``, ``name_right`` (lowest, highest x),
-    ``name_front``, ``name_back`` (y), ``name_bottom``, ``name_top`` (z).
+    The physical volume is called ``name``. The physical surfaces are
+    ``name_left`` and ``name_right`` at the lowest and highest x,
+    ``name_front`` and ``name_back`` for y, ``name_bottom`` and ``name_top``
+    for z.
 
     Args:
         model: Live gmsh model.
         name: Name of the body.
-        corner: Lowest coordinates, shape ``(3,)`` [m].
-        size: Edge lengths, shape ``(3,)`` [m].
-        cells: Number of hexahedra along the edges, shape ``(3,)``.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        corner: Corner with the lowest coordinates, shape ``(3,)`` [m].
+        size: Lengths of the edges, shape ``(3,)`` [m].
+        cells: Numbers of hexahedra along the edges, shape ``(3,)``.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A size or number is not positive; unknown ``cell``.
+        ValueError: A size or number is not positive, or ``cell`` is unknown.
+
+    Example:
+        >>> bar = {"corner": (0, 0, 0), "size": (4, 1, 1), "cells": (8, 2, 2)}
+        >>> data = nts.read_mesh(lambda model: parts.add_box(model, "bar", **bar), comm)
+        >>> data.cells.values.size
+        32
     """
     if min(size) <= 0 or min(cells) < 1:
         raise ValueError(f"expected positive size and cells, given {size} and {cells}")
@@ -73,12 +80,12 @@ def add_hollow_ball(
     layers: int,
     cell: str = "hexahedron",
 ) -> None:
-    """Add a hollow ball, an equiangular cubed sphere, to a gmsh model.
+    """Add a hollow ball, an equiangular cubed sphere, to a gmsh model. Local.
 
-    Local. The nodes of a cube face with parameters a, b in [-1, 1] lie
-    in the directions ``(tan(pi a / 4), tan(pi b / 4), 1)``, evenly
-    spaced in a, b and the radius. Creates the physical volume ``name``
-    and the physical surfaces ``name_outer`` and ``name_inner``.
+    The nodes on a face of the cube have parameters a, b in [-1, 1] and lie in
+    the directions ``(tan(pi a / 4), tan(pi b / 4), 1)``, evenly spaced in a, b
+    and the radius. The physical volume is called ``name``, the physical
+    surfaces ``name_outer`` and ``name_inner``.
 
     Args:
         model: Live gmsh model.
@@ -88,10 +95,17 @@ def add_hollow_ball(
         outer_radius: Radius of the ball [m].
         cells_per_edge: Number of hexahedra along an edge of the cube.
         layers: Number of hexahedra through the wall.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A radius or number out of range; unknown ``cell``.
+        ValueError: A radius or number is out of range, or ``cell`` is unknown.
+
+    Example:
+        >>> ball = {"centre": (0, 0, 1), "inner_radius": 0.8, "outer_radius": 1.0}
+        >>> ball |= {"cells_per_edge": 4, "layers": 2}
+        >>> data = nts.read_mesh(lambda model: parts.add_hollow_ball(model, "ball", **ball), comm)
+        >>> sorted(data.tag)
+        ['ball', 'ball_inner', 'ball_outer']
     """
     _check_radii(inner_radius, outer_radius)
     _check_cells(cells_per_edge, layers)
@@ -105,8 +119,8 @@ def add_hollow_ball(
 
     ids = np.full(on_cube.shape, -1)
     ids[on_cube] = np.arange(len(direction))
-    # Transposed where the two lattice axes and the outward direction
-    # would make a left-handed triple.
+    # Transposed where the two axes of the face and the outward direction would be
+    # left-handed.
     faces = (ids[-1], ids[0].T, ids[:, -1].T, ids[:, 0], ids[:, :, -1], ids[:, :, 0].T)
     wall = len(direction) * np.arange(layers + 1)
     cells = np.stack([hexahedra(face[:, :, None] + wall) for face in faces])
@@ -124,9 +138,9 @@ def add_solid_ball(
     layers: int,
     cell: str = "hexahedron",
 ) -> None:
-    """Add a solid ball, a bulged cube in six shells, to a gmsh model.
+    """Add a solid ball, a bulged cube inside six shells, to a gmsh model. Local.
 
-    Local. Creates the physical volume ``name`` and the physical surface
+    The physical volume is called ``name``, the physical surface
     ``name_outer``.
 
     Args:
@@ -136,10 +150,16 @@ def add_solid_ball(
         radius: Radius [m].
         cells_per_edge: Number of hexahedra along an edge of the cube.
         layers: Number of hexahedra through the shells.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A radius or number out of range; unknown ``cell``.
+        ValueError: A radius or number is out of range, or ``cell`` is unknown.
+
+    Example:
+        >>> ball = {"centre": (0, 0, 1), "radius": 1.0, "cells_per_edge": 3, "layers": 2}
+        >>> data = nts.read_mesh(lambda model: parts.add_solid_ball(model, "ball", **ball), comm)
+        >>> data.cells.values.size  # 3 x 3 x 3 in the cube, 6 x 3 x 3 x 2 in the shells
+        135
     """
     if not radius > 0:
         raise ValueError(f"expected a radius > 0, given {radius}")
@@ -156,7 +176,7 @@ def add_solid_ball(
         for layer in (0, -1):
             inner = core.take(layer, axis=axis)[:, :, None]
             shell = inner + s * (inner / np.linalg.norm(inner, axis=-1, keepdims=True) - inner)
-            # Right-handed: the first two axes turn outwards.
+            # The first axis turned towards the second must give the outward direction.
             if (axis == 1) != (layer == 0):
                 shell = shell.transpose(1, 0, 2, 3)
             blocks.append(Block(shell, {"top": "outer"}))
@@ -175,24 +195,31 @@ def add_bowl(
     layers: int,
     cell: str = "hexahedron",
 ) -> None:
-    """Add a bowl, the lower half of a hollow ball, to a gmsh model.
+    """Add a bowl, the lower half of a hollow ball, to a gmsh model. Local.
 
-    Local. Creates the physical volume ``name`` and the physical
-    surfaces ``name_inner``, ``name_outer`` and ``name_rim``.
+    The physical volume is called ``name``, the physical surfaces
+    ``name_inner``, ``name_outer`` and ``name_rim``.
 
     Args:
         model: Live gmsh model.
         name: Name of the body.
         centre: Centre of the ball, shape ``(3,)`` [m].
-        inner_radius: Radius inside [m].
-        outer_radius: Radius outside [m].
-        cells_per_edge: Number of hexahedra along an edge of the whole
-            cube of `add_hollow_ball`, even.
+        inner_radius: Radius of the inner surface [m].
+        outer_radius: Radius of the outer surface [m].
+        cells_per_edge: Number of hexahedra along an edge of the whole cube,
+            as for `add_hollow_ball`; an even number.
         layers: Number of hexahedra through the wall.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A radius or number out of range; unknown ``cell``.
+        ValueError: A radius or number is out of range, or ``cell`` is unknown.
+
+    Example:
+        >>> bowl = {"centre": (0, 0, 1), "inner_radius": 0.9, "outer_radius": 1.0}
+        >>> bowl |= {"cells_per_edge": 4, "layers": 1}
+        >>> data = nts.read_mesh(lambda model: parts.add_bowl(model, "bowl", **bowl), comm)
+        >>> sorted(data.tag)
+        ['bowl', 'bowl_inner', 'bowl_outer', 'bowl_rim']
     """
     _check_radii(inner_radius, outer_radius)
     _check_cells(cells_per_edge, layers)
@@ -225,11 +252,11 @@ def add_ring(
     axis: Sequence[float] = (0.0, 0.0, 1.0),
     cell: str = "hexahedron",
 ) -> None:
-    """Add a ring, a short tube, to a gmsh model.
+    """Add a ring, a short tube, to a gmsh model. Local.
 
-    Local. Creates the physical volume ``name`` and the physical
-    surfaces ``name_inner``, ``name_outer``, ``name_bottom`` and
-    ``name_top``, the end in the direction of the axis.
+    The physical volume is called ``name``, the physical surfaces
+    ``name_inner``, ``name_outer``, ``name_bottom``, and ``name_top`` at the
+    end to which the axis points.
 
     Args:
         model: Live gmsh model.
@@ -238,13 +265,20 @@ def add_ring(
         inner_radius: Radius of the hole [m].
         outer_radius: Radius of the ring [m].
         width: Length along the axis [m].
-        cells: Number of hexahedra around, through the wall and along
-            the axis, shape ``(3,)``.
+        cells: Numbers of hexahedra around, through the wall and along the
+            axis, shape ``(3,)``.
         axis: Direction of the axis, of any length, shape ``(3,)``.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A length or number out of range; unknown ``cell``.
+        ValueError: A length or number is out of range, or ``cell`` is unknown.
+
+    Example:
+        >>> ring = {"centre": (0, 0, 0), "inner_radius": 0.8, "outer_radius": 1.0}
+        >>> ring |= {"width": 0.2, "cells": (24, 2, 2), "axis": (0, 1, 0)}
+        >>> data = nts.read_mesh(lambda model: parts.add_ring(model, "ring", **ring), comm)
+        >>> sorted(data.tag)
+        ['ring', 'ring_bottom', 'ring_inner', 'ring_outer', 'ring_top']
     """
     _check_radii(inner_radius, outer_radius)
     _check_cells(cells[0], least=3)
@@ -271,10 +305,10 @@ def add_torus(
     axis: Sequence[float] = (0.0, 0.0, 1.0),
     cell: str = "hexahedron",
 ) -> None:
-    """Add a torus, a closed tube, to a gmsh model.
+    """Add a torus, a hollow tube bent into a closed circle, to a gmsh model. Local.
 
-    Local. Creates the physical volume ``name`` and the physical
-    surfaces ``name_inner`` and ``name_outer``.
+    The physical volume is called ``name``, the physical surfaces
+    ``name_inner`` and ``name_outer``.
 
     Args:
         model: Live gmsh model.
@@ -283,13 +317,20 @@ def add_torus(
         radius: Radius of the circle in the middle of the tube [m].
         inner_radius: Radius of the cavity of the tube [m].
         outer_radius: Radius of the tube [m].
-        cells: Number of hexahedra along the circle, around the tube and
+        cells: Numbers of hexahedra along the circle, around the tube and
             through its wall, shape ``(3,)``.
         axis: Direction of the axis, of any length, shape ``(3,)``.
-        cell: ``"hexahedron"``; ``"tetrahedron"`` splits each into six.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
-        ValueError: A radius or number out of range; unknown ``cell``.
+        ValueError: A radius or number is out of range, or ``cell`` is unknown.
+
+    Example:
+        >>> torus = {"centre": (0, 0, 0), "radius": 1.0, "inner_radius": 0.2}
+        >>> torus |= {"outer_radius": 0.3, "cells": (16, 8, 1)}
+        >>> data = nts.read_mesh(lambda model: parts.add_torus(model, "torus", **torus), comm)
+        >>> sorted(data.tag)
+        ['torus', 'torus_inner', 'torus_outer']
     """
     _check_radii(inner_radius, outer_radius)
     if not radius > outer_radius:
@@ -307,12 +348,12 @@ def add_torus(
 
 
 def _turned(x: Floats, axis: Sequence[float]) -> Floats:
-    """Turn positions (..., 3) by a rotation from z to an axis."""
+    """Turn positions, shape (..., 3), by a rotation from the z axis to another axis."""
     length = float(np.linalg.norm(axis))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"expected an axis of length > 0, given {axis}")
-    # The smallest rotation; beyond the equator to the axis after half a
-    # turn about x, and half a turn.
+    # The smallest rotation. An axis that points down is first turned up by half a turn
+    # about x, and the result is turned back, as the formula is singular at -z.
     flip = np.array([1, -1, -1]) if axis[2] < 0 else np.ones(3)
     a, b, c = np.asarray(axis) / length * flip
     K = np.array([[0, 0, a], [0, 0, b], [-a, -b, 0]])

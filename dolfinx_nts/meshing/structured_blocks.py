@@ -1,8 +1,8 @@
-"""Blocks of hexahedra: what the bodies of `parts` are made of.
+"""Blocks of hexahedra, of which the bodies of `parts` are made.
 
-A block is a grid of nodes. Blocks are joined where their nodes coincide
-and become discrete entities of a gmsh model, as hexahedra or cut into
-tetrahedra.
+A block is a grid of nodes. Blocks are joined where their nodes coincide and become
+discrete entities of a gmsh model, as hexahedra or cut into tetrahedra. Everything is
+local.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,12 +14,11 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts
 
 __all__ = ["SIDES", "Block", "add_body", "hexahedra", "join", "quadrangles"]
 
-
-_CELLS = {"tetrahedron": (4, 2), "hexahedron": (5, 3)}  # gmsh types of cells and facets
-
-# Corners of the gmsh hexahedron, and its sides: axis of a block of
-# hexahedra (nx, ny, nz, 8), layer, corners anticlockwise from outside.
+_CELLS = {"tetrahedron": (4, 2), "hexahedron": (5, 3)}  # gmsh's types of cells and facets
+# Corners of gmsh's hexahedron in its own order, on the unit cube.
 _CORNERS = np.array([(*ij, k) for k in (0, 1) for ij in ((0, 0), (1, 0), (1, 1), (0, 1))])
+# Sides of a block of hexahedra, shape (nx, ny, nz, 8): axis across the side, layer of
+# hexahedra along it, and their corners on the side, anticlockwise from outside.
 SIDES = {
     "left": (-4, 0, (3, 0, 4, 7)),
     "right": (-4, -1, (1, 2, 6, 5)),
@@ -29,19 +28,21 @@ SIDES = {
     "top": (-2, -1, (4, 5, 6, 7)),
 }
 
-# Nodes are the same if they agree to this part of the size of the body.
+# Distance of two nodes, relative to the size of the body [-], below which they are one:
+# far above round-off, far below any cell.
 _SAME = 1e-8
-# No coordinate that a shape has by design, such as 1/2, may lie where
-# rounding to multiples of it is ambiguous.
+# Shift [-] before coordinates are rounded to multiples of that distance: coordinates that
+# shapes have by design, such as 1/2, must not lie in the middle of two multiples.
 _SHIFT = 0.377
 
 
 class Block(NamedTuple):
-    """Grid of nodes whose axes are right-handed.
+    """A grid of nodes, whose axes are right-handed.
 
     Attributes:
-        x: Nodes, shape ``(nx + 1, ny + 1, nz + 1, 3)`` [m].
-        names: Names of surfaces by side out of `SIDES`.
+        x: Positions, shape ``(nx + 1, ny + 1, nz + 1, 3)`` [m].
+        names: Name of the surface that a side belongs to, by side out of
+            `SIDES`; sides without a surface are left out.
     """
 
     x: Floats
@@ -49,24 +50,43 @@ class Block(NamedTuple):
 
 
 def hexahedra(ids: GlobalInts) -> GlobalInts:
-    """Connect a grid of nodes (nx + 1, ...) to hexahedra (nx, ..., 8)."""
+    """Connect a grid of nodes to hexahedra.
+
+    Args:
+        ids: Numbers of the nodes, shape ``(nx + 1, ny + 1, nz + 1)``.
+
+    Returns:
+        Nodes of each hexahedron in gmsh's order, shape ``(nx, ny, nz, 8)``.
+    """
     nx, ny, nz = np.subtract(ids.shape, 1)
     i, j, k = np.indices((nx, ny, nz))[..., None] + _CORNERS.T[:, None, None, None]
     return np.asarray(ids[i, j, k])
 
 
 def quadrangles(cells: GlobalInts, side: str) -> GlobalInts:
-    """Quadrangles on one side of blocks of hexahedra."""
+    """Take the quadrilaterals on one side of blocks of hexahedra.
+
+    Args:
+        cells: Nodes of the hexahedra, shape ``(..., nx, ny, nz, 8)``.
+        side: Name out of `SIDES`.
+
+    Returns:
+        Nodes, anticlockwise from outside, shape ``(..., 4)``.
+    """
     axis, layer, corners = SIDES[side]
     return cells.take([layer], axis=axis)[..., corners]
 
 
 def join(blocks: Sequence[Block]) -> tuple[Floats, GlobalInts, dict[str, GlobalInts]]:
-    """Join blocks, also the ends of one, where their nodes coincide.
+    """Join blocks where their nodes coincide, also two sides of one block.
+
+    Args:
+        blocks: The blocks.
 
     Returns:
-        Nodes ``(n, 3)`` [m] in the order of the blocks, hexahedra
-        ``(c, 8)``, and quadrangles ``(f, 4)`` by name of the surface.
+        Positions of the nodes in the order of the blocks, shape ``(n, 3)``
+        [m]; hexahedra, shape ``(c, 8)``; and quadrilaterals by name of the
+        surface, shape ``(f, 4)``.
     """
     cells, first = [], 0
     for block in blocks:
@@ -80,11 +100,11 @@ def join(blocks: Sequence[Block]) -> tuple[Floats, GlobalInts, dict[str, GlobalI
 
     x = np.concatenate([block.x.reshape(-1, 3) for block in blocks])
     cubes = np.round((x - x.min(axis=0)) / (_SAME * np.ptp(x)) + _SHIFT).astype(np.int64)
-    _, kept, same = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(kept)
+    _, first_of, same = np.unique(cubes, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first_of)
     number = np.argsort(order)[same.ravel()]
     together = number[np.concatenate([grid.reshape(-1, 8) for grid in cells])]
-    return x[kept[order]], together, {k: number[np.concatenate(v)] for k, v in surfaces.items()}
+    return x[first_of[order]], together, {k: number[np.concatenate(v)] for k, v in surfaces.items()}
 
 
 def add_body(
@@ -95,18 +115,19 @@ def add_body(
     surfaces: Mapping[str, GlobalInts],
     cell: str,
 ) -> None:
-    """Add nodes, cells and named surfaces as discrete gmsh entities. Local.
+    """Add a body with named surfaces to a gmsh model, as discrete entities.
 
     Args:
         model: Live gmsh model.
-        name: Name of the volume; a surface is called ``name_surface``.
-        x: Nodes, shape ``(n, 3)`` [m].
-        cells: Hexahedra, shape ``(..., 8)``.
-        surfaces: Quadrangles by name, shape ``(..., 4)``.
-        cell: ``"hexahedron"`` or ``"tetrahedron"``.
+        name: Name of the physical volume. That of a surface called ``top``
+            is ``name_top``.
+        x: Positions of the nodes, shape ``(n, 3)`` [m].
+        cells: Nodes of the hexahedra, shape ``(..., 8)``.
+        surfaces: Nodes of quadrilaterals by name, shape ``(..., 4)``.
+        cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each into six.
 
     Raises:
-        ValueError: Unknown ``cell``.
+        ValueError: ``cell`` is unknown.
     """
     if cell not in _CELLS:
         raise ValueError(f"expected cell out of {sorted(_CELLS)}, given {cell!r}")
@@ -126,15 +147,15 @@ def add_body(
 
 
 def _triangles(facets: GlobalInts) -> GlobalInts:
-    """Cut quadrangles from their lowest node, so that neighbours agree."""
+    """Cut quadrilaterals from their lowest node, so that neighbours agree."""
     turned = (facets.argmin(axis=-1)[..., None] + np.arange(4)) % 4
     return np.take_along_axis(facets, turned, axis=-1)[..., [[0, 1, 2], [0, 2, 3]]]
 
 
 def _tetrahedra(cells: GlobalInts) -> GlobalInts:
-    """Cut hexahedra into six from their lowest node: conforming."""
+    """Cut hexahedra into six tetrahedra from their lowest node, so that neighbours agree."""
     sides = cells[:, [corners for *_, corners in SIDES.values()]]
     lowest = cells.min(axis=1)
-    opposite = (sides != lowest[:, None, None]).all(axis=2)  # three of the six sides
+    opposite = (sides != lowest[:, None, None]).all(axis=2)  # three of six
     triangles = _triangles(sides[opposite]).reshape(-1, 3)
     return np.column_stack((np.repeat(lowest, 6), triangles))

@@ -1,1 +1,1 @@
-"""What a user declares, without contact: bodies, surfaces, obstacles, loads, supports."""
+"""What users declare, apart from contact: bodies, surfaces, obstacles, loads, supports."""

@@ -1,8 +1,8 @@
-"""Bodies: a region of the mesh with a material, and the forms of its bulk.
+"""Bodies, which are regions of the mesh with a material, and forms over their cells.
 
-Bodies of one material share their forms. `Element` tells the rules of
-quadrature, of inertia and of the energy; the rule of degree 1, one point,
-is for terms of the energy that a material names.
+Bodies of one material share their forms. Inertia and strain energy have quadratures
+of their own, which `Element` tells; terms of the energy that a material names in
+``one_point`` have one with a single point.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
@@ -23,13 +23,11 @@ __all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
 
 
 class Body:
-    """Cells with one tag, made of one material.
-
-    Collective.
+    """A body: all cells with one tag, made of one material. Collective.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or
-            of degree 2.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of
+            degree 2.
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         material: Strain energy and density.
@@ -37,21 +35,27 @@ class Body:
     Attributes:
         V: The space.
         material: The material.
-        cells: Owned cells of the body, shape ``(c,)``, local indices.
-        nodes: Local nodes (owned and ghost) of these cells, shape
-            ``(n,)``, block indices of V.
+        cells: Cells of the body that this rank owns, local indices, shape
+            ``(c,)``.
+        nodes: Nodes of all local cells of the body, owned and ghost, local
+            block indices of V, sorted, shape ``(n,)``.
 
     Raises:
         TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or
             ``material`` no material.
         ValueError: The space or the tag does not fit, or the material has
             terms with one point a cell and the degree is 2.
+
+    Example:
+        >>> body = nts.Body(V, cells, tag["lower"], rubber)
+        >>> len(body.cells), len(body.nodes)
+        (4, 18)
     """
 
     def __init__(
         self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
     ) -> None:
-        """Collect the cells of the tag."""
+        """Check the arguments, and find the cells of the tag and their nodes."""
         check_space(V)
         tdim = V.mesh.topology.dim
         check_tag(V, cells, tag, tdim, "cells")
@@ -62,26 +66,34 @@ class Body:
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
             )
-        self.V, self.material = V, material
+        self.V, self.material, self._tag = V, material, tag
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
-        # Ghost cells too: a node of this body may be owned here although
-        # no owned cell of the body touches it.
+        # Of ghost cells too: this rank may own a node of the body although it owns no
+        # cell of the body that touches the node.
         self.nodes: Ints = np.unique(V.dofmap.list[local])
+
+    def __repr__(self) -> str:
+        """Tag, material, and number of cells on this rank, in one line. Local."""
+        return as_call(
+            self, tag=int(self._tag), material=self.material, owned_cells=len(self.cells)
+        )
 
 
 def bulk_form(
     bodies: Sequence[Body], integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any]
 ) -> ufl.Form:
-    """Sum of an integrand over all bodies, one integral per material.
+    """Integrate over all bodies, with one integral per material and quadrature. Local.
+
+    The integrand is a sum of terms with the stress, the energy or the density. It
+    is evaluated once for each quadrature of a material, with zero in the place
+    of the parameters, the density or the stress that belong to the others.
 
     Args:
         bodies: Bodies of one space.
-        integrand: ``integrand(material, parameters, rho)`` as UFL per
-            reference volume: a sum of terms, each with the stress or the
-            energy, which are linear in the parameters of `one_point`, or
-            with the density. Parameters and density are constants, or 0
-            where the rule leaves them out, and so is the stress.
+        integrand: Function ``integrand(material, parameters, rho)`` that
+            returns UFL per reference volume; parameters by name and density
+            are constants of UFL or 0.
 
     Returns:
         The form.
@@ -95,7 +107,7 @@ def bulk_form(
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
         density = fem.Constant(mesh, material.rho)
-        # Degree of the rule, material, parameters that it leaves out, density.
+        # Degree of the quadrature, material, parameters that are left out, density.
         rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
             (full, material, material.one_point, density if mass == full else 0.0)
         ]
@@ -108,8 +120,8 @@ def bulk_form(
             value = ufl.as_ufl(integrand(law, some, rho))
             if value != 0:
                 terms.append((value, np.sort(cells), degree))
-    # A region for each term, even where cells are the same: FFCx 0.9 gets
-    # functionals wrong that have two rules in one region.
+    # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
+    # functionals with two quadratures in one region wrongly.
     dx = ufl.Measure(
         "dx",
         domain=mesh,
@@ -122,14 +134,17 @@ def bulk_form(
 
 
 def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
-    """Space of the bodies. Local.
+    """Find the one space that bodies have in common. Local.
 
     Args:
         bodies: Some bodies.
 
+    Returns:
+        Their space.
+
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: No bodies, or several spaces.
+        ValueError: There are no bodies, or they have several spaces.
     """
     bodies = instances(Body, bodies)
     if not bodies:
@@ -140,16 +155,18 @@ def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
 
 
 def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
-    """Space of the bodies; raises unless every cell is in exactly one.
-
-    Collective.
+    """Raise unless every cell of the mesh is in exactly one body. Collective.
 
     Args:
         bodies: All bodies of the mesh.
 
+    Returns:
+        The space of the bodies.
+
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: No bodies, several spaces, or cells in none or two.
+        ValueError: There are no bodies, they have several spaces, or a cell is
+            in none or in several of them.
     """
     V = common_space(bodies)
     mesh = V.mesh

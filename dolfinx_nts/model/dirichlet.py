@@ -1,4 +1,4 @@
-"""Supports: Dirichlet conditions of a displacement, fixed or moving."""
+"""Supports: Dirichlet conditions of the displacement, which may change in time."""
 
 from collections.abc import Sequence
 
@@ -14,15 +14,18 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
 
+# Relative difference of two displacements of one dof [-] that is round-off, not conflict.
+_ROUND_OFF = 1e-12
+
 
 class Supports:
-    """Dirichlet conditions of a displacement, fixed or moving.
+    """All Dirichlet conditions of the displacement, checked and applied together.
 
-    Collective, as its methods.
+    Collective, as are all its methods.
 
     Args:
         V: Space of the displacement.
-        bcs: The conditions.
+        bcs: The conditions. Their values may be changed between steps.
 
     Attributes:
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
@@ -33,7 +36,7 @@ class Supports:
     """
 
     def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
-        """Find the dofs and those with several conditions."""
+        """Find the dofs with a condition, and whether any has several."""
         self._bcs = instances(fem.DirichletBC, bcs)
         for i, bc in enumerate(self._bcs):
             if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
@@ -43,7 +46,7 @@ class Supports:
         dofs = np.concatenate(
             [np.empty(0, dtype=np.int32), *(bc.dof_indices()[0] for bc in self._bcs)]
         )
-        # The number of owned dofs that DOLFINx 0.9 gives is wrong for blocks.
+        # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.
         owned = dofs[dofs < 3 * V.dofmap.index_map.size_local]
         self.fixed, count = np.unique(owned, return_counts=True)
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
@@ -52,8 +55,8 @@ class Supports:
         """Raise unless the present values are finite and do not conflict.
 
         Raises:
-            ValueError: A value is not finite, or two conditions give a
-                dof different values.
+            ValueError: A value is not finite, or two conditions prescribe
+                different values for a dof.
         """
         if not self._bcs:
             return
@@ -65,7 +68,7 @@ class Supports:
         for i, value in enumerate(values):
             for j, other in enumerate(values[:i]):
                 a, b = other[self.fixed], value[self.fixed]
-                wrong = np.abs(a - b) > 1e-12 * np.maximum(np.abs(a), np.abs(b))
+                wrong = np.abs(a - b) > _ROUND_OFF * np.maximum(np.abs(a), np.abs(b))
                 if wrong.any() and not text:
                     k = int(np.argmax(wrong))
                     dof = self.fixed[k]
@@ -81,20 +84,20 @@ class Supports:
             raise ValueError(max(self._comm.allgather(text)))
 
     def applied(self, values: Floats) -> Floats:
-        """Displacements of the local nodes, given where they are given.
+        """Put the present values of the conditions into displacements.
 
         Args:
-            values: Any displacements, owned then ghost, shape ``(3 l,)``
-                [m].
+            values: Displacements of the local scalar dofs, owned then ghost,
+                shape ``(3 l,)`` [m].
 
         Returns:
-            A copy with the values of the conditions.
+            A copy with the values of the conditions where there is one.
         """
         self._u.x.array[:] = values
         for bc in self._bcs:
             bc.set(self._u.x.array)
         if self._bcs:
-            # The user may have located owned dofs only.
+            # The user may have located owned dofs only, so ghosts need an update.
             self._u.x.scatter_forward()
         copy: Floats = self._u.x.array.copy()
         return copy

@@ -1,4 +1,4 @@
-"""Inverted cells, where det F <= 0."""
+"""Search for inverted cells, in which the volume ratio det F is not positive."""
 
 import basix
 import numpy as np
@@ -12,14 +12,16 @@ __all__ = ["VolumeRatio"]
 
 
 class VolumeRatio:
-    """Finds inverted cells, where det F <= 0 at a quadrature point.
+    """Finds inverted cells, with det F <= 0 at a quadrature point of the energy.
+
+    Collective, as are all its methods.
 
     Args:
-        u: Displacement.
+        u: Displacement [m], watched from now on.
     """
 
     def __init__(self, u: fem.Function) -> None:
-        """Compile det F at the points of the bulk forms."""
+        """Compile det F at the quadrature points, and the volume of inverted cells."""
         mesh = u.function_space.mesh
         cell = basix.CellType[mesh.topology.cell_name()]
         degree = Element.of(u.function_space).stress_degree
@@ -33,9 +35,11 @@ class VolumeRatio:
         self._cells = np.arange(num_cells, dtype=np.int32)
 
     def inverted(self) -> str:
-        """Describe the worst inverted cell; empty if there is none.
+        """Describe the cell with the least det F, if it is inverted. Collective.
 
-        Collective.
+        Returns:
+            Number in the mesh as read, current place and det F of the cell; empty
+            if no cell is inverted. The same on all ranks.
         """
         V = self._u.function_space
         mesh, worst, text = V.mesh, np.inf, ""

@@ -1,10 +1,9 @@
-r"""Loads on bodies: forms of virtual work.
+r"""Loads on bodies, written as forms of virtual work.
 
-A load is a linear form of virtual work, evaluated once per step, so that its
-work in the step is the form at u_{n+1} - u_n. Values that are functions of
-time are taken at the middle of the step.
-
-Loads that users write as forms: sources, springs, followers.
+The form of a load is linear in the test function. Its value at u_{n+1} - u_n is
+the work of the load in a step, which the energy ledger counts. A value that is a
+function of time is taken once per step, at the time that the integrator chooses:
+the middle of the step, or its end in `QuasiStatic` and `CentralDifference`.
 """
 
 from abc import ABC, abstractmethod
@@ -15,26 +14,35 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 
-__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "LoadWithValue", "Pressure", "Traction"]
+__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "Pressure", "Traction"]
 
 
 class Load(ABC):
-    """A load on bodies of one space; use one of the classes below. Local.
+    """Base of all loads; a load of your own derives from it or is a `FormLoad`.
+
+    A stepper takes the form once, when it is made, and calls `update` in every
+    step. Local, except where a method says otherwise.
 
     Attributes:
         V: Space of the displacement.
+
+    Example:
+        >>> load = nts.Gravity([body], (0.0, 0.0, -9.81))  # m/s^2
+        >>> isinstance(load, nts.Load), load.acts_on(body), load.acts_on(other)
+        (True, True, False)
     """
 
     V: fem.FunctionSpace
 
     @abstractmethod
     def update(self, t: float) -> None:
-        """Take the value at a time.
+        """Set the value of the load to that at a time.
 
         Args:
             t: Time [s].
@@ -46,20 +54,33 @@ class Load(ABC):
 
         Args:
             u_n: Displacement at the start of the step [m].
-            u: Displacement at its end [m].
+            u: Displacement at the end of the step [m].
+
+        Returns:
+            Form on the reference configuration.
         """
 
+    def acts_on(self, body: Body) -> bool:
+        """Whether the load may act on a body, which then never sleeps. Collective.
 
-class LoadWithValue(Load):
-    """A load with its value; use one of the classes below.
+        A class that does not override this method may act on all bodies.
+
+        Args:
+            body: A body in the space of the load.
+
+        Returns:
+            The same answer on all ranks.
+        """
+        return True
+
+
+class _LoadWithValue(Load):
+    """A load with a value that is constant, or depends on time or on place.
 
     Args:
         V: Space of the displacement.
-        value: Number or vector; or function of the time [s] that returns
-            it; or UFL expression, of the reference position for instance.
-
-    Attributes:
-        V: The space.
+        value: Number or vector, a function of the time [s] that returns
+            it, or a UFL expression.
 
     Raises:
         ValueError: The value has the wrong shape or is not finite.
@@ -68,7 +89,7 @@ class LoadWithValue(Load):
     _shape: ClassVar[tuple[int, ...]] = (3,)
 
     def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
-        """Check the value; a function of time is tried at 0."""
+        """Check shape and value; a function of time is evaluated at 0."""
         self.V = V
         self._in_time: Callable[[float], Any] | None = None
         self._value = value
@@ -80,7 +101,7 @@ class LoadWithValue(Load):
             self._set(value(0.0) if callable(value) else value)
 
     def update(self, t: float) -> None:
-        """Take the value at a time; nothing if it does not depend on it.
+        """Set the value to that at a time, if it depends on the time.
 
         Args:
             t: Time [s].
@@ -90,6 +111,14 @@ class LoadWithValue(Load):
         """
         if self._in_time is not None:
             self._set(self._in_time(t))
+
+    def _described(self) -> Any:
+        """What ``repr`` tells of the value: the function, the expression or numbers."""
+        if self._in_time is not None:
+            return self._in_time
+        if not isinstance(self._value, fem.Constant):
+            return self._value
+        return np.array(self._value.value) if self._shape else float(self._value.value)
 
     def _set(self, value: Any) -> None:
         value = np.asarray(value, dtype=np.float64)
@@ -105,124 +134,171 @@ class LoadWithValue(Load):
             )
 
 
-class BodyForce(LoadWithValue):
+class BodyForce(_LoadWithValue):
     """Force per reference volume of a body. Local.
 
     Args:
         body: The body.
-        value: Force, shape ``(3,)`` [N/m^3]; or
-            function of the time [s] that returns it; or UFL expression, of
-            the reference position for instance.
+        value: Force, shape ``(3,)`` [N/m^3], a function of the time [s] that
+            returns it, or a UFL expression, for instance of the reference
+            position.
 
     Raises:
         TypeError: ``body`` is no body.
         ValueError: The value has the wrong shape or is not finite.
+
+    Example:
+        >>> nts.BodyForce(body, (0.0, 0.0, 5.0))  # N/m^3
+        BodyForce(body=Body(tag=..., ...), value=(0, 0, 5))
+        >>> swinging = nts.BodyForce(body, lambda t: (np.sin(t), 0.0, 0.0))
     """
 
     def __init__(self, body: Body, value: Any) -> None:
         """Check the body and the value."""
-        self.bodies = instances(Body, [body])
+        (self._body,) = instances(Body, [body])
         super().__init__(body.V, value)
+
+    def __repr__(self) -> str:
+        """Body and value [N/m^3] in one line. Local."""
+        return as_call(self, body=self._body, value=self._described())
+
+    def acts_on(self, body: Body) -> bool:
+        """Whether the body is the one that was given. Local."""
+        return body is self._body
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        (body,) = self.bodies
-        # The rule of inertia, whose terms have the density.
-        one = fem.Constant(self.V.mesh, body.material.rho)
-        return bulk_form([body], lambda material, parameters, rho: rho / one * work)
+        # Terms with the density have the quadrature of inertia, so it is put in and
+        # divided out again.
+        one = fem.Constant(self.V.mesh, self._body.material.rho)
+        return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 
 
-class Gravity(LoadWithValue):
+class Gravity(_LoadWithValue):
     """Weight of bodies. Local.
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2]; or
-            function of the time [s] that returns it; or UFL expression, of
-            the reference position for instance.
+        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s]
+            that returns it, or a UFL expression, for instance of the reference
+            position.
 
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: No bodies; ``g`` has the wrong shape or is not finite.
+        ValueError: There are no bodies, or ``g`` has the wrong shape or is not
+            finite.
+
+    Example:
+        >>> nts.Gravity([body, other], (0.0, 0.0, -9.81))  # m/s^2
+        Gravity(num_bodies=2, g=(0, 0, -9.81))
     """
 
     def __init__(self, bodies: Sequence[Body], g: Any) -> None:
-        """Check the bodies and the value."""
-        self.bodies = instances(Body, bodies)
-        if not self.bodies:
+        """Check the bodies and the acceleration."""
+        self._bodies = instances(Body, bodies)
+        if not self._bodies:
             raise ValueError("expected at least one Body, given none")
-        super().__init__(self.bodies[0].V, g)
+        super().__init__(self._bodies[0].V, g)
+
+    def __repr__(self) -> str:
+        """Number of bodies and acceleration [m/s^2] in one line. Local."""
+        return as_call(self, num_bodies=len(self._bodies), g=self._described())
+
+    def acts_on(self, body: Body) -> bool:
+        """Whether the body is one of those that were given. Local."""
+        return body in self._bodies
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        return bulk_form(self.bodies, lambda material, parameters, rho: rho * work)
+        return bulk_form(self._bodies, lambda material, parameters, rho: rho * work)
 
 
-class Traction(LoadWithValue):
-    """Force per reference area that keeps its direction (dead load). Local.
+class _SurfaceLoad(_LoadWithValue):
+    """A load with a value on a surface.
 
     Args:
         surface: Where it acts.
-        value: Force, shape ``(3,)`` [Pa]; or
-            function of the time [s] that returns it; or UFL expression, of
-            the reference position for instance.
+        value: As for `_LoadWithValue`.
+    """
+
+    def __init__(self, surface: Surface, value: Any) -> None:
+        """Check the surface and the value."""
+        (self._surface,) = instances(Surface, [surface])
+        super().__init__(surface.V, value)
+
+    def __repr__(self) -> str:
+        """Surface and value [Pa] in one line. Local."""
+        return as_call(self, surface=self._surface, value=self._described())
+
+    def acts_on(self, body: Body) -> bool:
+        """Whether the surface has a node of the body on any rank. Collective."""
+        inside = bool(np.isin(self._surface.nodes, body.nodes).any())
+        return reductions.anywhere(self.V.mesh.comm, inside)
+
+    def _ds(self) -> ufl.Measure:
+        """Measure of the surface, by a rule that is exact for a constant pressure."""
+        return self._surface.measure(Element.of(self.V).mass_degree)
+
+
+class Traction(_SurfaceLoad):
+    """Dead load: a force per reference area that never changes its direction. Local.
+
+    Args:
+        surface: Where it acts.
+        value: Force, shape ``(3,)`` [Pa], a function of the time [s] that
+            returns it, or a UFL expression, for instance of the reference
+            position.
 
     Raises:
         TypeError: ``surface`` is no surface.
         ValueError: The value has the wrong shape or is not finite.
-    """
 
-    def __init__(self, surface: Surface, value: Any) -> None:
-        """Check the surface and the value."""
-        (self.surface,) = instances(Surface, [surface])
-        super().__init__(surface.V, value)
+    Example:
+        >>> nts.Traction(surface, (0.0, 0.0, -2.5))  # Pa
+        Traction(surface=Surface(tag=..., ...), value=(0, 0, -2.5))
+    """
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
-        return ufl.inner(self._value, ufl.TestFunction(self.V)) * _ds(self.surface)
+        return ufl.inner(self._value, ufl.TestFunction(self.V)) * self._ds()
 
 
-class Pressure(LoadWithValue):
-    r"""Pressure on the current area along the current normal (follower). Local.
+class Pressure(_SurfaceLoad):
+    r"""Follower load: a pressure on the current area along the current normal. Local.
 
-    The force per reference area is that of the mean of cof F on the
-    straight path of the step, :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N =
-    -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F / 12)\, N`, exact as
-    cof F is quadratic: a constant pressure on the closed surface of a
-    cavity does the work :math:`p\,\Delta V` of its volume, and has no
-    resultant. Its moment vanishes only to second order of the step.
+    The force per reference area is that of the mean of cof F on the straight
+    path of the step, :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\,
+    (\mathrm{cof} F_m + \mathrm{cof} \Delta F / 12)\, N`, which is exact
+    because cof F is quadratic in s. A constant pressure on the closed surface
+    of a cavity does the work :math:`p\,\Delta V` of its volume and has no
+    resultant; its moment vanishes only to second order of the step.
 
     Args:
         surface: Where it acts.
-        value: Pressure, a number [Pa], > 0 against the surface; or
-            function of the time [s] that returns it; or UFL expression, of
-            the reference position for instance.
+        value: Pressure [Pa], positive against the surface, a function of the
+            time [s] that returns it, or a UFL expression, for instance of the
+            reference position.
 
     Raises:
         TypeError: ``surface`` is no surface.
         ValueError: The value is no number or not finite.
+
+    Example:
+        >>> nts.Pressure(surface, 100.0)  # Pa
+        Pressure(surface=Surface(tag=..., ...), value=100)
+        >>> rising = nts.Pressure(surface, lambda t: 50.0 * t)
     """
 
     _shape = ()
-
-    def __init__(self, surface: Surface, value: Any) -> None:
-        """Check the surface and the value."""
-        (self.surface,) = instances(Surface, [surface])
-        super().__init__(surface.V, value)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
         F_mid, dF = ufl.Identity(3) + ufl.grad(u_n + u) / 2, ufl.grad(u - u_n)
         N = ufl.FacetNormal(self.V.mesh)
         area = _cofactor(F_mid) * N + _cofactor(dF) * N / 12
-        return -self._value * ufl.inner(area, ufl.TestFunction(self.V)) * _ds(self.surface)
-
-
-def _ds(surface: Surface) -> ufl.Measure:
-    """Measure of a surface; exact for a constant pressure on it."""
-    return surface.measure(Element.of(surface.V).mass_degree)
+        return -self._value * ufl.inner(area, ufl.TestFunction(self.V)) * self._ds()
 
 
 def _cofactor(A: Any) -> Any:
@@ -233,33 +309,35 @@ def _cofactor(A: Any) -> Any:
 
 
 class FormLoad(Load):
-    r"""A load given by the form of its virtual work.
+    r"""A load that you write as a form: a source, a spring, a follower. Local.
 
-    As on the right-hand side of a DOLFINx problem, ``inner(f, eta) * dx``
-    pushes along f. Functions and constants in it may be set by ``update``
-    of the stepper. Its work in a step, the form at :math:`u_{n+1} - u_n`,
-    is in the ledger with that of the other loads.
+    The sign is that of the right-hand side of a DOLFINx problem, so that
+    ``inner(f, eta) * dx`` pushes along f. Functions and constants in the form
+    may be set by ``update`` of the stepper. The load may act on all bodies.
 
     Args:
         V: Space of the displacement.
-        work: Form, linear in the test function of V; or function
-            ``work(u, eta, t)`` that returns it for a displacement
-            (in the middle of a step; at its end in `QuasiStatic`, where
-            it is in `CentralDifference`), a test function, and the time
-            there, a `fem.Constant` [s]. The derivative by u is taken
-            care of.
+        work: Form that is linear in the test function of V; or a function
+            ``work(u, eta, t)`` that returns it. It gets a displacement, that
+            in the middle of a step (at its end in `QuasiStatic` and
+            `CentralDifference`), a test function, and the time there, a
+            `fem.Constant` [s]. The tangent, its derivative by u, is derived
+            by UFL.
 
     Attributes:
         V: The space.
 
     Raises:
-        TypeError: ``work`` is, or returns, no form.
-        ValueError: The form is on another mesh, or not linear in the test
-            function of V.
+        TypeError: ``work`` is no form, or returns none.
+        ValueError: The form is not linear in the test function of V.
+
+    Example:
+        >>> springs = lambda u, eta, t: -200.0 * ufl.inner(u, eta) * ufl.ds  # N/m^3
+        >>> load = nts.FormLoad(V, springs)
     """
 
     def __init__(self, V: fem.FunctionSpace, work: ufl.Form | Callable[..., ufl.Form]) -> None:
-        """Check the form, a function at rest."""
+        """Check the form; a function is called at the reference state and time 0."""
         self.V, self._work = V, work
         self._t = fem.Constant(V.mesh, 0.0)
         u = fem.Function(V)
@@ -276,13 +354,17 @@ class FormLoad(Load):
                 f"given one with {len(spaces)} arguments"
             )
 
+    def __repr__(self) -> str:
+        """Name of the function, or that it is a form. Local."""
+        return as_call(self, work=self._work)
+
     def update(self, t: float) -> None:
-        """Set the time, see `Load.update`."""
+        """Set the time in the form, see `Load.update`."""
         self._t.value = t
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
-        # Forms are callable too, with other arguments.
+        # Forms can be called as well, with other arguments.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work
         return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)

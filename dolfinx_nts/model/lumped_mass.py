@@ -1,10 +1,11 @@
 """Lumped mass: positive masses of the nodes in the place of the mass matrix.
 
-At degree 1 the sums of its rows. At degree 2 these are negative at the
-vertices of tetrahedra; instead its diagonal in the reference cell, scaled to
-the mass of the cell (Hinton, Rock and Zienkiewicz 1976), is the rule of
-quadrature at the nodes: Simpson's in hexahedra, and 1/36 at the vertices and
-4/27 at the edges of tetrahedra. Mass and centre of mass of each cell are kept.
+At degree 1 they are the sums of the rows of the matrix. At degree 2 these sums are
+negative at the vertices of tetrahedra. Instead the diagonal of the matrix on the
+reference cell, scaled to the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives
+the weights of a quadrature at the nodes: Simpson's in hexahedra, and 1/36 at the
+vertices and 4/27 at the edges of tetrahedra. Each cell has its exact mass and centre of
+mass.
 """
 
 from collections.abc import Sequence
@@ -22,10 +23,13 @@ __all__ = ["lumped_mass", "nodal_parts"]
 
 
 def lumped_mass(bodies: Sequence[Body]) -> Floats:
-    """Masses of the owned nodes, shape ``(n,)`` [kg]. Collective.
+    """Compute the masses of the owned nodes. Collective.
 
     Args:
         bodies: Bodies of one space.
+
+    Returns:
+        Masses, shape ``(n,)`` [kg].
     """
     V = bodies[0].V
     element, geometry = Element.of(V), V.mesh.geometry
@@ -39,14 +43,14 @@ def lumped_mass(bodies: Sequence[Body]) -> Floats:
 
 
 def nodal_parts(element: Element, x: Floats) -> Floats:
-    """Volume of cells that belongs to each of their nodes. Local.
+    """Divide the volume of cells among their nodes. Local.
 
     Args:
         element: Element of the cells.
-        x: Vertices, shape ``(c, k, 3)`` [m].
+        x: Positions of the vertices, shape ``(c, k, 3)`` [m].
 
     Returns:
-        Volume, shape ``(c, n)`` [m^3].
+        Volume of each node of each cell, shape ``(c, n)`` [m^3].
     """
     points, weights, shares = _rule(element)
     slopes = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
@@ -56,7 +60,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
 
 
 def _rule(element: Element) -> tuple[Floats, Floats, Floats]:
-    """Points ``(q, 3)``, weights ``(q,)``, share of each node ``(q, n)``."""
+    """Quadrature points ``(q, 3)``, weights ``(q,)`` and shares of nodes ``(q, n)`` [-]."""
     cell = basix.CellType[element.cell]
     points, weights = basix.make_quadrature(cell, element.mass_degree)
     values = element.basix.tabulate(0, points)[0, :, :, 0]

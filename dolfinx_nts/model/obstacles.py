@@ -1,10 +1,10 @@
-r"""Rigid obstacles: analytical surfaces that bodies cannot enter.
+r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
 
-An obstacle stands in the place of a surface's segments, has no unknowns and
-never moves. Gap and normal are those of the exact surface; the contact force
-of the energy-momentum scheme is a discrete gradient,
-:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles
-of facets are in `rigid_surface`.
+An obstacle takes the place of a surface's segments in a contact pair, has no unknowns
+and never moves. Gap and normal are those of the exact surface. The contact force of
+the energy-momentum scheme is a discrete gradient,
+:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made of
+facets are in `rigid_surface`.
 """
 
 from abc import ABC, abstractmethod
@@ -21,23 +21,29 @@ Contact = tuple[Array, ...]
 
 
 class Obstacle(ABC):
-    """One rigid surface, seen from the nodes of one rank. Local.
+    """Base of all obstacles, which take the place of segments in a contact pair. Local.
 
-    Its pairs consist of the node alone, d = 3.
+    Pairs with an obstacle consist of the node alone, so that gradients have
+    the three entries of its position. Methods are for the contact of a stepper.
 
     Attributes:
-        key: Number of each facet, shape ``(f,)``.
+        key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
+
+    Example:
+        >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
+        >>> isinstance(floor, nts.Obstacle)
+        True
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
 
     def __repr__(self) -> str:
-        """Size, or what defines the surface [m]. Local."""
+        """Arguments that define the surface, or its number of facets, in one line. Local."""
         return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Contact of nodes, as the kernels give it for pairs with d = 3.
+        """Evaluate gap and contact force of nodes in a step, as the kernels do.
 
         Args:
             scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
@@ -46,13 +52,16 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            gap_n, gap, force, gradient, tangent, turn (NaN if any is not
-            finite), status.
+            Gap at t_n and at t_{n+1}, shape ``(m,)`` [m]; force per
+            multiplier and gradient of the gap at t_{n+1}, ``(m, 3)`` [-];
+            derivative of the force by x, ``(m, 3, 3)`` [1/m]; cosine of the
+            angle between both normals, ``(m,)`` [-], NaN if something is not
+            finite; and status, ``(m,)``, 0 where everything is finite.
         """
 
     @abstractmethod
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Slip of nodes, as the kernel gives it, and orientations.
+        """Evaluate slip of nodes in a step, as the kernel does.
 
         Args:
             x_n: Positions at t_n, shape ``(m, 3)`` [m].
@@ -60,31 +69,38 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            value, force, gradient, w, b, frame_n, frame, orientation.
+            Slip, shape ``(m, 2)`` [m]; its gradients in the middle and at the
+            end of the step, ``(m, 2, 3)`` [-]; weights of the node in its
+            position relative to the facet, ``(m, 1)``, and in the tangents,
+            ``(m, 2, 1)``; orthonormal tangents at t_n and t_{n+1}, ``(m, 2, 3)``;
+            and orientations of the facets, ``(m,)``.
         """
 
     @abstractmethod
     def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
-        """Facet of each node or -1, and gap.
+        """Find the facet that each node faces.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
-            current: Last facets or -1, shape ``(m,)``.
-            slack: By how much a node may be beside the last facet and keeps
-                it, see `SegmentCandidates.pair`.
+            current: Facet that each node had last, or -1, shape ``(m,)``.
+            slack: How far a node may be beside its last facet and still
+                have it, see `SegmentCandidates.pair`.
             reach: Largest gap of interest [m].
 
         Returns:
-            Facet and gap [m], shape ``(m,)``.
+            Facet of each node, or -1, and its gap [m], both of shape ``(m,)``.
         """
 
     @abstractmethod
     def near(self, x: Floats, reach: float) -> Ints:
-        """Numbers of the nodes within reach of a facet, at least.
+        """Find the nodes that may be within reach of a facet.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
-            reach: [m].
+            reach: Distance that counts as near [m].
+
+        Returns:
+            Indices of rows of x, among them all nodes within reach.
         """
 
     def beside(self, x: Floats, segment: Ints) -> Flags:
@@ -101,26 +117,26 @@ class Obstacle(ABC):
 
 
 class _Exact(Obstacle):
-    """Obstacle given by its distance."""
+    """Obstacle with an exact surface, given by the signed distance from it."""
 
     @abstractmethod
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal of points. Local.
+        """Signed distance of points from the surface, and its normal. Local.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
 
         Returns:
-            Gap [m], shape ``(m,)``, > 0 open, and unit normal out of the
-            obstacle, shape ``(m, 3)``.
+            Gap, shape ``(m,)`` [m], positive outside the obstacle, and unit
+            normal out of the obstacle, shape ``(m, 3)``.
         """
 
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Force per multiplier (m, 3) and its derivative (m, 3, 3)."""
+        """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Contact of nodes, see `Obstacle.contact`."""
+        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         gap_n, normal_n = self.distance(x_n)
         gap, normal = self.distance(x)
         force, tangent = self._force(scheme, x_n, x)
@@ -130,7 +146,7 @@ class _Exact(Obstacle):
         return gap_n, gap, force, normal, tangent, turn, status
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Displacement in the tangent plane of t_n, see `Obstacle.slip`."""
+        """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = (_frame(self.distance(y)[1]) for y in (x_n, x))
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
         m = len(x)
@@ -138,37 +154,44 @@ class _Exact(Obstacle):
         return value, frame_n, frame_n, w, b, frame_n, frame, orientation
 
     def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
-        """Facet 0 for all nodes in reach, see `Obstacle.find`."""
+        """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
         gap, _ = self.distance(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def near(self, x: Floats, reach: float) -> Ints:
-        """Numbers of the nodes in reach or inside, see `Obstacle.near`."""
+        """Find the nodes within reach or inside, see `Obstacle.near`."""
         return np.flatnonzero(self.distance(x)[0] <= reach).astype(np.int32)
 
 
 class RigidPlane(_Exact):
-    """Half space that bodies cannot enter.
+    """A half space that bodies cannot enter, such as a floor or a wall. Local.
 
     Args:
         point: A point of the plane, shape ``(3,)`` [m].
-        normal: Direction out of the obstacle, of any length, ``(3,)``.
+        normal: Direction out of the obstacle, of any length, shape ``(3,)``.
 
     Raises:
-        ValueError: No three finite numbers, or no direction.
+        ValueError: An argument is not three finite numbers, or the normal is
+            zero.
+
+    Example:
+        >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
+        >>> gap, normal = floor.distance(np.array([[5.0, 2.0, 1.0]]))
+        >>> gap
+        array([2.])
     """
 
     def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
-        """Normalise the direction."""
+        """Check the arguments and normalise the direction."""
         self._point = _vector("point", point)
         self._normal = _direction("normal", normal)
 
     def __repr__(self) -> str:
-        """Point [m] and unit normal. Local."""
+        """Point [m] and unit normal in one line. Local."""
         return as_call(self, point=self._point, normal=self._normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal of points, see `_Exact.distance`."""
+        """Signed distance of points and normal, see `_Exact.distance`."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -176,7 +199,15 @@ class RigidPlane(_Exact):
 
 
 class _Round(_Exact):
-    """Points at a given distance from a centre, in a subspace."""
+    """Obstacle whose surface has one distance from a point or axis, a sphere or a cylinder.
+
+    Args:
+        centre: The point, or a point of the axis, shape ``(3,)`` [m].
+        radius: The distance [m].
+        projector: Projection onto the directions in which it is measured,
+            shape ``(3, 3)`` [-].
+        hollow: Whether bodies are inside.
+    """
 
     def __init__(
         self, centre: Sequence[float], radius: float, projector: Floats, hollow: bool
@@ -191,7 +222,7 @@ class _Round(_Exact):
         return r, np.linalg.norm(r, axis=1)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gap and normal of points, see `_Exact.distance`."""
+        """Signed distance of points and normal, see `_Exact.distance`."""
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal
@@ -214,38 +245,47 @@ class _Round(_Exact):
 
 
 class RigidSphere(_Round):
-    """Ball, or the inside of a sphere.
+    """A ball that bodies cannot enter, or a sphere that they cannot leave. Local.
 
     Args:
         centre: Centre, shape ``(3,)`` [m].
         radius: Radius [m].
-        hollow: Whether bodies are kept inside instead of outside.
+        hollow: Whether bodies are inside.
 
     Raises:
-        ValueError: No three finite numbers, or ``radius`` is not positive.
+        ValueError: ``centre`` is not three finite numbers, or ``radius`` is not
+            positive.
+
+    Example:
+        >>> nts.RigidSphere(centre=(0, 0, 5), radius=2.0, hollow=True)
+        RigidSphere(centre=(0, 0, 5), radius=2, hollow=True)
     """
 
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
-        """Check the numbers."""
+        """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
 
     def __repr__(self) -> str:
-        """Centre and radius [m]. Local."""
+        """Centre and radius [m] in one line. Local."""
         return as_call(self, centre=self._centre, radius=self._radius, hollow=self._sign < 0)
 
 
 class RigidCylinder(_Round):
-    """Cylinder of infinite length, or the inside of a tube.
+    """An infinite cylinder that bodies cannot enter, or a tube that they cannot leave. Local.
 
     Args:
         point: A point of the axis, shape ``(3,)`` [m].
-        axis: Direction of the axis, of any length, ``(3,)``.
+        axis: Direction of the axis, of any length, shape ``(3,)``.
         radius: Radius [m].
-        hollow: Whether bodies are kept inside instead of outside.
+        hollow: Whether bodies are inside.
 
     Raises:
-        ValueError: No three finite numbers, no direction, or ``radius`` is
-            not positive.
+        ValueError: ``point`` or ``axis`` is not three finite numbers, the axis
+            is zero, or ``radius`` is not positive.
+
+    Example:
+        >>> nts.RigidCylinder(point=(0, 0, 0), axis=(0, 2, 0), radius=0.5)
+        RigidCylinder(point=(0, 0, 0), axis=(0, 1, 0), radius=0.5, hollow=False)
     """
 
     def __init__(
@@ -256,12 +296,12 @@ class RigidCylinder(_Round):
         *,
         hollow: bool = False,
     ) -> None:
-        """Check the numbers."""
+        """Check the arguments."""
         self._axis = a = _direction("axis", axis)
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
 
     def __repr__(self) -> str:
-        """Point and radius [m], unit vector of the axis. Local."""
+        """Point and radius [m] and unit vector of the axis in one line. Local."""
         return as_call(
             self,
             point=self._centre,
@@ -288,8 +328,8 @@ def _direction(name: str, value: Sequence[float]) -> Floats:
 
 
 def _frame(normal: Floats) -> Floats:
-    """Orthonormal tangents (m, 2, 3), right-handed with the normals."""
-    # Any axis that is not near the normal; the same for small turns.
+    """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
+    # The axis that is farthest from the normal, which a small turn does not change.
     axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
     first = np.cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]

@@ -1,4 +1,4 @@
-"""Rigid obstacle of facets: segments that never move, by the contact kernels."""
+"""A rigid obstacle made of facets, for which the contact kernels are called."""
 
 from typing import Any
 
@@ -12,24 +12,32 @@ __all__ = ["RigidSurface"]
 
 
 class RigidSurface(Obstacle):
-    """Facets that do not move.
+    """A surface of triangles or quadrilaterals that bodies cannot enter. Local.
 
     Args:
-        points: Vertices, shape ``(n, 3)`` [m], the same on all ranks.
+        points: Positions of the vertices, shape ``(n, 3)`` [m], the same on
+            all ranks.
         facets: Vertices of each facet, shape ``(s, 3)`` in either sense of
-            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1),
-            (1,1).
-        outside: A point to which all facets turn their outer side; for
-            a closed or strongly curved surface, one point per facet,
-            shape ``(s, 3)`` [m].
+            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1), (1,1).
+        outside: A point to which all facets turn their outer side, shape
+            ``(3,)`` [m]; for a closed or strongly curved surface one point per
+            facet, shape ``(s, 3)``.
+
+    Attributes:
+        key: Numbers of the facets, shape ``(s,)``.
 
     Raises:
-        ValueError: Shapes or indices do not fit, or a facet turns its
-            edge to ``outside``.
+        ValueError: Shapes or indices do not fit, or ``outside`` lies in the
+            plane of a facet.
+
+    Example:
+        >>> points = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 1], [4, 4, 1]])
+        >>> nts.RigidSurface(points, facets=[[0, 1, 2, 3]], outside=(2, 2, 9))
+        RigidSurface(num_facets=1)
     """
 
     def __init__(self, points: Any, facets: Any, outside: Any) -> None:
-        """Orient the facets."""
+        """Check the arguments, orient the facets, and hand them to the local search."""
         points, facets = np.array(points, dtype=np.float64, order="C"), np.asarray(facets)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
@@ -49,11 +57,12 @@ class RigidSurface(Obstacle):
         self._segments = _kernels.Segments(facets, self._orientation, self.key)
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+        """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""
         pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
         return pairs, self._orientation[segment]
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Contact of nodes: the rows of the node, see `Obstacle.contact`."""
+        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         kernel = getattr(_kernels, f"contact_{scheme}")
@@ -61,7 +70,7 @@ class RigidSurface(Obstacle):
         return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
-        """Slip of nodes: the rows of the node, see `Obstacle.slip`."""
+        """Evaluate slip of nodes, see `Obstacle.slip`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
@@ -69,11 +78,11 @@ class RigidSurface(Obstacle):
         return value, *node, frame_n, frame, orientation
 
     def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
-        """Facet of each node or -1, and gap, see `Obstacle.find`."""
+        """Find the facet that each node faces, see `Obstacle.find`."""
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
         return found, gap
 
     def near(self, x: Floats, reach: float) -> Ints:
-        """Numbers of the nodes within reach of the box of a facet, see `Obstacle.near`."""
+        """Find the nodes within reach of the box around a facet, see `Obstacle.near`."""
         near: Ints = self._segments.near(x, reach, self._points)
         return near

@@ -1,10 +1,9 @@
-"""Surfaces: tagged facets as contact nodes and segments.
+"""Surfaces, which are tagged facets seen as nodes and as segments of contact.
 
-A facet of degree 1 is a segment; one of degree 2 is four, on its nodes.
-
-A *node* (literature: slave, secondary, source) may touch a *segment*
-(master, primary, target). A surface offers both; a contact pair decides
-which it uses. Positions are x = X + u; the mesh is never moved.
+A *node* (in the literature: slave, secondary, source) may touch a *segment* (master,
+primary, target). A surface offers both, and a contact pair decides which it uses. A
+facet of degree 1 is one segment, a facet of degree 2 four on its nodes. Positions are
+x = X + u; the mesh is never moved.
 """
 
 import itertools
@@ -26,50 +25,61 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Surface", "area_vectors", "diameters"]
 
-
-# Edges shorter than this, relative to the largest segment, are points.
-_POINT = 1e-12
-# Part of the force of a node in the middle that counts to each of its ends: at
-# the vertices of triangles of degree 2 a uniform pressure has no force.
+# Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
+_NO_LENGTH = 1e-12
+# Part [-] of the force and area of a node in the middle that is moved to each vertex around
+# it: a uniform pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# Ends of the edges at each corner, in Basix order.
+# Distance of the centre of a cell from a side, relative to the height of the cell above it
+# [-], by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
+_CENTRE = {3: 1 / 4, 4: 1 / 2}
+# Vertices next to each corner of a segment, in Basix order, by its number of vertices.
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 class Surface:
-    """Facets with one tag, as contact nodes and as segments.
+    """A part of the boundary: facets with one tag, as nodes and as segments of contact.
 
-    Collective.
+    Collective. `where` and `of` make surfaces without tags.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or
-            of degree 2.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of
+            degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
 
     Attributes:
         V: The space.
-        nodes: Owned nodes of the surface, sorted, shape ``(n,)``, local
-            block indices of V.
-        segments: Facets owned by this rank, or their quarters if the
-            degree is 2, shape ``(s, k)``, ``k`` 3 or 4, local block
-            indices (owned or ghost) in Basix order.
-        orientation: +1 where a_1 x a_2 of a segment points out of its
-            body, otherwise -1, shape ``(s,)``.
-        key: Number of each owned segment in an order that does not
+        nodes: Nodes of the surface that this rank owns, local block indices of
+            V, sorted, shape ``(n,)``.
+        segments: Vertices of the segments on facets that this rank owns, local
+            block indices of V, owned or ghost, in Basix order, shape
+            ``(s, k)``, ``k`` 3 or 4.
+        orientation: +1 where the product a_1 x a_2 of the tangents of a
+            segment points out of its body, otherwise -1, shape ``(s,)``.
+        key: Number of each segment in an order of all segments that does not
             depend on the partition, shape ``(s,)``.
-        thickness: Height of the cell under each segment, ``(s,)`` [m,
-            reference].
-        size: Longest diameter of a segment on any rank [m, reference].
+        thickness: Height of the cell behind each segment in the reference
+            configuration, shape ``(s,)`` [m].
+        size: Longest diameter of a segment on any rank in the reference
+            configuration [m].
 
     Raises:
         TypeError: ``facets`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The space or the tag does not fit, or a facet is not
-            on the boundary.
+        ValueError: The space or the tag does not fit, or a facet is not on the
+            boundary.
+
+    Example:
+        >>> top = nts.Surface(V, facets, tag["lower_top"])
+        >>> top.nodes.size, top.segments.shape
+        (9, (4, 4))
+        >>> top = nts.Surface.where(V, lambda x: np.isclose(x[2], 0.5))
+        >>> round(float(top.area.sum()), 9)  # m^2
+        1.0
     """
 
     def __init__(self, V: fem.FunctionSpace, facets: MeshTags, tag: int) -> None:
-        """Collect nodes and oriented segments."""
+        """Check the arguments, and collect nodes and oriented segments."""
         check_space(V)
         mesh = V.mesh
         tdim = mesh.topology.dim
@@ -83,7 +93,7 @@ class Surface:
         local = facets.find(tag)
         cells = [to_cell.links(f) for f in local]
         owned = local < mesh.topology.index_map(tdim - 1).size_local
-        # Without ghost cells a facet between two ranks has one cell here.
+        # Without ghost cells a facet between two ranks has one local cell.
         between = np.isin(local, mesh.topology.interprocess_facets())
         between |= np.fromiter((len(c) != 1 for c in cells), dtype=bool, count=len(cells))
         if inner := reductions.total(mesh.comm, int(np.count_nonzero(between & owned))):
@@ -91,7 +101,7 @@ class Surface:
                 f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
             )
 
-        # All local facets mark nodes, only owned ones are segments.
+        # All local facets mark nodes, but only owned facets become segments.
         sides = Element.of(V).sides
         k = sides[0][0].shape[1]
         X = V.tabulate_dof_coordinates()
@@ -105,7 +115,7 @@ class Surface:
             outward.append(X[on_facet].mean(axis=1) - X[pieces].mean(axis=1))
         segments = np.concatenate(parts)
         x = X[segments]
-        # Not of a corner, which has none where an edge has no length.
+        # Not the normal in a corner, which does not exist if an edge has no length.
         normal = area_vectors(x, np.ones(len(x)))
         height = np.einsum("si,si->s", normal, np.concatenate(outward))
         length = np.linalg.norm(normal, axis=1)
@@ -117,54 +127,52 @@ class Surface:
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
 
-        kept = np.repeat(owned, len(sides[0][0]))
-        self.segments: Ints = segments[kept]
-        self.orientation: Floats = np.where(height[kept] > 0, 1.0, -1.0)
-        # The centre of a tetrahedron is at a quarter of its height.
-        pieces_height = {3: 4.0, 4: 2.0}[k] * np.abs(height[kept])
-        self.thickness: Floats = Element.of(V).degree * pieces_height
+        mine = np.repeat(owned, len(sides[0][0]))
+        self.segments: Ints = segments[mine]
+        self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)
+        self.thickness: Floats = Element.of(V).degree * (np.abs(height[mine]) / _CENTRE[k])
         self.key = self._number()
         x = X[self.segments]
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
 
     def __repr__(self) -> str:
-        """Tag, and sizes on this rank. Local."""
+        """Tag, and numbers of nodes and segments on this rank, in one line. Local."""
         sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
         return as_call(self, tag=int(self._tag), **sizes)
 
     @classmethod
     def where(cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> "Surface":
-        """Facets of the boundary at given places. Collective.
+        """Make a surface of the facets of the boundary at given places. Collective.
 
         Args:
             V: Vector space of the displacement.
-            predicate: Function of the reference positions, shape
-                ``(3, n)``, that returns ``(n,)`` booleans; a facet is
-                taken if it holds at all its vertices.
+            predicate: Function of reference positions, shape ``(3, n)`` [m],
+                that returns ``(n,)`` booleans; a facet is taken if they are
+                true at all its vertices.
 
         Returns:
             The surface.
 
         Raises:
-            ValueError: The space does not fit, or there is no facet.
+            ValueError: The space does not fit, or no facet is taken.
         """
         check_space(V)
         return cls.of(V, locate_entities_boundary(V.mesh, 2, predicate))
 
     @classmethod
     def of(cls, V: fem.FunctionSpace, facets: Ints) -> "Surface":
-        """Facets given by their numbers. Collective.
+        """Make a surface of given facets. Collective.
 
         Args:
             V: Vector space of the displacement.
-            facets: Local indices of facets, each on the rank that owns
-                it, shape ``(s,)``.
+            facets: Local indices of facets on the boundary, each on the rank
+                that owns it, shape ``(s,)``.
 
         Returns:
             The surface.
 
         Raises:
-            ValueError: No rank has a facet.
+            ValueError: No rank gives a facet, or one is not on the boundary.
         """
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError("expected facets of the boundary, given none")
@@ -173,15 +181,21 @@ class Surface:
 
     @cached_property
     def node_ids(self) -> GlobalInts:
-        """Numbers of the nodes, see `node_numbering`, shape ``(n,)``."""
+        """Numbers of the nodes that do not depend on the partition, shape ``(n,)``.
+
+        Those of vertices are the numbers in the mesh as read.
+        """
         return input_ids(self.V)[self.nodes]
 
     def measure(self, degree: int | None = None) -> ufl.Measure:
-        """Measure of integrals over the reference surface. Local.
+        """Make a measure for integrals over the reference surface. Local.
 
         Args:
-            degree: Degree that its rule integrates exactly; None: that of
-                the integrand.
+            degree: Degree to which the quadrature is exact; None for that which
+                UFL estimates of the integrand.
+
+        Returns:
+            UFL measure.
         """
         return ufl.Measure(
             "ds",
@@ -193,24 +207,26 @@ class Surface:
 
     @cached_property
     def area(self) -> Floats:
-        """Tributary reference area of each node, shape ``(n,)`` [m^2].
+        """Reference area that belongs to each node, shape ``(n,)`` [m^2].
 
-        Collective at the first use.
+        It is the integral of the node's shape function. Collective at the first
+        use.
         """
         eta = ufl.TestFunction(self.V)
         area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, 3)[self.nodes, 0]
         return area
 
     def per_area(self, force: Floats) -> Floats:
-        """Forces of the nodes as tractions, exact if uniform. Collective.
+        """Convert forces of the nodes into tractions. Collective.
 
-        At degree 2 a mean over the nodes next to each.
+        Uniform tractions are exact. At degree 2 forces and areas are averaged
+        over neighbouring nodes first.
 
         Args:
-            force: Shape ``(n,)`` or ``(n, 3)`` [N].
+            force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
 
         Returns:
-            Of the same shape [Pa].
+            Forces per reference area, of the same shape [Pa].
         """
         values = np.column_stack([self.area, force])
         if Element.of(self.V).degree > 1:
@@ -228,32 +244,34 @@ class Surface:
 
     @cached_property
     def _middles(self) -> Ints:
-        """Owned nodes between vertices, and each vertex; local nodes, ``(m, 2)``."""
+        """Owned nodes that are no vertices, with each vertex around; local nodes ``(m, 2)``."""
         dofs, element = self.V.dofmap.list, Element.of(self.V)
         rows = [np.empty((0, 2), dtype=np.int32)]
         for node, pairs in enumerate(element.diagonals):
-            here = dofs[np.isin(dofs[:, node], self.nodes)]
+            cells = dofs[np.isin(dofs[:, node], self.nodes)]
             for end in np.unique(pairs):
                 if end != node:
-                    rows.append(here[:, [node, end]])
+                    rows.append(cells[:, [node, end]])
         return np.unique(np.concatenate(rows), axis=0)
 
     def sharpest_corner(self) -> float:
-        """Least sine of an angle between edges of a segment. Collective.
+        """Find the least sine of an angle between two edges of a segment. Collective.
 
-        Zero where an edge has no length but for rounding.
+        Returns:
+            The sine in the reference configuration [-], 0 if an edge has no
+            length but for round-off.
         """
         x = self.V.tabulate_dof_coordinates()[self.segments]
         neighbours = np.array(_NEIGHBOURS[self.segments.shape[1]])
         a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
         length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
         area = np.linalg.norm(np.cross(a, b), axis=-1)
-        good = np.minimum(length_a, length_b) > _POINT * self.size
+        good = np.minimum(length_a, length_b) > _NO_LENGTH * self.size
         sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
         return float(reductions.least(self.V.mesh.comm, sine.min(initial=1.0)))
 
     def _number(self) -> GlobalInts:
-        """Rank of each owned segment among all, by its input node numbers."""
+        """Number all segments in the order of the numbers of their nodes. Collective."""
         comm = self.V.mesh.comm
         mine = np.sort(input_ids(self.V)[self.segments], axis=1)
         parts = comm.allgather(mine)
@@ -265,10 +283,13 @@ class Surface:
 
 
 def diameters(x: Floats) -> Floats:
-    """Longest distance between two vertices of each segment, shape ``(s,)`` [m]. Local.
+    """Compute the longest distance between two vertices of each segment. Local.
 
     Args:
-        x: Vertices, shape ``(s, k, 3)`` [m].
+        x: Positions of the vertices, shape ``(s, k, 3)`` [m].
+
+    Returns:
+        Distances, shape ``(s,)`` [m].
     """
     squared: Floats = np.zeros(len(x))
     for one, other in itertools.combinations(range(x.shape[1]), 2):
@@ -279,15 +300,18 @@ def diameters(x: Floats) -> Floats:
 
 
 def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
-    """Outward vectors of the size of each segment, shape ``(s, 3)`` [m^2]. Local.
+    """Compute the mean normal of each segment, scaled to its area. Local.
 
     Args:
         vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].
-        orientation: As in `Surface`, shape ``(s,)``.
+        orientation: Orientations of the segments as in `Surface`, ``(s,)``.
+
+    Returns:
+        Vectors that point out of the body, shape ``(s, 3)`` [m^2].
     """
     first = vertices[:, -1] - vertices[:, 0]
     second = vertices[:, 2] - vertices[:, 1]
-    # Of a triangle, its sides; of a quadrilateral, its diagonals.
+    # Half of the product of the diagonals of a quadrilateral, or of two edges of a triangle.
     if vertices.shape[1] == 3:
         first, second = vertices[:, 1] - vertices[:, 0], first
     vectors: Floats = orientation[:, None] * np.cross(first, second) / 2

@@ -1,1 +1,1 @@
-"""MPI: reductions, communication, errors and signals on all ranks."""
+"""What ranks do together by MPI: reductions, communication, errors and signals."""

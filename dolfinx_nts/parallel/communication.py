@@ -1,4 +1,8 @@
-"""What ranks do for each other: exchange, gather, scatter, files."""
+"""Communication of Python objects and of numbered rows between ranks.
+
+Rows with numbers, such as values of nodes, are collected on rank 0 in the order
+of the numbers, which does not depend on the partition, and sent back from there.
+"""
 
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -16,19 +20,19 @@ T = TypeVar("T")
 
 
 def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
-    """Do something on rank 0 only; all ranks get its result or its error.
+    """Call a function on rank 0 and give all ranks its result or its error.
 
     Collective.
 
     Args:
         comm: Communicator.
-        action: Called on rank 0.
+        action: Function that is called on rank 0.
 
     Returns:
-        What it returned.
+        What the function returned.
 
     Raises:
-        Exception: What it raised, as `errors.portable` sends it.
+        Exception: What the function raised, as `errors.portable` sends it.
     """
     result: T | None = None
     error: Exception | None = None
@@ -44,16 +48,18 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
 
 
 def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
-    """What all ranks have for this one, in their order. Collective.
+    """Send one object to each rank, and receive one from each. Collective.
 
-    A message to oneself takes as long as one to another rank: there is none.
+    What a rank has for itself is not sent, as that would take as long as a
+    message to another rank.
 
     Args:
         comm: Communicator.
-        parts: What this rank has for each.
+        parts: One object for each rank, in the order of the ranks.
 
     Returns:
-        One part of each; this rank's own is the very object.
+        One object from each rank, in the order of the ranks; that of this
+        rank is the very object.
     """
     received: Any = list(parts)
     if comm.size > 1:
@@ -64,15 +70,17 @@ def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
 
 
 def gathered(comm: MPI.Comm, ids: GlobalInts, values: Array) -> tuple[GlobalInts, Array]:
-    """Rows of all ranks on rank 0, sorted by their numbers. Collective.
+    """Collect numbered rows of all ranks on rank 0. Collective.
 
     Args:
         comm: Communicator.
-        ids: Numbers of this rank's rows, unique over all, shape ``(n,)``.
+        ids: Numbers of this rank's rows, of which no two ranks have the same,
+            shape ``(n,)``.
         values: The rows, shape ``(n, ...)``.
 
     Returns:
-        Numbers and rows; those of this rank elsewhere.
+        On rank 0 all numbers, sorted, and their rows; on other ranks the
+        arguments.
     """
     parts = comm.gather((ids, values))
     if parts is None:
@@ -83,19 +91,21 @@ def gathered(comm: MPI.Comm, ids: GlobalInts, values: Array) -> tuple[GlobalInts
 
 
 def scattered(comm: MPI.Comm, ids: GlobalInts, all_ids: GlobalInts, values: Array) -> Array:
-    """Rows that this rank asks for, the inverse of `gathered`. Collective.
+    """Send each rank the numbered rows that it asks for. Collective.
+
+    This is the inverse of `gathered`.
 
     Args:
         comm: Communicator.
-        ids: Numbers that this rank wants, shape ``(n,)``.
-        all_ids: Sorted numbers of the rows, on rank 0, shape ``(m,)``.
-        values: The rows, on rank 0, shape ``(m, ...)``.
+        ids: Numbers of the rows that this rank wants, shape ``(n,)``.
+        all_ids: On rank 0 the sorted numbers of all rows, shape ``(m,)``.
+        values: On rank 0 the rows, shape ``(m, ...)``.
 
     Returns:
         Rows of this rank, shape ``(n, ...)``.
 
     Raises:
-        ValueError: A number is not there.
+        ValueError: A rank asks for a number that is not among all numbers.
     """
     wanted = comm.gather(ids)
 

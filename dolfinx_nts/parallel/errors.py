@@ -1,8 +1,8 @@
-"""Failures on one rank: the others learn of them, so that none waits for ever.
+"""Errors on one rank, which the other ranks learn of so that none waits for ever.
 
-`agreed` raises the error of one rank on all, where all get to the same place.
-Where they do not, as they wait for each other inside, the error of the one
-leaves the program, and `end_together` ends the others.
+`agreed` raises the error of one rank on all ranks, if all of them reach the end of
+its context. If they do not, because they wait inside it for the rank that failed,
+the error leaves the program on that rank, and `end_together` ends the others.
 """
 
 import pickle
@@ -19,29 +19,34 @@ import numpy as np
 
 __all__ = ["agreed", "end_together", "portable"]
 
-# Seconds that a rank which failed waits for the others to agree,
+# Time [s] that a rank which failed waits for the others to reach the end of a context:
+# ranks with little more to do get there, and nobody waits much longer for the error.
 _PATIENCE = 0.5
-# and before it ends the program for others that fail as well.
+# Time [s] that a rank waits, before it ends the program, for notes of others that fail.
 _GRACE = 0.25
-_TAG = 20110  # of the notes that ranks send when they fail
-_LONGEST = 1000  # characters of a note, which is sent without being awaited
-# Messages that may never be received need their memory to the end.
+# Time [s] between two looks at a request, so that a waiting rank leaves its core to others.
+_PAUSE = 1e-3
+# Tag of the notes that ranks send when they fail, a number that no other message has.
+_TAG = 20110
+# Longest note [characters], so short that MPI sends it before anybody receives it.
+_LONGEST = 1000
+# Requests of messages that may never be received, whose memory is needed to the end.
 _pending: list[MPI.Request] = []
 
 
 @contextmanager
 def agreed(comm: MPI.Comm) -> Iterator[None]:
-    """Context in which an error of one rank is raised on all. Collective.
+    """Context that raises an error of one rank on all ranks. Collective.
 
-    Of several errors it is that of the lowest rank. A rank that waits for
-    the others in vain, because they wait for it inside the context,
-    raises its own error alone.
+    If several ranks fail, all raise the error of the lowest of them. A rank
+    that waits for the others in vain, because they wait for it inside the
+    context, raises its own error alone.
 
     Args:
         comm: Communicator.
 
     Raises:
-        Exception: That of a rank.
+        Exception: What was raised in the context on a rank.
     """
     error: Exception | None = None
     try:
@@ -55,7 +60,7 @@ def agreed(comm: MPI.Comm) -> Iterator[None]:
         if time.monotonic() - start > _PATIENCE:
             _pending.append(request)
             raise error
-        time.sleep(1e-3)
+        time.sleep(_PAUSE)
     request.Wait()
     if first[0] < comm.size:
         shared = comm.bcast(None if error is None else portable(error), root=first[0])
@@ -63,7 +68,15 @@ def agreed(comm: MPI.Comm) -> Iterator[None]:
 
 
 def portable(error: Exception) -> Exception:
-    """Error as it can be sent to other ranks. Local."""
+    """Error in a form that can be sent to other ranks. Local.
+
+    Args:
+        error: Any error.
+
+    Returns:
+        The error itself, or a RuntimeError with its text if it cannot be
+        pickled.
+    """
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
@@ -74,9 +87,8 @@ def portable(error: Exception) -> Exception:
 def end_together() -> None:
     """Let an exception that leaves the program on one rank end it on all. Local.
 
-    One rank says what happened, with its traceback, and `MPI.Comm.Abort` ends
-    the ranks that did not fail. With one rank, and in an interactive session,
-    nothing is changed.
+    One rank prints the traceback, and `MPI.Comm.Abort` ends the ranks that did
+    not fail. On one rank and in an interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive
     if MPI.COMM_WORLD.size > 1 and not interactive and not isinstance(sys.excepthook, _Hook):
@@ -84,10 +96,10 @@ def end_together() -> None:
 
 
 class _Hook:
-    """Takes the place of `sys.excepthook`, which it calls on one rank.
+    """Replaces `sys.excepthook`, which it calls on one rank.
 
     Args:
-        former: The hook that was there.
+        former: The hook that it replaces.
     """
 
     def __init__(self, former: Any) -> None:
@@ -111,13 +123,13 @@ class _Hook:
             sys.stderr.writelines(f"rank {rank} failed with {note}\n" for rank, note in others)
             sys.stderr.flush()
         if alone:
-            # Who speaks may have failed later than this rank.
+            # The rank that prints may have failed later than this one.
             time.sleep(0.0 if speaks else 2 * _GRACE)
             comm.Abort(1)
 
 
 def _exchanged(comm: MPI.Comm, note: str) -> dict[int, str]:
-    """Notes of the ranks that fail within the grace, by rank."""
+    """Tell the other ranks of an error; notes of those that fail as well, by rank."""
     others = (rank for rank in range(comm.size) if rank != comm.rank)
     _pending.extend(comm.isend(note, rank, _TAG) for rank in others)
     notes, start = {comm.rank: note}, time.monotonic()
@@ -126,5 +138,5 @@ def _exchanged(comm: MPI.Comm, note: str) -> dict[int, str]:
         if comm.iprobe(tag=_TAG, status=status):
             notes[status.source] = comm.recv(source=status.source, tag=_TAG)
         else:
-            time.sleep(1e-3)
+            time.sleep(_PAUSE)
     return notes

@@ -1,8 +1,8 @@
 """Sums and extremes over all ranks.
 
-Numbers, lists of them and arrays go as buffers: as Python objects they take
-ten times as long. All functions are collective and return the type that they
-are given, on one rank the very object.
+All functions are collective and return the type that they are given; on one rank
+they return the very object. Numbers, lists of numbers and arrays are sent as
+buffers, because sending them as Python objects takes ten times as long.
 """
 
 from typing import Any, TypeVar
@@ -17,27 +17,27 @@ T = TypeVar("T")  # int, float, bool, a list of one of these, or an array
 
 
 def total(comm: MPI.Comm, value: T) -> T:
-    """Sum over all ranks."""
+    """Sum of a value over all ranks, entry by entry. Collective."""
     return _reduced(comm, value, MPI.SUM)
 
 
 def largest(comm: MPI.Comm, value: T) -> T:
-    """Maximum over all ranks."""
+    """Maximum of a value over all ranks, entry by entry. Collective."""
     return _reduced(comm, value, MPI.MAX)
 
 
 def least(comm: MPI.Comm, value: T) -> T:
-    """Minimum over all ranks."""
+    """Minimum of a value over all ranks, entry by entry. Collective."""
     return _reduced(comm, value, MPI.MIN)
 
 
 def anywhere(comm: MPI.Comm, flag: T) -> T:
-    """Whether it is true on any rank."""
+    """Whether a flag is true on any rank, entry by entry. Collective."""
     return _reduced(comm, flag, MPI.LOR)
 
 
 def everywhere(comm: MPI.Comm, flag: T) -> T:
-    """Whether it is true on all ranks."""
+    """Whether a flag is true on all ranks, entry by entry. Collective."""
     return _reduced(comm, flag, MPI.LAND)
 
 

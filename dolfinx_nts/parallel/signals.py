@@ -1,4 +1,4 @@
-"""Interrupts that wait for the end of a step: Ctrl-C and SIGTERM."""
+"""Interrupts by Ctrl-C or SIGTERM that wait for the end of a step."""
 
 import signal
 import threading
@@ -15,39 +15,43 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupts:
-    """Context in which the first signal only raises a flag.
+    """Context in which a first signal is only noted, and a second takes effect at once.
 
-    The second takes effect at once. Only the main thread of Python gets
-    signals; in another one the context does nothing.
+    Only the main thread of Python receives signals; in other threads the
+    context does nothing. Local, except where a method says otherwise.
 
     Args:
         comm: Communicator whose ranks stop together.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Wait to be entered."""
+        """Change nothing before the context is entered."""
         self._comm = comm
         self._signum = 0
         self._former: dict[int, Any] = {}
 
     def __enter__(self) -> "Interrupts":
-        """Take over the signals."""
+        """Note signals from now on."""
         if threading.current_thread() is threading.main_thread():
             self._former = {signum: signal.signal(signum, self._note) for signum in _SIGNALS}
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Give them back."""
+        """Restore the handlers that were there before."""
         for signum, handler in self._former.items():
             signal.signal(signum, signal.SIG_DFL if handler is None else handler)
         self._former = {}
 
     def received(self) -> int:
-        """Number of a signal that any rank has got, 0 if none. Collective."""
+        """Number of a signal that any rank has received, or 0. Collective."""
         return int(reductions.largest(self._comm, self._signum))
 
     def take_effect(self, signum: int) -> None:
-        """Do what the signal would have done: raise, or end the process."""
+        """Do what a signal would have done: raise an error, or end the process.
+
+        Args:
+            signum: Number of the signal.
+        """
         self.__exit__()
         signal.raise_signal(signum)
 

@@ -1,4 +1,4 @@
-"""Pictures, diagrams and movies of a run."""
+"""Pictures, diagrams and movies of a run, one call each."""
 
 from dolfinx_nts.plotting.pictures import (
     animate,

@@ -1,6 +1,6 @@
-"""Drawing of cells and facets by PyVista: one canvas, one style.
+"""Drawing of cells and facets by PyVista, all pictures in one style.
 
-PyVista is imported when it is needed. Local: one rank draws.
+PyVista is imported when it is needed. Everything is local: one rank draws.
 """
 
 import os
@@ -17,11 +17,19 @@ __all__ = ["CELLS", "FACETS", "aim", "canvas", "grid_of", "paint"]
 
 Kinds = dict[int, tuple[int, list[int]]]
 
-# VTK's number of a cell and its vertex order, by number of vertices.
+# VTK's number of a cell type and its order of the vertices, by number of vertices.
 CELLS: Kinds = {4: (10, [0, 1, 2, 3]), 8: (12, [0, 1, 3, 2, 4, 5, 7, 6])}
 FACETS: Kinds = {3: (5, [0, 1, 2]), 4: (9, [0, 1, 3, 2])}
 
-_SIZE = [960, 560]
+_SIZE = [960, 560]  # of pictures [pixels]
+# From the bodies to the camera [-]: from +x, a little from above and aside.
+_TOWARDS_CAMERA = (1.0, -0.45, 0.35)
+# Cosine of the angle between that direction and z [-] above which z cannot point upwards.
+_STEEP = 0.9
+# Magnification [-] after the camera is set, as PyVista leaves a wide margin.
+_ZOOM = 1.2
+# Options of PyVista for bodies and for the bar of colours; places and sizes of the bar are
+# relative to the picture [-].
 _STYLE = {"cmap": "YlOrRd", "ambient": 0.25, "show_edges": True, "edge_opacity": 0.5}
 _BAR = {
     "vertical": True,
@@ -37,11 +45,14 @@ _BAR = {
 
 @contextmanager
 def canvas(*, interactive: bool = False) -> Iterator[Any]:
-    """White plotter, closed at the end unless it is in a notebook.
+    """Context with a white plotter, which is closed at the end unless a notebook shows it.
 
     Args:
-        interactive: For the notebook that it is called in, or else a
-            window, instead of a picture.
+        interactive: Whether to draw into the notebook from which it is called,
+            or else into a window, instead of into a picture.
+
+    Yields:
+        PyVista plotter.
 
     Raises:
         RuntimeError: There is neither a notebook nor a display.
@@ -60,21 +71,24 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
             plotter.add_axes(color="black")
             yield plotter
         finally:
-            # The view in a notebook lives on.
+            # A notebook needs the plotter after the context.
             if not notebook:
                 plotter.close()
 
 
 def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
-    """PyVista grid of cells or facets that come with their vertices.
+    """Make a PyVista grid of cells or facets, with values to colour it.
 
     Args:
         kinds: `CELLS` or `FACETS`.
         ids: Numbers of the vertices in DOLFINx's order, shape ``(c, k)``.
-        x: Their positions, shape ``(c, k, 3)`` [m].
-        values: Values of the cells, shape ``(c,)``, which the points of
-            the grid get the mean of; or of the vertices, ``(c, k)``.
+        x: Positions of the vertices, shape ``(c, k, 3)`` [m].
+        values: Values of the vertices, shape ``(c, k)``; or of the cells,
+            ``(c,)``, of which each point of the grid gets the mean around it.
         name: Name of the values.
+
+    Returns:
+        The grid, in which vertices with the same number are one point.
     """
     import pyvista
 
@@ -92,14 +106,14 @@ def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
 def paint(
     plotter: Any, grid: Any, name: str, text: str, limits: tuple[float, float] | None = None
 ) -> None:
-    """Put a grid into the picture, in the place of the one before.
+    """Draw a grid, in the place of the one that was drawn before.
 
     Args:
-        plotter: Plotter to use.
-        grid: PyVista dataset with current positions.
-        name: Field that colours it; where it is NaN the grid is grey.
-        text: Written in a corner.
-        limits: Range of the colours; by default that of the field.
+        plotter: PyVista plotter.
+        grid: Grid at its current positions.
+        name: Name of the values that colour it; it is grey where they are NaN.
+        text: Text in a corner of the picture.
+        limits: Range of the colours; by default that of the values.
     """
     bar = _BAR | {"title": f"{name}\n"}
     plotter.add_mesh(
@@ -116,28 +130,28 @@ def paint(
 
 
 def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = None) -> None:
-    """Set the camera.
+    """Set the camera of a plotter.
 
     Args:
-        plotter: Plotter to use.
-        points: What has to be in the picture, shape ``(n, 3)`` [m].
-        camera: Position, focus and upward direction as in PyVista; None:
-            from a direction.
-        direction: From the points towards the camera, shape ``(3,)``; by
+        plotter: PyVista plotter.
+        points: Positions that have to be in the picture, shape ``(n, 3)`` [m].
+        camera: Position, focus and upward direction as in PyVista, or None to
+            look from ``direction``.
+        direction: Direction from the points to the camera, shape ``(3,)``; by
             default +x, a little from above and aside.
     """
     if camera is not None:
         plotter.camera_position = camera
         return
-    towards = np.array([1.0, -0.45, 0.35]) if direction is None else direction
-    steep = abs(towards[2]) > 0.9 * np.linalg.norm(towards)
+    towards = np.array(_TOWARDS_CAMERA) if direction is None else direction
+    steep = abs(towards[2]) > _STEEP * np.linalg.norm(towards)
     plotter.view_vector(tuple(towards), viewup=(0.0, 1.0, 0.0) if steep else (0.0, 0.0, 1.0))
     plotter.reset_camera(bounds=np.ravel([points.min(axis=0), points.max(axis=0)], order="F"))
-    plotter.camera.zoom(1.2)
+    plotter.camera.zoom(_ZOOM)
 
 
 def _has_display() -> bool:
-    """Whether a window can open; X and Wayland say so."""
+    """Whether a window can open, as X and Wayland tell by variables."""
     return sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

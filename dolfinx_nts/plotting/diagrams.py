@@ -1,6 +1,7 @@
-"""Diagrams of a run, drawn from the table of its `Recorder`.
+"""Diagrams of a run, drawn from the table that its `Recorder` wrote.
 
-Matplotlib is imported when it is needed. Local: only rank 0 draws.
+Matplotlib is imported when it is needed. Everything is local: only rank 0 draws, and
+the other ranks do nothing.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,13 +15,16 @@ import numpy as np
 
 __all__ = ["energies", "energy_error", "forces", "momenta"]
 
+# Relative error [-] below which curves are drawn flat, as they would be round-off.
 _EPSILON = float(np.finfo(np.float64).eps)
+# Size of one diagram and of the margin around all [inch], and their resolution [1/inch].
+_WIDTH, _HEIGHT, _MARGIN, _DPI = 5.2, 2.4, 1.0, 110
 
 P = ParamSpec("P")
 
 
 def _on_first_rank(draw: Callable[P, None]) -> Callable[P, None]:
-    """Let the other ranks do nothing."""
+    """Make a function do nothing on all ranks but the first."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -32,11 +36,16 @@ def _on_first_rank(draw: Callable[P, None]) -> Callable[P, None]:
 
 @_on_first_rank
 def energies(table: str | Path, filename: str | Path) -> None:
-    """Draw the energies that are not zero. Local: only rank 0 draws.
+    """Draw total, kinetic, strain and contact energy over time. Local.
+
+    Energies that are always zero are left out.
 
     Args:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
+
+    Example:
+        >>> plotting.energies("run.csv", "energies.png")
     """
     rows = _read(table)
     figure, axes = _figure(1, 1)
@@ -50,13 +59,16 @@ def energies(table: str | Path, filename: str | Path) -> None:
 
 @_on_first_rank
 def momenta(table: str | Path, filename: str | Path) -> None:
-    """Draw linear and angular momentum. Local: only rank 0 draws.
+    """Draw linear and angular momentum, and their drift, over time. Local.
 
-    A drift below machine epsilon is drawn as that.
+    A relative drift below the machine epsilon is drawn as the epsilon.
 
     Args:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
+
+    Example:
+        >>> plotting.momenta("run.csv", "momenta.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 2)
@@ -76,13 +88,16 @@ def momenta(table: str | Path, filename: str | Path) -> None:
 
 @_on_first_rank
 def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None:
-    """Compare energy errors of several runs. Local: only rank 0 draws.
+    """Draw the relative error of the total energy in several runs. Local.
 
-    An error below machine epsilon is drawn as that.
+    An error below the machine epsilon is drawn as the epsilon.
 
     Args:
         tables: CSV file of a `Recorder` by label of its curve.
         filename: Picture to write.
+
+    Example:
+        >>> plotting.energy_error({"energy-momentum scheme": "run.csv"}, "error.png")
     """
     figure, axes = _figure(1, 1)
     for label, table in tables.items():
@@ -96,13 +111,16 @@ def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None
 
 @_on_first_rank
 def forces(table: str | Path, filename: str | Path) -> None:
-    """Draw contact forces, and how many nodes touch. Local: only rank 0 draws.
+    """Draw contact forces, and the number of nodes in contact, over time. Local.
 
-    The force of each pair is the size of the resultant on its nodes.
+    The force of a pair is the magnitude of the resultant on its nodes.
 
     Args:
         table: CSV file of a `Recorder`.
         filename: Picture to write.
+
+    Example:
+        >>> plotting.forces("run.csv", "forces.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 1)
@@ -121,9 +139,11 @@ def forces(table: str | Path, filename: str | Path) -> None:
 
 
 def _figure(rows: int, columns: int) -> tuple[Any, Any]:
+    """Figure with a grid of diagrams, and their axes."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.2 * columns, 1.0 + 2.4 * rows), dpi=110, layout="constrained")
+    size = (_WIDTH * columns, _MARGIN + _HEIGHT * rows)
+    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
     for panel in axes.flat:
         panel.grid(alpha=0.3)
@@ -131,4 +151,5 @@ def _figure(rows: int, columns: int) -> tuple[Any, Any]:
 
 
 def _read(table: str | Path) -> Any:
+    """Columns of a table by name."""
     return np.genfromtxt(table, delimiter=",", names=True)

@@ -1,7 +1,7 @@
-"""Movies: frames written to a GIF, or to an MP4 where its encoder is installed.
+"""Movies, written frame by frame as a GIF, or as an MP4 if its encoder is installed.
 
-Pillow and imageio-ffmpeg are imported when they are needed. Local: one rank
-writes.
+Pillow and imageio-ffmpeg are imported when they are needed. Everything is local: one
+rank writes.
 """
 
 from collections.abc import Callable
@@ -17,19 +17,22 @@ Frame = npt.NDArray[np.uint8]
 
 
 class Movie:
-    """A file that takes frames one by one, in a ``with`` block.
+    """A movie to which frames are added in a ``with`` block.
 
     Args:
         filename: File to write, ``.gif`` or ``.mp4``.
-        fps: Frames per second.
+        fps: Frames per second [1/s].
+
+    Attributes:
+        write: Function that adds a frame, RGB of shape ``(h, w, 3)``.
 
     Raises:
         ModuleNotFoundError: The encoder of MP4 is not installed.
-        ValueError: Another suffix, or ``fps`` is not positive.
+        ValueError: The suffix is another, or ``fps`` is not positive.
     """
 
     def __init__(self, filename: str | Path, fps: float) -> None:
-        """Check the file's kind; nothing is created yet."""
+        """Check the arguments; no file is created yet."""
         self._path, self._fps = Path(filename), fps
         kinds: dict[str, Callable[[Frame], None]] = {".gif": self._quantise, ".mp4": self._encode}
         if self._path.suffix not in kinds:
@@ -50,11 +53,11 @@ class Movie:
             self._ffmpeg = imageio_ffmpeg
 
     def __enter__(self) -> "Movie":
-        """Wait for frames."""
+        """Enter the block; the first frame opens the file."""
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Complete the file."""
+        """Complete the file; after an error no GIF is written."""
         if self._encoder is not None:
             self._encoder.close()
         if self._images and error is None:
@@ -63,13 +66,13 @@ class Movie:
             first.save(self._path, save_all=True, append_images=others, duration=duration, loop=0)
 
     def _quantise(self, frame: Frame) -> None:
-        """Keep a frame, shape ``(h, w, 3)``, for the GIF."""
+        """Store a frame for the GIF."""
         from PIL import Image
 
         self._images.append(Image.fromarray(frame).quantize())
 
     def _encode(self, frame: Frame) -> None:
-        """Pass a frame, shape ``(h, w, 3)``, to the encoder of the MP4."""
+        """Send a frame to the encoder of the MP4."""
         if self._encoder is None:
             height, width = frame.shape[:2]
             self._encoder = self._ffmpeg.write_frames(

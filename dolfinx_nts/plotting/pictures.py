@@ -1,8 +1,8 @@
 """Pictures of a run, one call each.
 
-`snapshot`, `show` and `contact` draw the present state of a stepper,
-`animate` the states in the file of a `Recorder`, the others its table. They
-need no display, but for `show`.
+`snapshot`, `show` and `contact` draw the present state of a stepper, `animate` the
+states in the file of a `Recorder`, and the functions of `diagrams` its table. Only
+`show` needs a display.
 """
 
 from collections.abc import Callable
@@ -38,7 +38,7 @@ __all__ = [
     "snapshot",
 ]
 
-
+# Units of the fields that a `Recorder` writes; others are drawn without one.
 _UNITS = {
     "displacement": "m",
     "velocity": "m/s",
@@ -60,19 +60,21 @@ def snapshot(
     """Draw the deformed bodies in their present state. Collective.
 
     Args:
-        stepper: What is run.
+        stepper: Stepper with the state.
         filename: PNG file to write.
-        colour: Von Mises stress, taken in the middle of the cells (of
-            degree 2: of their eight parts), or magnitude of the
-            displacement.
-        limits: Range of the colours [Pa or m]; by default that of the
-            state.
-        camera: Position, focus and upward direction as in PyVista; by
-            default from +x, with the reference state in the frame too.
+        colour: ``"stress"`` for the von Mises stress in the middle of the cells
+            (at degree 2 of their eight pieces), or ``"displacement"`` for its
+            magnitude.
+        limits: Range of the colours [Pa or m]; by default that of the state.
+        camera: Position, focus and upward direction as in PyVista; by default
+            from +x, with the reference state in the picture as well.
 
     Raises:
         OSError: The file cannot be written.
-        ValueError: Another ``colour``.
+        ValueError: ``colour`` is unknown.
+
+    Example:
+        >>> plotting.snapshot(stepper, "start.png", colour="displacement")
     """
     put = _bodies(stepper, colour, limits, camera)
 
@@ -91,20 +93,24 @@ def show(
     limits: tuple[float, float] | None = None,
     camera: Any = None,
 ) -> None:
-    """Show the deformed bodies, to turn and to zoom. Collective.
+    """Show the deformed bodies, to turn and to zoom them. Collective.
 
-    In a Jupyter notebook by PyVista's backend (interactive with the
-    package ``pyvista[jupyter]``), else in a window, until it is closed.
+    In a Jupyter notebook they appear by PyVista's backend, which the package
+    ``pyvista[jupyter]`` makes interactive; elsewhere in a window, and the
+    function returns when it is closed.
 
     Args:
-        stepper: What is run.
-        colour: As for `snapshot`.
-        limits: The same.
-        camera: The same.
+        stepper: Stepper with the state.
+        colour: What to draw, as for `snapshot`.
+        limits: Range of the colours [Pa or m], as for `snapshot`.
+        camera: Camera, as for `snapshot`.
 
     Raises:
         RuntimeError: There is neither a notebook nor a display.
-        ValueError: Another ``colour``.
+        ValueError: ``colour`` is unknown.
+
+    Example:
+        >>> plotting.show(stepper)
     """
     put = _bodies(stepper, colour, limits, camera)
 
@@ -127,23 +133,26 @@ def contact(
 ) -> None:
     """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
 
-    The gap is grey where a node faces no segment.
+    A gap is grey where a node faces no segment.
 
     Args:
-        stepper: What is run.
+        stepper: Stepper with the state.
         filename: PNG file to write.
-        colour: What to draw.
+        colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
-        limits: Range of the colours [Pa or m]; by default that of the
-            state, of gaps up to the size of a segment.
-        camera: Position, focus and upward direction as in PyVista; by
-            default against the contact force, or from the side with the
-            least gap.
+        limits: Range of the colours [Pa or m]; by default that of the state,
+            but of gaps only up to the size of a segment.
+        camera: Position, focus and upward direction as in PyVista; by default
+            from where the contact force comes, or from the side with the least
+            gap.
 
     Raises:
         IndexError: There is no such pair.
         OSError: The file cannot be written.
-        ValueError: Another ``colour``.
+        ValueError: ``colour`` is unknown.
+
+    Example:
+        >>> plotting.contact(stepper, "gap.png", colour="gap")
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
@@ -190,22 +199,26 @@ def animate(
     camera: Any = None,
     fps: float = 20.0,
 ) -> None:
-    """Draw all states of a file as a movie. Local: only rank 0 draws.
+    """Draw all states that a `Recorder` wrote as a movie. Local: only rank 0 draws.
 
     Args:
-        fields: XDMF file of a `Recorder`, closed.
+        fields: XDMF file of a `Recorder` that is closed.
         filename: File to write, ``.gif``, or ``.mp4`` with the package
             ``imageio-ffmpeg``.
-        colour: Field of the file; of vectors the magnitude.
-        limits: Range of the colours; by default that of all states.
-        camera: Position, focus and upward direction as in PyVista; by
-            default from +x, with all states in the frame.
-        fps: States per second of the movie.
+        colour: Name of a field in the file; of vectors the magnitude is drawn.
+        limits: Range of the colours in the unit of the field; by default that
+            of all states.
+        camera: Position, focus and upward direction as in PyVista; by default
+            from +x, with all states in the picture.
+        fps: States per second of the movie [1/s].
 
     Raises:
         FileNotFoundError: There is no file of fields.
-        ModuleNotFoundError: An MP4 without its package.
-        ValueError: Another suffix, or no such field.
+        ModuleNotFoundError: An MP4 is wanted without its package.
+        ValueError: The suffix is another, or there is no such field.
+
+    Example:
+        >>> plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
     """
     if MPI.COMM_WORLD.rank != 0:
         return
@@ -222,14 +235,14 @@ def animate(
 
 
 def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], list[Any]]:
-    """Times and deformed grids of a file, with ``colour`` as ``name``. Local."""
+    """Read times and deformed grids of a file, with the field ``colour`` as ``name``. Local."""
     import pyvista
 
     reader = pyvista.get_reader(fields)
     grids = []
     for t in reader.time_values:
         reader.set_active_time_value(t)
-        # The reader keeps the points of all states in one place.
+        # The reader writes the points of every state into the same memory.
         grid = reader.read().copy()
         if colour not in grid.array_names:
             raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
@@ -241,7 +254,7 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
 
 
 def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable[[Any], None]:
-    """Function that puts the bodies into a plotter on rank 0. Collective."""
+    """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
     V = stepper.u.function_space
@@ -265,14 +278,14 @@ def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable
 
 
 def _von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress in the middle of the pieces of the owned cells, body by body [Pa]."""
+    """Von Mises stress in the middle of the owned cells' pieces, body by body [Pa]. Local."""
     mesh, element = stepper.u.function_space.mesh, Element.of(stepper.u.function_space)
     middles = element.points[element.pieces].mean(axis=1)
     F = ufl.Identity(3) + ufl.grad(stepper.u)
 
     @cache
     def of(material: Hyperelastic) -> fem.Expression:
-        # Constants, as numbers would be compiled in.
+        # Constants, as numbers would become part of the compiled code.
         parameters = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
         sigma = F * material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
         stress = ufl.sqrt(1.5 * ufl.inner(ufl.dev(sigma), ufl.dev(sigma)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import GhostMode
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.loads import BodyForce, Gravity, Pressure, Traction
@@ -157,6 +158,74 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     # Rounding of the residual over h; the tangent itself is checked to more.
     np.testing.assert_allclose(action, expected, atol=1e-8 * size)
     np.testing.assert_allclose(y.array, action, atol=1e3 * EPS * size)
+
+
+# --- what a load acts on, and what is printed of it --------------------
+
+
+@cells_
+@pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
+def test_loads_say_on_all_ranks_which_bodies_they_act_on(comm, agree, cell, ghosts):
+    # The lower halves of the boxes belong to rank 0, the upper ones to the last.
+    def owner(middle):
+        return np.where(middle[:, 2] > 0.5, comm.size - 1, 0)
+
+    data = scenes.boxes([(1, 1, 2), (1, 1, 2)], [(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)], cell)
+    where = {"owner": owner} if ghosts is GhostMode.none else {"ghosts": ghosts}
+    mesh, cells, facets, tag = scenes.distribute(comm, data, **where)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.Body(V, cells, tag[f"body {i}"], RUBBER) for i in range(2)]
+    top = nts.Surface(V, facets, tag["top 1"])
+    eta = ufl.TestFunction(V)
+    acting = {
+        Traction(top, (0, 0, 1)): [False, True],
+        Pressure(top, 1.0): [False, True],
+        BodyForce(bodies[0], (0, 0, 1)): [True, False],
+        Gravity(bodies[1:], (0, 0, 1)): [False, True],
+        Gravity(bodies, (0, 0, 1)): [True, True],
+        nts.FormLoad(V, eta[0] * ufl.dx): [True, True],
+    }
+    for load, expected in acting.items():
+        assert agree([load.acts_on(body) for body in bodies] == expected)
+
+
+def test_a_load_of_the_users_own_may_act_on_every_body(comm):
+    class Own(nts.Load):
+        def update(self, t):
+            """Nothing changes."""
+
+        def form(self, u_n, u):
+            """No work."""
+
+    assert Own().acts_on(Box(comm).body) is True
+
+
+@pytest.mark.serial
+def test_printed_load_and_body_tell_their_arguments_in_one_line(comm):
+    def rising(t):
+        return (0.0, 0.0, t)
+
+    box = Box(comm)
+    body, top = box.body, box.surface("top 0")
+    material = "SaintVenantKirchhoff(E=1000, nu=0.3, rho=10)"
+    assert repr(body) == f"Body(tag=0, material={material}, owned_cells=8)"
+    surface = "Surface(tag=2, owned_nodes=9, owned_segments=4)"
+    X = ufl.SpatialCoordinate(box.mesh)
+    eta = ufl.TestFunction(box.V)
+    printed = {
+        BodyForce(body, (0, -0.5, 2e9)): f"BodyForce(body={body!r}, value=(0, -0.5, 2000000000))",
+        BodyForce(body, rising): f"BodyForce(body={body!r}, value=rising)",
+        BodyForce(body, X): f"BodyForce(body={body!r}, value=SpatialCoordinate)",
+        Gravity([body], [0, 0, -9.81]): "Gravity(num_bodies=1, g=(0, 0, -9.81))",
+        Traction(top, fem.Constant(box.mesh, np.ones(3))): (
+            f"Traction(surface={surface}, value=(1, 1, 1))"
+        ),
+        Pressure(top, 3): f"Pressure(surface={surface}, value=3)",
+        nts.FormLoad(box.V, eta[0] * ufl.dx): "FormLoad(work=Form)",
+        nts.FormLoad(box.V, lambda u, v, t: t * v[0] * ufl.dx): "FormLoad(work=<lambda>)",
+    }
+    for load, text in printed.items():
+        assert repr(load) == text
 
 
 # --- state and bad input -----------------------------------------------

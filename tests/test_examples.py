@@ -1,0 +1,152 @@
+"""Examples in the docstrings of what users call run as they are printed.
+
+Names that they may use are in `constant_names` and, made anew for each example,
+in `names`; files that they may read are in `FILES`. Each runs in a folder of its own.
+"""
+
+import doctest
+import inspect
+import shutil
+from contextlib import nullcontext
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.scenes import BALL_PLATE
+
+pytestmark = pytest.mark.serial
+
+# Public names whose docstrings have no example yet. Nothing is added to this set, and
+# who writes an example takes its name out.
+WITHOUT_EXAMPLE = {
+    "Balance",
+    "CentralDifference",
+    "ContactPair",
+    "ConvergenceError",
+    "Coulomb",
+    "Diagnostics",
+    "EnergyMomentum",
+    "GeneralizedAlpha",
+    "LagrangeMultiplier",
+    "Midpoint",
+    "Penalty",
+    "QuasiStatic",
+    "Recorder",
+    "StepControl",
+    "StepReport",
+    "all_pairs",
+    "boundary_of",
+    "two_half_passes",
+}
+
+# A mesh, and table and fields of a run of three states.
+FILES = ("ball_plate.msh", "run.csv", "run.xdmf")
+
+# Numbers may have more digits than are printed, and ... stands for anything.
+OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def public_objects(module: ModuleType, prefix: str = "") -> dict[str, Any]:
+    """Classes and functions in ``__all__`` of a module, and of the modules in it."""
+    found = {}
+    for name in module.__all__:
+        item = getattr(module, name)
+        if inspect.ismodule(item):
+            found |= public_objects(item, f"{name}.")
+        elif inspect.isclass(item) or inspect.isfunction(item):
+            found[f"{prefix}{name}"] = item
+    return found
+
+
+def example_of(name: str, item: Any) -> doctest.DocTest:
+    """What the docstring of an object shows at a prompt."""
+    return doctest.DocTestParser().get_doctest(item.__doc__, {}, name, name, 0)
+
+
+EXAMPLES = {name: example_of(name, item) for name, item in public_objects(nts).items()}
+
+
+@pytest.fixture(scope="module")
+def constant_names() -> dict[str, Any]:
+    """Modules; mesh, bodies and surfaces of two blocks, one 0.01 m above the other."""
+
+    def build(model: Any) -> None:
+        size = {"size": (1.0, 1.0, 0.5), "cells": (2, 2, 1)}
+        nts.parts.add_box(model, "lower", corner=(0.0, 0.0, 0.0), **size)
+        nts.parts.add_box(model, "upper", corner=(0.2, 0.1, 0.51), **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
+    body, other = (nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper"))
+    top, bottom = (nts.Surface(V, facets, tag[name]) for name in ("lower_top", "upper_bottom"))
+    return {
+        **{"nts": nts, "parts": nts.parts, "plotting": nts.plotting},
+        **{"np": np, "ufl": ufl, "fem": fem, "MPI": MPI, "comm": MPI.COMM_WORLD},
+        **{"mesh": mesh, "cells": cells, "facets": facets, "tag": tag, "V": V},
+        **{"rubber": rubber, "body": body, "other": other, "bodies": [body, other]},
+        **{"surface": top, "top": top, "bottom": bottom},
+    }
+
+
+@pytest.fixture
+def names(constant_names: dict[str, Any]) -> dict[str, Any]:
+    """The constant names, a stepper, and a contact pair that is in no stepper yet."""
+    pair = nts.ContactPair(constant_names["bottom"], constant_names["top"])
+    return constant_names | {"pair": pair, "stepper": falling_block(constant_names)}
+
+
+def falling_block(names: dict[str, Any]) -> nts.EnergyMomentum:
+    """Stepper in which the upper block strikes the lower one in the second step."""
+    pair = nts.ContactPair(names["bottom"], names["top"])
+    stepper = nts.EnergyMomentum(names["bodies"], [pair], dt=0.01)
+    stepper.set_velocity(names["other"], (0.0, 0.0, -1.0))
+    return stepper
+
+
+@pytest.fixture(scope="module")
+def folder(constant_names: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the files that examples read."""
+    path = tmp_path_factory.mktemp("files")
+    stepper = falling_block(constant_names)
+    with nts.Recorder(path / "run", stepper) as record:
+        for step in stepper.run(until=0.02):
+            record.write(step)
+    shutil.copy(BALL_PLATE, path)
+    assert all((path / name).exists() for name in FILES)
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - WITHOUT_EXAMPLE))
+def test_example_prints_what_the_docstring_says(name, names, folder, tmp_path, monkeypatch):
+    example = EXAMPLES[name]
+    assert example.examples, f"add an example to the docstring of {name}"
+    if name.startswith("plotting."):
+        pytest.importorskip("pyvista")
+        pytest.importorskip("matplotlib")
+    if any(f'"{file}"' in example.docstring for file in FILES):
+        shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    example.globs.update(names)
+    window: Any = nullcontext()
+    if name == "plotting.show":  # needs a display, which a machine for tests may not have
+        monkeypatch.setenv("DISPLAY", ":0")
+        window = mock.patch("pyvista.Plotter")
+    printed: list[str] = []
+    with window:
+        result = doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=printed.append)
+    assert not result.failed, "".join(printed)
+
+
+@pytest.mark.parametrize("name", sorted(WITHOUT_EXAMPLE))
+def test_name_without_an_example_is_public_and_has_none(name):
+    assert not EXAMPLES[name].examples, f"take {name} out of WITHOUT_EXAMPLE"
