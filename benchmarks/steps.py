@@ -142,7 +142,7 @@ class Run:
         return Counter(
             residuals=bulk.num_residuals,
             actions=bulk.num_actions,
-            tangents=bulk.num_tangents,
+            tangents=solver.tangent.num_assembled,
             krylov_iterations=solver.num_iterations,
             direct=solver.num_direct,
         )

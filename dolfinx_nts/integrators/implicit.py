@@ -26,6 +26,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_resid
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.cell_sizes import cell_sizes
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -39,6 +40,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
 
@@ -76,12 +78,14 @@ class ImplicitStepper(Stepper):
             stress_share=self._stress_share,
             acceleration=self._acceleration() if self._inertia else None,
         )
-        self._bulk = Bulk(
-            self._forms.residual(), self.u, bcs, self._load_forms(), self._forms.nearby_tangent()
-        )
+        forms = self._forms.residual(), self.u, bcs, self._load_forms()
+        self._bulk, self._tangent = Bulk(*forms), Tangent(*forms, self._forms.nearby_tangent())
+        self._sizes = cell_sizes(self.u.function_space)
         self._supports = self._bulk.supports
-        self._solver = LinearSolver(self._bulk, self._inertia_share, petsc_options)
-        self._sleeping = SleepingBodies(self._bulk, self.bodies, self.contacts, self.loads)
+        self._solver = LinearSolver(self._bulk, self._tangent, self._inertia_share, petsc_options)
+        self._sleeping = SleepingBodies(
+            self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
+        )
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((self._num_owned, 3))
@@ -226,7 +230,7 @@ class ImplicitStepper(Stepper):
         """Newton's method from one state."""
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
-            stiffness = self._bulk.nodal_stiffness()
+            stiffness = self._tangent.nodal_stiffness()
             steps = [
                 ContactStep(contact, self._contact, x_n, x_trial, stiffness, self._free)
                 for contact in self.contacts
@@ -238,6 +242,7 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: self._num_owned],
+            sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._inertia,
             timings=self.timings,

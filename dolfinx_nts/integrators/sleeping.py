@@ -11,11 +11,13 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.cell_sizes import CellSizes
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SleepingBodies"]
 
@@ -28,7 +30,9 @@ class SleepingBodies:
     """Keeps bodies at rest out of the forms. Collective, as all its methods.
 
     Args:
-        bulk: Forms of the bodies.
+        bulk: Residual of the bodies.
+        tangent: Its matrix.
+        sizes: Of the cells.
         bodies: The bodies.
         pairs: Contact pairs.
         loads: Loads.
@@ -40,12 +44,15 @@ class SleepingBodies:
     def __init__(
         self,
         bulk: Bulk,
+        tangent: Tangent,
+        sizes: CellSizes,
         bodies: Sequence[Body],
         pairs: Sequence[PairState],
         loads: Sequence[Load],
     ) -> None:
         """Find out what can act on which body."""
         self._bulk, self._all = bulk, tuple(bodies)
+        self._tangent, self._sizes = tangent, sizes
         comm, num_owned = bulk.comm, bulk.num_owned // 3
         self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
@@ -115,7 +122,7 @@ class SleepingBodies:
         u[:] = u_n
         R = np.abs(bulk.residual().reshape(-1, 3))
         u[:] = before
-        limit = _ROUNDING * bulk.cell_size * bulk.nodal_stiffness()[:, None]
+        limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]
         return {
             body for body, n in zip(bodies, reductions.total(bulk.comm, bad), strict=True) if not n

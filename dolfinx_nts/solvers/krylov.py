@@ -25,6 +25,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.elimination import Coupling, Elimination
 from dolfinx_nts.solvers.preconditioner import Operator, Preconditioner
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
@@ -88,13 +89,15 @@ class LinearSolver:
     """Solves for the increments of a Newton iteration.
 
     Args:
-        bulk: Forms of the bodies.
+        bulk: Residual of the bodies.
+        tangent: Matrix of its derivative.
         inertia: Share of lumped inertia in the tangent at the owned dofs,
             shape ``(3 n,)`` [N/m]; 0 without inertia.
         options: PETSc options without prefix: ``ksp_...`` for the Krylov
             method, all others for the preconditioner of the bulk.
 
     Attributes:
+        tangent: The matrix.
         num_iterations: Krylov iterations so far.
         num_direct: Systems that were factorised as a whole.
 
@@ -104,12 +107,13 @@ class LinearSolver:
     def __init__(
         self,
         bulk: Bulk,
+        tangent: Tangent,
         inertia: Callable[[], Floats],
         options: Mapping[str, Any] | None = None,
     ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         prefix = f"nts_{next(_number)}_"
-        self._bulk, self._inertia = bulk, inertia
+        self._bulk, self.tangent, self._inertia = bulk, tangent, inertia
         self._crossings = 0.0
         self._operator = Operator(bulk)
         n = bulk.num_owned
@@ -119,7 +123,7 @@ class LinearSolver:
         database = PETSc.Options()
         for key, value in ({} if options is None else options).items():
             database[f"{prefix}{'' if key.startswith('ksp_') else 'bulk_'}{key}"] = value
-        self._preconditioner = Preconditioner(self._operator, f"{prefix}bulk_")
+        self._preconditioner = Preconditioner(self._operator, tangent, f"{prefix}bulk_")
         self._ksp = PETSc.KSP().create(bulk.comm)
         self._ksp.setOptionsPrefix(prefix)
         self._ksp.setOperators(self._matrix)
@@ -134,7 +138,7 @@ class LinearSolver:
         self._ksp.setFromOptions()
         self._x, self._b = self._matrix.createVecs()
         self._coupling = Coupling(bulk.comm)
-        self._saddle = SaddlePointSystem(bulk)
+        self._saddle = SaddlePointSystem(tangent)
         self._age = _Age()
         self.num_iterations = self.num_direct = 0
 
@@ -214,7 +218,7 @@ class LinearSolver:
             particular, parts = elimination.particular(len(r))
             total: Floats = R.reshape(-1, 3).copy()
             # Close to the constraints their part is below what rtol leaves.
-            force = 3 * self._bulk.nodal_stiffness()[:, None] * particular
+            force = 3 * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
             part, whole = reductions.total(self._bulk.comm, squares)
             if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
@@ -239,7 +243,7 @@ class LinearSolver:
         In a chain of lumped masses m, waves of speed c give K_ii/m =
         2 (c/dx)^2; half of K and 2 m/h^2 make the tangent of a step.
         """
-        stiffness, inertia = self._bulk.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
+        stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
         # Without inertia any number of cells; nodes may have no stiffness either.
         ratio = stiffness / np.maximum(inertia, np.maximum(1e-30 * stiffness, 1e-300))
         greatest = reductions.largest(self._bulk.comm, ratio.max(initial=0.0))

@@ -10,6 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.cell_sizes import CellSizes
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
@@ -85,6 +86,7 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
+    sizes: CellSizes,
     force_scale: float,
     inertia: bool,
     timings: Timings,
@@ -96,6 +98,7 @@ def solve(
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
             the round-off of strains.
@@ -104,12 +107,12 @@ def solve(
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    n, size = X.size, bulk.cell_size
+    n, size = X.size, sizes.smallest
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
-    floor = _round_off(bulk)
+    floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
@@ -181,14 +184,14 @@ def solve(
         iteration += 1
 
 
-def _round_off(bulk: Bulk) -> float:
+def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     """Norm of the residual that rounding leaves at best [N]. Collective.
 
     A strain is known to eps, and to eps |u|/h; with the stiffness k of a
     node and the size h of its cells that is a force of eps k (h + |u|).
     """
     u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
-    forces = np.finfo(np.float64).eps * bulk.nodal_stiffness() * (bulk.nodal_size + u)
+    forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 
 

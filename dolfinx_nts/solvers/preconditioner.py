@@ -11,6 +11,7 @@ from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
 from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["Operator", "Preconditioner"]
 
@@ -66,21 +67,22 @@ class Preconditioner:
 
     Args:
         operator: The operator.
+        tangent: Matrix of the bulk.
         prefix: Of the PETSc options of the bulk's factors. If there are
             any, PETSc makes the factors; otherwise `BlockILU`, until
             stronger ones are needed.
 
     Attributes:
         is_strong: Whether the factors are complete, or multigrid.
-        point: `Bulk.point` of the factors; None before the first.
+        point: `Tangent.point` of the factors; None before the first.
         num_builds: Factorisations so far.
 
     ``str`` tells the kind of factors.
     """
 
-    def __init__(self, operator: Operator, prefix: str) -> None:
+    def __init__(self, operator: Operator, tangent: Tangent, prefix: str) -> None:
         """Factorise nothing yet."""
-        self._operator = operator
+        self._operator, self._tangent = operator, tangent
         self._pc = PETSc.PC().create(operator.bulk.comm)
         self._pc.setOptionsPrefix(prefix)
         self._wants_own = not PETSc.Options(prefix).getAll()
@@ -105,16 +107,16 @@ class Preconditioner:
 
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
-        bulk = self._operator.bulk
-        bulk.assemble_nearby()
+        tangent = self._tangent
+        tangent.assemble_nearby()
         if self._wants_own and not self.is_strong:
             if self._own is None:
-                self._own = BlockILU(bulk.rows)
+                self._own = BlockILU(tangent.rows)
             if not self._own.build():
                 self.strengthen()
         if self._own is None:
-            self._factorise(bulk.matrix())
-        self.point = bulk.point
+            self._factorise(tangent.matrix())
+        self.point = tangent.point
         self.num_builds += 1
 
     def _factorise(self, matrix: Any) -> None:
@@ -132,10 +134,10 @@ class Preconditioner:
             operator = matrix = self._scalar = matrix.convert("aij", self._scalar or PETSc.Mat())
             if self._pc.getType() == "gamg":
                 matrix.setBlockSize(3)
-                matrix.setNearNullSpace(self._operator.bulk.rigid_modes())
+                matrix.setNearNullSpace(self._tangent.rigid_modes())
         smooths = self._pc.getType() == "gamg" and self._wants_own
         if smooths:
-            operator = SinglePrecisionOperator(self._operator.bulk.rows).matrix()
+            operator = SinglePrecisionOperator(self._tangent.rows).matrix()
         self._pc.setUseAmat(smooths)
         self._pc.setOperators(operator, matrix)
         self._pc.setUp()
@@ -148,7 +150,7 @@ class Preconditioner:
         With PETSc's, scalar and in double precision, iterations take half as long again.
         """
         finest = self._pc.getMGLevels() - 1
-        factors = BlockILU(self._operator.bulk.rows)
+        factors = BlockILU(self._tangent.rows)
         if finest > 0 and factors.build():
             pc = self._pc.getMGSmoother(finest).getPC()
             pc.setType("python")
@@ -156,17 +158,17 @@ class Preconditioner:
 
     def serialize(self, archive: Archive) -> None:
         """Serialize where factors and patch were made. Collective."""
-        bulk = self._operator.bulk
-        shared = archive.same("factors_are_last", self.point is bulk.point)
+        tangent = self._tangent
+        shared = archive.same("factors_are_last", self.point is tangent.point)
         strong = archive.same("factors_are_strong", self.is_strong)
-        last = archive.local("tangent", bulk.point)
+        last = archive.local("tangent", tangent.point)
         point = last if shared else archive.local("factors", self.point)
-        if archive.giving and not (last is bulk.point and point is self.point):
+        if archive.giving and not (last is tangent.point and point is self.point):
             self._restore(point, last, strong)
-        if self._patch is None and bulk.point is not None:
-            self._patch = ContactSchwarz(bulk.rows)
+        if self._patch is None and tangent.point is not None:
+            self._patch = ContactSchwarz(tangent.rows)
         if self._patch is not None:
-            self._patch.serialize(archive, bulk.num_tangents)
+            self._patch.serialize(archive, tangent.num_assembled)
 
     def _restore(
         self,
@@ -174,23 +176,23 @@ class Preconditioner:
         last: Sequence[Array] | None,
         strong: bool,
     ) -> None:
-        bulk = self._operator.bulk
+        tangent = self._tangent
         self._pc.reset()
         self.is_strong, self.point = False, None
-        bulk.forget()
+        tangent.forget()
         if point is not None:
-            with bulk.at(point):
+            with tangent.at(point):
                 self.build()
                 if strong:
                     self.strengthen()
                     self.build()
         if last is not None and last is not point:
-            bulk.restore(last)
+            tangent.restore(last)
 
     def strengthen(self) -> None:
         """Change to a complete factorisation or multigrid. Collective."""
         self.is_strong, self._own = True, None
-        if self._operator.bulk.num_dofs <= _DIRECT_UP_TO:
+        if 3 * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO:
             self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
         else:
             self._use("gamg", _MULTIGRID)
@@ -216,8 +218,8 @@ class Preconditioner:
     def prepare(self) -> None:
         """Bring the patch up to the present pairs and factors. Collective."""
         if self._patch is None:
-            self._patch = ContactSchwarz(self._operator.bulk.rows)
-        self._patch.update(self._operator.elimination, self._operator.bulk.num_tangents)
+            self._patch = ContactSchwarz(self._tangent.rows)
+        self._patch.update(self._operator.elimination, self._tangent.num_assembled)
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Factors of the bulk, then the patch; called by PETSc."""

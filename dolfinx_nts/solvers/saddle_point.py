@@ -20,7 +20,7 @@ from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SaddlePointSystem"]
 
@@ -33,12 +33,12 @@ class SaddlePointSystem:
     """The whole system, factorised by MUMPS.
 
     Args:
-        bulk: Forms of the bodies.
+        tangent: Matrix of the bodies.
     """
 
-    def __init__(self, bulk: Bulk) -> None:
-        """Keep the forms."""
-        self._bulk = bulk
+    def __init__(self, tangent: Tangent) -> None:
+        """Take the matrix."""
+        self._tangent = tangent
 
     def solve(
         self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
@@ -54,11 +54,11 @@ class SaddlePointSystem:
             du on the owned dofs [m], and the increments of the multipliers
             of each state, constraint by constraint [N].
         """
-        comm = self._bulk.comm
-        K = self._bulk.tangent()
+        self._tangent.assemble_exact()
+        K, comm = self._tangent.matrix(), self._tangent.rows.index_map.comm
         # Constraints that given displacements make dependent stay solvable;
         # multipliers converge with Newton's iteration, so nothing is lost.
-        compliance = _DEPENDENT / float(self._bulk.nodal_stiffness().max(initial=1e-300))
+        compliance = _DEPENDENT / float(self._tangent.nodal_stiffness().max(initial=1e-300))
         compliance = reductions.least(comm, compliance)
         first, last = K.getOwnershipRange()
         counts = [int(state.rank.sum()) for state in states]

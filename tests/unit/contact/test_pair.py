@@ -341,7 +341,7 @@ def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
 def test_first_step_chooses_the_springs_by_the_stiffness_of_the_nodes(comm):
     scene = scenes.blocks(comm, enforcement=nts.Penalty())
     (pair,), (contact,) = scene.stepper.pairs, scene.stepper.contacts
-    stiffness = scene.stepper._bulk.nodal_stiffness()[pair.nodes.nodes]
+    stiffness = scene.stepper._tangent.nodal_stiffness()[pair.nodes.nodes]
     scene.run(1)
     np.testing.assert_allclose(contact.eps_N, 10 * stiffness)
     assert "eps_N = " in str(pair)

@@ -22,7 +22,7 @@ def compare(monkeypatch, scene, num_steps):
     """Advance; solve every linear system of contact both ways."""
     differences, ranks = [], set()
     solver = scene.stepper._solver
-    saddle, solve = SaddlePointSystem(scene.stepper._bulk), solver.solve
+    saddle, solve = SaddlePointSystem(solver.tangent), solver.solve
 
     def both(R, steps, states, rtol):
         du, multipliers = solve(R, steps, states, 1e-11)
@@ -89,7 +89,7 @@ def test_one_preconditioner_lasts_for_many_steps(comm):
     assert comm.allreduce(int(stepper.pairs[0].history.active.sum())) > 3
     assert stepper._solver._preconditioner.num_builds <= 3
     # One assembly for the stiffness of the nodes, one for each build.
-    assert scene.stepper._bulk.num_tangents <= 4
+    assert scene.stepper._tangent.num_assembled <= 4
 
 
 def test_petsc_options_change_the_solver_and_not_the_solution(comm):
@@ -191,25 +191,26 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
 
 
 def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
-    bulk = scenes.blocks(comm).stepper._bulk
-    bulk.assemble_nearby()
-    factors = BlockILU(bulk.rows)
+    tangent = scenes.blocks(comm).stepper._tangent
+    tangent.assemble_nearby()
+    N = tangent.rows.index_map.size_global
+    factors = BlockILU(tangent.rows)
     assert factors.build()
-    nodes = bulk.rows.matrix.index_map(1)
+    nodes = tangent.rows.matrix.index_map(1)
     here = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
-    matrix = bulk.matrix().convert("aij")
+    matrix = tangent.matrix().convert("aij")
     begin, column, value = (
         np.concatenate(a) for a in zip(*comm.allgather(_csr(matrix)), strict=True)
     )
-    A = np.zeros((bulk.num_dofs, bulk.num_dofs))
+    A = np.zeros((3 * N, 3 * N))
     A[begin, column] = value
-    pattern = np.zeros((bulk.num_dofs // 3, bulk.num_dofs // 3), dtype=bool)
+    pattern = np.zeros((N, N), dtype=bool)
     pattern[begin // 3, column // 3] = True
     order = here[factors._order]
     n = len(order)
-    A = A.reshape(-1, 3, bulk.num_dofs // 3, 3).transpose(0, 2, 1, 3)[np.ix_(order, order)]
+    A = A.reshape(N, 3, N, 3).transpose(0, 2, 1, 3)[np.ix_(order, order)]
     L, U = definition(A, pattern[np.ix_(order, order)])
-    r = comm.bcast(rng.normal(size=(bulk.num_dofs // 3, 3)))
+    r = comm.bcast(rng.normal(size=(N, 3)))
     expected = np.linalg.solve(dense(L) @ dense(U), r[order].ravel()).reshape(-1, 3)
     z = np.full((nodes.size_local, 3), np.nan)
     factors.apply(r[here[: len(z)]], z)
@@ -248,9 +249,9 @@ def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
     preconditioner = scene.stepper._solver._preconditioner
     patch, elimination = preconditioner._patch, preconditioner._operator.elimination
     count = patch.num_builds
-    patch.update(elimination, scene.stepper._bulk.num_tangents)
+    patch.update(elimination, scene.stepper._tangent.num_assembled)
     assert patch.num_builds == count > 0
-    patch.update(elimination, scene.stepper._bulk.num_tangents + 1)
+    patch.update(elimination, scene.stepper._tangent.num_assembled + 1)
     assert patch.num_builds == count + 1
 
 
@@ -260,7 +261,7 @@ def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, 
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     while scene.stepper.advance().num_active < 5:
         pass
-    rows = scene.stepper._bulk.rows
+    rows = scene.stepper._tangent.rows
     (pairs,) = scene.stepper._solver._preconditioner._patch._pairs
     fewer = SharedPairs(*(array[:-1] for array in pairs.arrays))
     gathered, gather = [], BlockCSR.gather
@@ -301,7 +302,7 @@ def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
         pass
     (own,) = scene.stepper._solver._preconditioner._patch._pairs
     pairs = np.concatenate(comm.allgather(own.nodes))
-    rows = scene.stepper._bulk.rows
+    rows = scene.stepper._tangent.rows
     near = rows.matrix.index_map(1).local_to_global(rows.column)
     expected = pairs[np.isin(pairs, near).any(axis=1)]
     assert agree(np.array_equal(given[comm.rank], expected[np.argsort(expected[:, 0])]))
@@ -312,9 +313,9 @@ def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
 
 def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):
     solver = scenes.blocks(comm, nts.QuasiStatic).stepper._solver
-    stiffness = np.full_like(solver._bulk.nodal_stiffness(), 1e9)
+    stiffness = np.full_like(solver.tangent.nodal_stiffness(), 1e9)
     stiffness[:1] = 0.0
-    monkeypatch.setattr(solver._bulk, "nodal_stiffness", lambda: stiffness)
+    monkeypatch.setattr(solver.tangent, "nodal_stiffness", lambda: stiffness)
     with np.errstate(all="raise"):
         assert solver._wave_crossings() > 1e9
 

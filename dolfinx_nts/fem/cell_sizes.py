@@ -1,0 +1,40 @@
+"""Sizes of the cells of a mesh, by which lengths and forces are judged."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["CellSizes", "cell_sizes"]
+
+
+@dataclass(frozen=True)
+class CellSizes:
+    """Diameters of the cells of a mesh.
+
+    Attributes:
+        smallest: Smallest diameter of all cells [m].
+        nodal: Largest diameter of the cells at each owned node, shape
+            ``(n,)`` [m].
+    """
+
+    smallest: float
+    nodal: Floats
+
+
+def cell_sizes(V: fem.FunctionSpace) -> CellSizes:
+    """Measure the cells of a space, undeformed. Collective.
+
+    Args:
+        V: The space, whose nodes those of the result are.
+    """
+    mesh, cells = V.mesh, V.mesh.topology.index_map(3)
+    h = mesh.h(3, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32))
+    nodes = V.dofmap.index_map
+    nodal = np.zeros(nodes.size_local + nodes.num_ghosts)
+    np.maximum.at(nodal, V.dofmap.list, h[:, None])
+    smallest = float(reductions.least(mesh.comm, h.min(initial=np.inf)))
+    return CellSizes(smallest, nodal[: nodes.size_local])

@@ -1,0 +1,194 @@
+"""Matrix of the bodies' tangent, without contact: what preconditioners are made of."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from ufl.algorithms import expand_derivatives
+
+from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.block_csr import BlockCSR
+
+__all__ = ["Tangent"]
+
+# Of the mean over all nodes: stiffness that a node has at least.
+_LEAST_STIFFNESS = 0.1
+
+
+class Tangent:
+    """Matrix of the derivative of a residual, or of a form near it.
+
+    Args:
+        residual: Residual form, linear in the test function [N].
+        u: Unknown displacement, a coefficient of the form.
+        bcs: Dirichlet conditions on u.
+        loads: Virtual work of loads, each linear in the test function [N].
+        nearby: Bilinear form near the derivative that is definite whatever
+            the state, for preconditioners; None: the derivative itself.
+
+    Attributes:
+        num_assembled: Matrices assembled so far. It tells the values of the
+            last one from those of others.
+        point: What `restore` needs to make the last matrix again: the values
+            of all functions and constants in the forms; None before.
+    """
+
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form] = (),
+        nearby: ufl.Form | None = None,
+    ) -> None:
+        """Compile the form for preconditioners; that of the derivative waits for its use."""
+        self._u, self._bcs = u, list(bcs)
+        forms = [residual, *(-load for load in loads)]
+        trial = ufl.TrialFunction(u.function_space)
+        self._derivatives = [ufl.derivative(form, u, trial) for form in forms]
+        self._exact: list[fem.Form] = []
+        self._nearby = [] if nearby is None else _compiled([nearby])
+        self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
+        self._rows: BlockCSR | None = None
+        self._pattern: fem.Form  # has that of all matrices
+        self._matrix: Any = None
+        self._stiffness: Floats | None = None
+        self.point: Sequence[Array] | None = None
+        self.num_assembled = 0
+
+    @property
+    def rows(self) -> BlockCSR:
+        """Owned rows of the last matrix, unit rows where u is given."""
+        assert self._rows is not None
+        return self._rows
+
+    def nodal_stiffness(self) -> Floats:
+        """Mean diagonal entry of the last matrix at each owned node [N/m].
+
+        At strongly deformed nodes it can be small or negative; a weight
+        must be neither, so it is at least a tenth of the global mean.
+        Collective.
+        """
+        if self._stiffness is None:
+            self.assemble_nearby()
+        assert self._stiffness is not None
+        return self._stiffness
+
+    def assemble_nearby(self) -> None:
+        """Bring `rows` up to the matrix near the derivative at u. Collective.
+
+        It is to be factorised, and the factors are to serve for many steps.
+        """
+        if self._nearby:
+            self._assemble(self._nearby, is_exact=False)
+        else:
+            self.assemble_exact()
+
+    def assemble_exact(self) -> None:
+        """Bring `rows` up to the derivative at u. Collective."""
+        if not self._exact:
+            # Its kernels are the longest to compile, and few runs need them.
+            self._exact = _compiled(self._derivatives)
+        self._assemble(self._exact, is_exact=True)
+
+    def matrix(self) -> Any:
+        """Copy of `rows` for PETSc, made when first asked for. Collective.
+
+        Returns:
+            PETSc matrix of 3 x 3 blocks, always the same one.
+        """
+        if self._matrix is None:
+            self._matrix = fem_petsc.create_matrix(self._pattern, "baij")
+        self.rows.insert(self._matrix)
+        return self._matrix
+
+    def restore(self, point: Sequence[Array]) -> None:
+        """Make a former matrix again. Collective.
+
+        Args:
+            point: The `point` that it left.
+        """
+        with self.at(point):
+            if point[0]:
+                self.assemble_exact()
+            else:
+                self.assemble_nearby()
+
+    @contextmanager
+    def at(self, point: Sequence[Array]) -> Iterator[None]:
+        """Context in which functions and constants have other values. Local.
+
+        Args:
+            point: A former `point`.
+        """
+        present = [array.copy() for array in self._inputs]
+        _set(self._inputs, point[1:])
+        try:
+            yield
+        finally:
+            _set(self._inputs, present)
+
+    def forget(self) -> None:
+        """Be as before the first matrix. Local."""
+        self.point = self._stiffness = None
+
+    def rigid_modes(self) -> Any:
+        """Rigid motions of the present positions, a PETSc null space. Collective.
+
+        For `matrix`, which must have been made.
+        """
+        n, V = self.rows.index_map.size_local, self._u.function_space
+        x = V.tabulate_dof_coordinates()[:n] + self._u.x.array[: 3 * n].reshape(n, 3)
+        modes = np.concatenate(
+            [np.repeat(np.eye(3)[:, None], n, axis=1), np.cross(np.eye(3)[:, None], x)]
+        )
+        vectors: list[Any] = []
+        for mode in modes:
+            vector = self._matrix.createVecRight()
+            vector.array[:] = mode.ravel()
+            for other in vectors:
+                vector.axpy(-vector.dot(other), other)
+            vector.normalize()
+            vectors.append(vector)
+        return PETSc.NullSpace().create(vectors=vectors, comm=self.rows.index_map.comm)
+
+    def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
+        if self._rows is None:
+            self._pattern = forms[0]
+            self._rows = BlockCSR(fem.create_matrix(self._pattern))
+        csr = self._rows.matrix
+        csr.set_value(0.0)
+        for form in forms:
+            fem.assemble_matrix(csr, form, self._bcs)
+        csr.scatter_reverse()
+        mean = self._rows.diagonal().mean(axis=1)
+        comm = self._rows.index_map.comm
+        total, count = reductions.total(comm, [np.abs(mean).sum(), len(mean)])
+        self._stiffness = np.maximum(mean, _LEAST_STIFFNESS * total / count)
+        self.num_assembled += 1
+        self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
+
+
+def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
+    """Forms that have integrals once their derivatives are taken."""
+    return [compile_form(form) for form in map(expand_derivatives, forms) if not form.empty()]
+
+
+def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:
+    """Values of all functions and constants of forms, which they share."""
+    functions = dict.fromkeys(f for form in forms for f in form.coefficients())
+    constants = dict.fromkeys(c for form in forms for c in form.constants())
+    return [*(f.x.array for f in functions), *(c.value for c in constants)]
+
+
+def _set(arrays: Sequence[Array], values: Sequence[Array]) -> None:
+    for array, value in zip(arrays, values, strict=True):
+        array[...] = value
