@@ -140,8 +140,7 @@ class BodyForce(_LoadWithValue):
     Args:
         body: The body.
         value: Force, shape ``(3,)`` [N/m^3], a function of the time [s] that
-            returns it, or a UFL expression, for instance of the reference
-            position.
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: ``body`` is no body.
@@ -169,8 +168,7 @@ class BodyForce(_LoadWithValue):
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        # Terms with the density have the quadrature of inertia, so it is put in and
-        # divided out again.
+        # Terms with the density have the quadrature of inertia, so it is divided out.
         one = fem.Constant(self.V.mesh, self._body.material.rho)
         return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 
@@ -180,9 +178,8 @@ class Gravity(_LoadWithValue):
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s]
-            that returns it, or a UFL expression, for instance of the reference
-            position.
+        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s] that
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: Something in the list is no body.
@@ -248,8 +245,7 @@ class Traction(_SurfaceLoad):
     Args:
         surface: Where it acts.
         value: Force, shape ``(3,)`` [Pa], a function of the time [s] that
-            returns it, or a UFL expression, for instance of the reference
-            position.
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: ``surface`` is no surface.
@@ -278,8 +274,7 @@ class Pressure(_SurfaceLoad):
     Args:
         surface: Where it acts.
         value: Pressure [Pa], positive against the surface, a function of the
-            time [s] that returns it, or a UFL expression, for instance of the
-            reference position.
+            time [s] that returns it, or a UFL expression.
 
     Raises:
         TypeError: ``surface`` is no surface.
