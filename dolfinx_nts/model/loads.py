@@ -2,8 +2,9 @@ r"""Loads on bodies, written as forms of virtual work.
 
 The form of a load is linear in the test function. Its value at u_{n+1} - u_n is
 the work of the load in a step, which the energy ledger counts. A value that is a
-function of time is taken once per step, at the time that the integrator chooses:
-the middle of the step, or its end in `QuasiStatic` and `CentralDifference`.
+function of time is taken once per step, at the time that the integrator chooses: the
+middle of the step, its end in `QuasiStatic` and `CentralDifference`, and
+:math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
 """
 
 from abc import ABC, abstractmethod
@@ -313,11 +314,10 @@ class FormLoad(Load):
     Args:
         V: Space of the displacement.
         work: Form that is linear in the test function of V; or a function
-            ``work(u, eta, t)`` that returns it. It gets a displacement, that
-            in the middle of a step (at its end in `QuasiStatic` and
-            `CentralDifference`), a test function, and the time there, a
-            `fem.Constant` [s]. The tangent, its derivative by u, is derived
-            by UFL.
+            ``work(u, eta, t)`` that returns it. It gets the displacement in
+            the middle of a step (at its end in `QuasiStatic` and
+            `CentralDifference`), a test function, and the time of the load,
+            a `fem.Constant` [s]. UFL derives the tangent.
 
     Attributes:
         V: The space.
