@@ -85,17 +85,7 @@ def cpp_object(item: Any) -> Any:
 
 
 def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> IndexMap:
-    """Create an index map with owned entries and ghosts. Collective.
-
-    Args:
-        comm: Communicator.
-        size: Number of entries that this rank owns.
-        ghosts: Global indices of the ghosts, shape ``(g,)``.
-        owners: Rank that owns each ghost, shape ``(g,)``.
-
-    Returns:
-        The index map.
-    """
+    """Create an index map of owned entries and of ghosts with their owners. Collective."""
     # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
     try:
         return IndexMap(comm, size, ghosts, owners, _TAG_OF_INDEX_MAP)

@@ -2,8 +2,9 @@ r"""Loads on bodies, written as forms of virtual work.
 
 The form of a load is linear in the test function. Its value at u_{n+1} - u_n is
 the work of the load in a step, which the energy ledger counts. A value that is a
-function of time is taken once per step, at the time that the integrator chooses:
-the middle of the step, or its end in `QuasiStatic` and `CentralDifference`.
+function of time is taken once per step, at the time that the integrator chooses: the
+middle of the step, its end in `QuasiStatic` and `CentralDifference`, and
+:math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
 """
 
 from abc import ABC, abstractmethod
@@ -140,8 +141,7 @@ class BodyForce(_LoadWithValue):
     Args:
         body: The body.
         value: Force, shape ``(3,)`` [N/m^3], a function of the time [s] that
-            returns it, or a UFL expression, for instance of the reference
-            position.
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: ``body`` is no body.
@@ -169,8 +169,7 @@ class BodyForce(_LoadWithValue):
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        # Terms with the density have the quadrature of inertia, so it is put in and
-        # divided out again.
+        # Terms with the density have the quadrature of inertia, so it is divided out.
         one = fem.Constant(self.V.mesh, self._body.material.rho)
         return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 
@@ -180,9 +179,8 @@ class Gravity(_LoadWithValue):
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s]
-            that returns it, or a UFL expression, for instance of the reference
-            position.
+        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s] that
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: Something in the list is no body.
@@ -248,8 +246,7 @@ class Traction(_SurfaceLoad):
     Args:
         surface: Where it acts.
         value: Force, shape ``(3,)`` [Pa], a function of the time [s] that
-            returns it, or a UFL expression, for instance of the reference
-            position.
+            returns it, or a UFL expression, also of the reference position.
 
     Raises:
         TypeError: ``surface`` is no surface.
@@ -278,8 +275,7 @@ class Pressure(_SurfaceLoad):
     Args:
         surface: Where it acts.
         value: Pressure [Pa], positive against the surface, a function of the
-            time [s] that returns it, or a UFL expression, for instance of the
-            reference position.
+            time [s] that returns it, or a UFL expression.
 
     Raises:
         TypeError: ``surface`` is no surface.
@@ -318,11 +314,10 @@ class FormLoad(Load):
     Args:
         V: Space of the displacement.
         work: Form that is linear in the test function of V; or a function
-            ``work(u, eta, t)`` that returns it. It gets a displacement, that
-            in the middle of a step (at its end in `QuasiStatic` and
-            `CentralDifference`), a test function, and the time there, a
-            `fem.Constant` [s]. The tangent, its derivative by u, is derived
-            by UFL.
+            ``work(u, eta, t)`` that returns it. It gets the displacement in
+            the middle of a step (at its end in `QuasiStatic` and
+            `CentralDifference`), a test function, and the time of the load,
+            a `fem.Constant` [s]. UFL derives the tangent.
 
     Attributes:
         V: The space.

@@ -329,7 +329,7 @@ def _direction(name: str, value: Sequence[float]) -> Floats:
 
 def _frame(normal: Floats) -> Floats:
     """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
-    # The axis that is farthest from the normal, which a small turn does not change.
+    # The coordinate axis that is farthest from the normal; small turns rarely change it.
     axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
     first = np.cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]

@@ -53,7 +53,7 @@ class Movie:
             self._ffmpeg = imageio_ffmpeg
 
     def __enter__(self) -> "Movie":
-        """Enter the block; the first frame opens the file."""
+        """Enter the block, in which frames are written."""
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
