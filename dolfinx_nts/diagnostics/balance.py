@@ -117,7 +117,7 @@ class Diagnostics:
             return material.psi(F.T * F, **parameters)
 
         def bulk_defect(material: Any, parameters: Any, rho: Any) -> Any:
-            P = stepper.first_piola(material, parameters, F_n, F)
+            P = stepper.scheme.stress(material, parameters, F_n, F)
             change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
             return change - ufl.inner(P, F - F_n)
 

@@ -9,13 +9,13 @@ Velocity Verlet form, with the velocity at the same time as the positions,
 
 The kinetic energy changes in a step by the work of the mean of the forces at
 both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
-`Stepper.inertia_defect`.
+`State.inertia_defect`.
 """
 
 import math
-import operator
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -29,7 +29,9 @@ from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
+from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.stability import Stability
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -42,7 +44,83 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 __all__ = ["CentralDifference"]
 
 
-_WATCH = 50  # steps after which sizes of cells and energy are looked at
+# Steps after which sizes of cells and energy are looked at. Cells can collapse within
+# twice as many.
+_WATCH = 50
+
+
+def _mean_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+    """Mean of the stresses at both ends, see `Scheme`."""
+    stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
+    return sum(stresses) / 2
+
+
+# Velocity and acceleration are lumped, so that they need no forms.
+_SCHEME = Scheme(
+    contact="static", stress=_mean_stress, rates=NoRates, load_point=1.0, loads_at="end"
+)
+
+
+class _Work(NamedTuple):
+    """Work of a step by cause [J], and what it looked at.
+
+    Attributes:
+        load: Work of the loads.
+        damping: Work of damping.
+        support: Work of the reactions at moving supports.
+        defect: As of `State.inertia_defect`.
+        num_segments: Segments in reach of nodes.
+        num_active: Active nodes.
+        contact: Work of contact.
+    """
+
+    load: float
+    damping: float
+    support: float
+    defect: float
+    num_segments: float
+    num_active: float
+    contact: ContactWork
+
+    @classmethod
+    def total(cls, comm: MPI.Comm, own: Sequence[float]) -> "_Work":
+        """Sum over the ranks of these numbers, contact by cause at the end. Collective."""
+        load, damping, support, defect, segments, active, *contact = reductions.total(comm, own)
+        return cls(load, damping, support, defect, segments, active, ContactWork(*contact))
+
+
+@dataclass
+class _Forces:
+    """Forces of the present state.
+
+    Attributes:
+        acceleration: Of the owned nodes, shape ``(n, 3)`` [m/s^2].
+        contact: Forces of the springs of each pair.
+        power: Force times acceleration on this rank [N m/s^2].
+        known: Whether they belong to the present state.
+    """
+
+    acceleration: Floats
+    contact: tuple[SpringForces, ...] = ()
+    power: float = 0.0
+    known: bool = False
+
+
+class _Arrays(NamedTuple):
+    """Values of the owned nodes, shape ``(n, 3)``, and room for positions.
+
+    Attributes:
+        u_n, u, v, rate: Views on the values of functions.
+        du: Displacement of a step [m].
+        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+    """
+
+    u_n: Floats
+    u: Floats
+    v: Floats
+    rate: Floats
+    du: Floats
+    x: Floats
 
 
 class CentralDifference(Stepper):
@@ -82,8 +160,7 @@ class CentralDifference(Stepper):
             a pair is enforced by multipliers.
     """
 
-    _contact = "static"
-    _load_point = 1.0
+    stable_step: float = math.inf
 
     def __init__(
         self,
@@ -96,15 +173,13 @@ class CentralDifference(Stepper):
         update: Callable[[float], None] | None = None,
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
-        self.stable_step = np.inf
-        super().__init__(bodies, pairs, dt=1.0 if dt is None else dt, loads=loads, update=update)
-        V, n = self.u.function_space, self._num_owned
-        self._comm: MPI.Comm = V.mesh.comm
-        self._supports = Supports(V, bcs)
-        self._supports.check()
-        self._supported = bool(bcs)
+        first = 1.0 if dt is None else dt
+        super().__init__(_SCHEME, bodies, pairs, dt=first, loads=loads, update=update)
+        V, n = self.u.function_space, len(self.node_ids)
+        self.supports = Supports(V, bcs)
+        self.supports.check()
         self._given = np.zeros((n, 3), dtype=bool)
-        self._given.ravel()[self._supports.fixed] = True
+        self._given.ravel()[self.supports.fixed] = True
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
@@ -114,54 +189,42 @@ class CentralDifference(Stepper):
         self.stable_step, default = self._stability.room(self.x)
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
-        # Forces of the present state: what they accelerate, those of springs, and
-        # f . a; whether they are known.
-        self._acceleration: Floats = np.zeros((n, 3))
-        self._contact_forces: tuple[SpringForces, ...] = ()
-        self._power, self._known = 0.0, False
-        # Values of the owned nodes, and room for more.
+        self._forces = _Forces(np.zeros((n, 3)))
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
-        self._owned = [f.x.array.reshape(-1, 3)[:n] for f in functions]
-        self._displacement = self._u.reshape(-1, 3)
+        u_n, u, v, rate = (f.x.array.reshape(-1, 3)[:n] for f in functions)
+        self._arrays = _Arrays(u_n, u, v, rate, np.empty((n, 3)), np.empty_like(self._X))
         # What the forces need of other ranks.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
-        self._du, self._x = np.empty((n, 3)), np.empty_like(self._X)
-        self._rough = any(pair.friction is not None for pair in self.pairs)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also the forces."""
         super().serialize(archive)
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
-        self._known = archive.same("forces_are_known", self._known)
-        if not self._known:
+        forces = self._forces
+        forces.known = archive.same("forces_are_known", forces.known)
+        if not forces.known:
             if archive.giving:
                 self._state_was_set()
             return
-        for number, force in enumerate((self._acceleration, *self._bulk.forces)):
+        for number, force in enumerate((forces.acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
         # Summed anew, in another order than by the step, its last digit would differ.
-        kept = archive.local("power", None if archive.giving else [np.array(self._power)])
-        power = np.vdot(self._bulk.total, self._acceleration) if kept is None else kept[0]
-        self._power = float(power)
-        states = self._contact_forces or (None,) * len(self._springs)
-        self._contact_forces = tuple(
-            springs.serialize(archive, f"springs_{number}", state, self.x)
-            for number, (springs, state) in enumerate(
-                zip(self._springs, states, strict=True), start=1
+        stored = archive.local("power", None if archive.giving else [np.array(forces.power)])
+        anew = np.vdot(self._bulk.total, forces.acceleration)
+        forces.power = float(anew if stored is None else stored[0])
+        contact = forces.contact or (None,) * len(self._springs)
+        forces.contact = tuple(
+            springs.serialize(archive, f"springs_{number}", force, self.x)
+            for number, (springs, force) in enumerate(
+                zip(self._springs, contact, strict=True), start=1
             )
         )
 
-    def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Mean of the stresses at both ends, see `Stepper.first_piola`."""
-        stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
-        return sum(stresses) / 2
-
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
-        v = self.v.x.array.reshape(-1, 3)[: self._num_owned]
-        momentum: Floats = self.mass[:, None] * v
+        momentum: Floats = self.mass[:, None] * self._arrays.v
         return momentum
 
     def longest_step(self) -> float:
@@ -177,13 +240,13 @@ class CentralDifference(Stepper):
             )
 
     def _state_was_set(self) -> None:
-        self._known = False
+        self._forces.known = False
         for springs in self._springs:
             springs.forget()
 
     def _check_state(self) -> None:
         # Of forces that are known, the first motion tells.
-        if not self._known:
+        if not self._forces.known:
             super()._check_state()
 
     def _evaluate(self, step: float) -> None:
@@ -195,40 +258,85 @@ class CentralDifference(Stepper):
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = np.add(self._X, self._displacement, out=self._x)
-            x_n = self._X + self._u_n.reshape(-1, 3) if self._rough else x
-            self._contact_forces = tuple(s.evaluate(x_n, x, step) for s in self._springs)
-            for state in self._contact_forces:
-                state.add_to(self._bulk.total)
+            x = np.add(self._X, self._u.reshape(-1, 3), out=self._arrays.x)
+            rubs = any(pair.friction is not None for pair in self.pairs)
+            x_n = self._X + self._u_n.reshape(-1, 3) if rubs else x
+            self._forces.contact = tuple(s.evaluate(x_n, x, step) for s in self._springs)
+            for contact in self._forces.contact:
+                contact.add_to(self._bulk.total)
 
     def _start(self) -> None:
         """Forces of a state that was set."""
-        for load in self.loads:
-            load.update(self.t)
+        self._load_at(0.0)
         self._bulk.rate.x.array[:] = self.v.x.array
         self._evaluate(0.0)
-        for load in self.loads:
-            load.update(self.t + self.dt)
-        for contact, state in zip(self.contacts, self._contact_forces, strict=True):
-            contact.accept(state.history)
-        np.multiply(self._mobility, self._bulk.total, out=self._acceleration)
-        self._power = float(np.vdot(self._bulk.total, self._acceleration))
-        v = self._owned[2]
+        self._load_at(self.scheme.load_point)
+        forces, v = self._forces, self._arrays.v
+        for contact, force in zip(self.contacts, forces.contact, strict=True):
+            contact.accept(force.history)
+        np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
+        forces.power = float(np.vdot(self._bulk.total, forces.acceleration))
         self._stability.start(self._total_energy(v))
         self._watch(v)
-        self._known = True
+        forces.known = True
 
     def _step(self) -> StepReport:
         """Move, evaluate the forces there, and complete the velocity."""
-        if not self._known:
+        if not self._forces.known:
             self._start()
-        dt, bulk, a, du, given = self.dt, self._bulk, self._acceleration, self._du, self._given
-        u_n, u, v, rate = self._owned
-        moved = _kernels.drift(dt, v, a, rate, u, du)
-        if self._supported:
-            self._u[:] = self._supports.applied(self._u)
+        dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
+        _, _, v, rate, du, _ = self._arrays
+        moved = self._move()
+        before, power, at_start = forces.contact, forces.power, bulk.work(du)
+        reaction = bulk.total[given] if self.supports.exist else np.empty(0)
+        self._evaluate(moved)
+        load, damping = (a + b for a, b in zip(at_start, bulk.work(du), strict=True))
+        a = forces.acceleration
+        forces.power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
+        support = 0.0
+        if self.supports.exist:
+            rate[given] = (2 * rate - v)[given]
+            inertia = (self.mass[:, None] * (rate - v))[given] / dt
+            support = (inertia - (reaction + bulk.total[given]) / 2) @ du[given]
+        contact = np.zeros(7)
+        for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
+            contact += springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
+        defect = dt**2 / 8 * (forces.power - power)
+        work = _Work.total(self._comm, [load, damping, support, defect, *contact.tolist()])
+        self._stability.count((work.load, work.support), work.damping + work.contact.friction)
+        if (self.step + 1) % _WATCH == 0:
+            self._watch(rate)
+        v[:] = rate
+        if self._ghosts:
+            self.v.x.scatter_forward()
+        self.inertia_defect = work.defect
+        for state, force in zip(self.contacts, forces.contact, strict=True):
+            state.accept(force.history)
+        return StepReport(
+            step=self.step + 1,
+            t=self.t + dt,
+            dt=dt,
+            newton_iterations=0,
+            active_set_changes=0,
+            residual_norms=(),
+            num_active=int(work.num_active),
+            num_segments=int(work.num_segments),
+            num_sleeping=0,
+            contact_work=work.contact,
+            load_work=work.load,
+            support_work=work.support,
+            damping_work=work.damping,
+            solver_work=0.0,
+        )
+
+    def _move(self) -> float:
+        """Move to the end of the step; returns the greatest displacement [m]. Collective."""
+        u_n, u, v, rate, du, _ = self._arrays
+        moved = _kernels.drift(self.dt, v, self._forces.acceleration, rate, u, du)
+        if self.supports.exist:
+            self._u[:] = self.supports.applied(self._u)
             np.subtract(u, u_n, out=du)
-            rate[given] = du[given] / dt
+            rate[self._given] = du[self._given] / self.dt
             moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
@@ -239,55 +347,13 @@ class CentralDifference(Stepper):
             self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        # Work of loads, damping and supports, defect; nodes in reach, active, work of contact.
-        sums, before, power = [0.0] * 11, self._contact_forces, self._power
-        bulk.add_work(sums, du)
-        force = bulk.total[given] if self._supported else np.empty(0)
-        self._evaluate(moved)
-        bulk.add_work(sums, du)
-        self._power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
-        if self._supported:
-            rate[given] = (2 * rate - v)[given]
-            inertia = (self.mass[:, None] * (rate - v))[given] / dt
-            sums[2] = (inertia - (force + bulk.total[given]) / 2) @ du[given]
-        sums[3] = dt**2 / 8 * (self._power - power)
-        for springs, old, new in zip(self._springs, before, self._contact_forces, strict=True):
-            counts = springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
-            sums[4:] = map(operator.add, sums[4:], counts)
-        sums = reductions.total(self._comm, sums)
-        load, damping, support, defect, in_reach, active, *works = sums
-        contact_work = ContactWork(*works)
-        self._stability.count((load, support), damping + contact_work.friction)
-        if (self.step + 1) % _WATCH == 0:
-            self._watch(rate)
-        v[:] = rate
-        if self._ghosts:
-            self.v.x.scatter_forward()
-        self.inertia_defect = defect
-        for contact, state in zip(self.contacts, self._contact_forces, strict=True):
-            contact.accept(state.history)
-        return StepReport(
-            step=self.step + 1,
-            t=self.t + dt,
-            dt=dt,
-            newton_iterations=0,
-            active_set_changes=0,
-            residual_norms=(),
-            num_active=int(active),
-            num_segments=int(in_reach),
-            num_sleeping=0,
-            contact_work=contact_work,
-            load_work=load,
-            support_work=support,
-            damping_work=damping,
-            solver_work=0.0,
-        )
+        return moved
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass[:, None] * v, v) / 2
         energy += self._bulk.strain_energy()
-        energy += sum(state.stored for state in self._contact_forces)
+        energy += sum(force.stored for force in self._forces.contact)
         return float(reductions.total(self._comm, energy))
 
     def _watch(self, v: Floats) -> None:

@@ -76,9 +76,6 @@ class ExplicitBulk:
             NodalForce(CellForm(bulk_form(some, work)), V) for some, work in works
         )
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
-        # All but the internal forces; by which sum of `add_work` they count.
-        parts = enumerate((self.loads, self.damping))
-        self._working = [(i, part) for i, some in parts for part in some]
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
         # Without a copy, as it is made anew by every evaluation.
         self.total = self.internal.values
@@ -86,24 +83,26 @@ class ExplicitBulk:
     def evaluate(self) -> None:
         """Set all forces but those of contact. Collective."""
         self.internal.assemble()
-        for _, part in self._working:
+        for part in (*self.loads, *self.damping):
             part.assemble()
             self.total += part.values
 
     @property
     def forces(self) -> list[Floats]:
         """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
-        return [self.internal.values, *(part.values for _, part in self._working)]
+        return [self.internal.values, *(part.values for part in (*self.loads, *self.damping))]
 
-    def add_work(self, sums: list[float], du: Floats) -> None:
-        """Add half of the work of the present loads and of damping. Local.
+    def work(self, du: Floats) -> tuple[float, float]:
+        """Half of the work of the present loads, and of damping, on this rank [J]. Local.
 
         Args:
-            sums: Work of both [J], its first entries.
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        for i, part in self._working:
-            sums[i] += float(np.vdot(part.values, du)) / 2
+        load, damping = (
+            sum(float(np.vdot(part.values, du)) / 2 for part in parts)
+            for parts in (self.loads, self.damping)
+        )
+        return load, damping
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""

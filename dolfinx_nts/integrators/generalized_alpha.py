@@ -8,29 +8,50 @@ displacement and velocity, with the balance of momentum
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
-import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.implicit import ImplicitStepper
-from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.state import serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
-from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["GeneralizedAlpha"]
 
+# Conjugate gradients for the mass matrix, which is well-conditioned: most iterations,
+# and reduction of the residual, which is that of rounding.
+_MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
-_MAX_ITERATIONS = 1000
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters of the method by its spectral radius at infinite frequency."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+
+    @classmethod
+    def of(cls, rho_inf: float) -> "_Parameters":
+        alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
+        beta = (1 - alpha_m + alpha_f) ** 2 / 4
+        return cls(alpha_m, alpha_f, beta, 0.5 - alpha_m + alpha_f)
 
 
 class GeneralizedAlpha(ImplicitStepper):
@@ -53,6 +74,7 @@ class GeneralizedAlpha(ImplicitStepper):
         petsc_options: See `EnergyMomentum`.
 
     Attributes:
+        rho_inf: The spectral radius.
         a: Acceleration at t [m/s^2]; from the balance of momentum at the
             start. The others are those of `EnergyMomentum`.
 
@@ -61,9 +83,6 @@ class GeneralizedAlpha(ImplicitStepper):
         ValueError: As of `EnergyMomentum`; ``rho_inf`` is not in [0, 1]; a
             pair has elastic impact.
     """
-
-    a: fem.Function
-    _contact = "static"
 
     def __init__(
         self,
@@ -77,7 +96,7 @@ class GeneralizedAlpha(ImplicitStepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Choose the parameters and compile the forms."""
+        """Check the laws of contact and make the scheme."""
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
@@ -87,12 +106,15 @@ class GeneralizedAlpha(ImplicitStepper):
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
                     "given elastic impact"
                 )
-        self.rho_inf = float(rho_inf)
-        self._alpha_m, self._alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
-        self._gamma = 0.5 - self._alpha_m + self._alpha_f
-        self._beta = (1 - self._alpha_m + self._alpha_f) ** 2 / 4
-        self._load_point = self._stress_share = 1 - self._alpha_f
+        parameters = _Parameters.of(rho_inf)
         super().__init__(
+            Scheme(
+                contact="static",
+                stress=partial(_stress, parameters.alpha_f),
+                rates=partial(_NewmarkRates, parameters),
+                stress_share=1 - parameters.alpha_f,
+                load_point=1 - parameters.alpha_f,
+            ),
             bodies,
             pairs,
             dt=dt,
@@ -101,93 +123,115 @@ class GeneralizedAlpha(ImplicitStepper):
             update=update,
             petsc_options=petsc_options,
         )
-        eta = ufl.TestFunction(self.u.function_space)
-        momentum = bulk_form(bodies, lambda material, parameters, rho: rho * ufl.inner(self.a, eta))
-        self._mass_form = compile_form(momentum)
-        self._known = False  # whether the acceleration belongs to the present state
+        self.rho_inf = float(rho_inf)
 
-    def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also the acceleration."""
-        super().serialize(archive)
-        self._serialize_nodal(archive, "a", self.a.x.array)
-        self._known = archive.same("a_is_known", self._known)
+    @property
+    def a(self) -> fem.Function:
+        """Acceleration at t [m/s^2]."""
+        assert isinstance(self._rates, _NewmarkRates)
+        return self._rates.a
 
-    def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Stress at the weighted deformation gradient."""
-        F_m = (1 - self._alpha_f) * F + self._alpha_f * F_n
-        return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
-    def _acceleration(self) -> Any:
-        """Weighted acceleration of a step, UFL (3,), with the one at its start."""
-        self.a = fem.Function(self.u.function_space, name="acceleration")
-        a = self._newmark(self.u, self.u_n, self.v, self.a, self._dt)
-        return (1 - self._alpha_m) * a + self._alpha_m * self.a
+def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+    """Stress at the weighted deformation gradient, see `Scheme`."""
+    F_m = (1 - alpha_f) * F + alpha_f * F_n
+    return F_m * material.stress(right_cauchy_green(F_m), **parameters)
+
+
+class _NewmarkRates(Rates):
+    """Newmark's formulas, with the acceleration as a state, see `Rates`.
+
+    Args:
+        parameters: Of the method.
+        u_n: As of `Rates`, and so are the others.
+        u: Displacement at the end of a step.
+        v: Velocity at its start.
+        dt: Its length [s].
+        bodies: The bodies.
+
+    Attributes:
+        a: Acceleration at t [m/s^2].
+    """
+
+    def __init__(
+        self,
+        parameters: _Parameters,
+        u_n: fem.Function,
+        u: fem.Function,
+        v: fem.Function,
+        dt: fem.Constant,
+        bodies: Sequence[Body],
+    ) -> None:
+        """Begin with an acceleration that is not known."""
+        self._parameters = p = parameters
+        self.a = fem.Function(u.function_space, name="acceleration")
+        self._mass_times_a, self._mass_times_v = (ConsistentMass(bodies, f) for f in (self.a, v))
+        self.acceleration = (1 - p.alpha_m) * self._newmark(u, u_n, v, self.a, dt)
+        self.acceleration += p.alpha_m * self.a
+        super().__init__(u_n, u, v, dt, bodies)
 
     def _newmark(self, u: Any, u_n: Any, v: Any, a: Any, dt: Any) -> Any:
         """Acceleration at the end of a step."""
-        return ((u - u_n) / dt - v) / (self._beta * dt) - (1 / (2 * self._beta) - 1) * a
+        beta = self._parameters.beta
+        return ((u - u_n) / dt - v) / (beta * dt) - (1 / (2 * beta) - 1) * a
 
-    def _state_was_set(self) -> None:
-        super()._state_was_set()
+    def forget(self) -> None:
+        """Compute the acceleration anew at the next step, as the state was set."""
+        super().forget()
         self._known = False
 
-    def _step(self) -> StepReport:
-        """Solve a step, with the acceleration at its start."""
-        if not self._known:
-            self._start()
-        return super()._step()
-
-    def _start(self) -> None:
+    def begin(self, forces: Callable[[], Floats], free: Floats | None) -> None:
         """Acceleration of a state that was set: M a = f, without contact."""
-        for load in self.loads:
-            load.update(self.t)
+        if self._known:
+            return
+        p = self._parameters
         # Part of the residual is that of the inertia at u = u_n.
         self.a.x.array[:] = 0
-        inertia = (self._alpha_m - 1) / (self._beta * self.dt) * self.nodal_momentum()
-        force = inertia.ravel() - self._bulk.forces()
-        for load in self.loads:
-            load.update(self.t + self._load_point * self.dt)
-        self._solve_mass(force)
+        factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
+        force = factor * self._mass_times_v.momentum().ravel() - forces()
+        self._solve_mass(force, np.ones_like(force) if free is None else free.ravel())
         self._known = True
 
     def _momentum_of(self, a: Floats) -> Floats:
         """Consistent mass times owned values, both ``(3 n,)``. Collective."""
         self.a.x.array[: len(a)] = a
         self.a.x.scatter_forward()
-        return assembled(self._mass_form)
+        return self._mass_times_a.momentum().ravel()
 
-    def _solve_mass(self, force: Floats) -> None:
-        """Set the acceleration by conjugate gradients. Collective.
-
-        The mass matrix is well-conditioned; its rows of given displacements
-        are left out.
-        """
-        free = np.ones(len(force))
-        free[self._bulk.fixed] = 0
+    def _solve_mass(self, force: Floats, free: Floats) -> None:
+        """Set the acceleration where it is free by conjugate gradients. Collective."""
+        comm: MPI.Comm = self.u.function_space.mesh.comm
         a, r = np.zeros(len(force)), free * force
-        start = norm = self._norm(r)
+        first = square = float(reductions.total(comm, r @ r))
         p = r.copy()
         for _ in range(_MAX_ITERATIONS):
-            if norm <= 1e-15 * start:
+            if np.sqrt(square) <= _REDUCTION * np.sqrt(first):
                 break
             product = free * self._momentum_of(p)
-            step = norm**2 / float(reductions.total(self._comm, p @ product))
+            step = square / float(reductions.total(comm, p @ product))
             a += step * p
             r -= step * product
-            before, norm = norm, self._norm(r)
-            p = r + (norm / before) ** 2 * p
+            before, square = square, float(reductions.total(comm, r @ r))
+            p = r + square / before * p
         self._momentum_of(a)
 
-    def _update_velocity(self) -> None:
-        """Newmark's formulas; the energy that they do not account for."""
-        n, dt, comm = 3 * self._num_owned, self.dt, self._comm
+    def _set_velocity(self) -> float:
+        """Newmark's formulas; returns the energy that they do not account for."""
+        p, dt, mass = self._parameters, float(self.dt.value), self._mass_times_v
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()
         a = self._newmark(u, u_n, v, a_n, dt)
-        rate = self._momentum_of(((1 - self._alpha_m) * a + self._alpha_m * a_n)[:n])
-        before = v[:n] @ self.nodal_momentum().ravel()
-        v += dt * ((1 - self._gamma) * a_n + self._gamma * a)
-        after = v[:n] @ self.nodal_momentum().ravel()
+        momentum = mass.momentum().ravel()
+        n = len(momentum)
+        rate = self._momentum_of(((1 - p.alpha_m) * a + p.alpha_m * a_n)[:n])
+        before = v[:n] @ momentum
+        v += dt * ((1 - p.gamma) * a_n + p.gamma * a)
+        after = v[:n] @ mass.momentum().ravel()
         self.a.x.array[:] = a
-        gained = (after - before) / 2 - rate @ (u - u_n)[:n]
-        self.inertia_defect = float(reductions.total(comm, gained))
+        return float((after - before) / 2 - rate @ (u - u_n)[:n])
+
+    def serialize(self, archive: Archive, ids: GlobalInts) -> None:
+        """Serialize the acceleration too, see `Rates.serialize`."""
+        super().serialize(archive, ids)
+        serialize_nodal(archive, "a", self.a, ids)
+        self._known = archive.same("a_is_known", self._known)

@@ -8,15 +8,16 @@ of a step, divided by its length, is
    \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
 
 The schemes differ in the stress of f_int and in the kernel of the contact
-force F; the generalised-alpha method also in its acceleration.
+force F, see `Scheme`; the generalised-alpha method also in its acceleration, see
+`Rates`.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any
 
 import numpy as np
-import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
@@ -27,13 +28,15 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.cell_sizes import cell_sizes
-from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
@@ -48,63 +51,61 @@ __all__ = ["ImplicitStepper"]
 class ImplicitStepper(Stepper):
     """A stepper that solves for the displacement at the end of a step.
 
-    Arguments, attributes and errors are those of `EnergyMomentum`.
     Collective, as all its methods.
-    """
 
-    _inertia: ClassVar[bool] = True  # whether rates matter
-    _stress_share: float = 0.5  # of the end of a step in its stress
-    _trial: ClassVar[str] = "ballistic"  # start that decides which nodes may touch
+    Args:
+        scheme: What is evaluated where within a step.
+        bodies: As of `EnergyMomentum`, and so are the others.
+        pairs: Contact pairs.
+        dt: Length of a step [s].
+        bcs: Dirichlet conditions.
+        loads: Loads on the bodies.
+        update: Called before each step with the time at its end [s].
+        petsc_options: Options of the linear solver.
+    """
 
     def __init__(
         self,
+        scheme: Scheme,
         bodies: Sequence[Body],
-        pairs: Sequence[ContactPair] = (),
+        pairs: Sequence[ContactPair],
         *,
         dt: float,
-        bcs: Sequence[fem.DirichletBC] = (),
-        loads: Sequence[Load] = (),
-        update: Callable[[float], None] | None = None,
-        petsc_options: Mapping[str, Any] | None = None,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[Load],
+        update: Callable[[float], None] | None,
+        petsc_options: Mapping[str, Any] | None,
     ) -> None:
         """Compile the forms; the bodies are at rest and undeformed."""
-        super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
-        self._forms = StepForms(
-            bodies,
-            self.u_n,
-            self.u,
-            self._dt,
-            stress=self.first_piola,
-            stress_share=self._stress_share,
-            acceleration=self._acceleration() if self._inertia else None,
-        )
-        forms = self._forms.residual(), self.u, bcs, self._load_forms()
-        self._bulk, self._tangent = Bulk(*forms), Tangent(*forms, self._forms.nearby_tangent())
+        super().__init__(scheme, bodies, pairs, dt=dt, loads=loads, update=update)
+        self._rates = scheme.rates(self.u_n, self.u, self.v, self._dt, bodies)
+        self._mass = ConsistentMass(bodies, self.v)
+        forms = StepForms(bodies, self.u_n, self.u, self._dt, scheme, self._rates.acceleration)
+        u_load = self.u if scheme.loads_at == "end" else self.u_n
+        works = forms.residual(), self.u, bcs, [load.form(u_load, self.u) for load in self.loads]
+        self._bulk, self._tangent = Bulk(*works), Tangent(*works, forms.nearby_tangent())
         self._sizes = cell_sizes(self.u.function_space)
-        self._supports = self._bulk.supports
-        self._solver = LinearSolver(self._bulk, self._tangent, self._inertia_share, petsc_options)
+        self.supports = self._bulk.supports
+        # Lumped mass, where only the size of a force counts.
+        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
+        share = partial(_inertia_share, self._rates, self._lumped_mass)
+        self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
         )
         self._free: Floats | None = None
         if bcs:
-            self._free = np.ones((self._num_owned, 3))
+            self._free = np.ones((len(self.node_ids), 3))
             self._free.ravel()[self._bulk.fixed] = 0
-        damping = self._forms.dissipation()
+        damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
         self._internal_force = 0.0
-        eta = ufl.TestFunction(self.u.function_space)
-        momentum = bulk_form(bodies, lambda m, parameters, rho: rho * ufl.inner(self.v, eta))
-        self._momentum_form = compile_form(momentum)
-        # Lumped mass, where only the size of a force counts.
-        self._mass: Floats = np.repeat(lumped_mass(bodies), 3)
-        self._mean_velocity: Floats = self.v.x.array.copy()
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also that of the linear solver."""
+        """Serialize the state, also that of rates and of the linear solver."""
         super().serialize(archive)
         self._internal_force = archive.same("internal_force", self._internal_force)
-        self._serialize_nodal(archive, "mean_velocity", self._mean_velocity)
+        self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
 
     def nodal_momentum(self) -> Floats:
@@ -112,22 +113,17 @@ class ImplicitStepper(Stepper):
 
         That of the consistent mass. Collective.
         """
-        return assembled(self._momentum_form).reshape(-1, 3)
+        return self._mass.momentum()
 
-    def _acceleration(self) -> Any:
-        """Mean acceleration of a step, UFL (3,); asked for once."""
-        dt = self._dt
-        return 2 / dt * ((self.u - self.u_n) / dt - self.v)
-
-    def _load_forms(self) -> list[ufl.Form]:
-        """Virtual work of each load in a step."""
-        return [load.form(self.u_n, self.u) for load in self.loads]
+    def _state_was_set(self) -> None:
+        self._rates.forget()
 
     def _step(self) -> StepReport:
         """Try Newton's method from several states."""
-        x_n = self.x
-        starts = {name: self._supports.applied(start) for name, start in self._starts().items()}
-        x_trial = self._X + starts[self._trial].reshape(-1, 3)
+        self._rates.begin(self._forces_at_start, self._free)
+        x_n, starts = self.x, self._rates.starts()
+        starts = {name: self.supports.applied(start) for name, start in starts.items()}
+        x_trial = self._X + starts[self._rates.trial].reshape(-1, 3)
         force_scale = self._force_scale()
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
@@ -145,9 +141,16 @@ class ImplicitStepper(Stepper):
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps)
 
+    def _forces_at_start(self) -> Floats:
+        """Residual at t with the loads there, on the owned dofs [N]."""
+        self._load_at(0.0)
+        forces = self._bulk.forces()
+        self._load_at(self.scheme.load_point)
+        return forces
+
     def _force_scale(self) -> float:
         """Forces that can be at work, with which the residual is compared [N]."""
-        momentum = self._mass * self.v.x.array[: 3 * self._num_owned]
+        momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
         scale = self._internal_force + 1e-3 * self._norm(momentum) / self.dt
         if self.loads:
             scale += self._norm(self._bulk.load())
@@ -181,26 +184,25 @@ class ImplicitStepper(Stepper):
         attempts: Collection[newton.NewtonReport],
     ) -> StepReport:
         """Set velocity and history by the solution; the works of the step."""
-        dt, n = self.dt, 3 * self._num_owned
+        dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
-        for contact, step, state in zip(self.contacts, steps, solution.states, strict=True):
-            history = step.accepted(state)
-            work = work + step.work(state, history)
+        for contact, step, pairs in zip(self.contacts, steps, solution.states, strict=True):
+            history = step.accepted(pairs)
+            work = work + step.work(pairs, history)
             contact.accept(history)
-        moved = self.u.x.array - self.u_n.x.array
-        du = moved[:n]
+        du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
         lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         near = sum(len(step.candidates.size) for step in steps)
-        sums = [float(value) for value in (loaded, -lost, solution.R @ du, near)]
-        load_work, damping_work, solver_work, in_reach = reductions.total(self._comm, sums)
         v_n = self.v.x.array[:n].copy()
-        self._mean_velocity = moved / dt
-        self._update_velocity()
-        inertia = self._mass * (self.v.x.array[:n] - v_n) / dt
+        sums = [float(value) for value in (loaded, -lost, solution.R @ du, near)]
+        sums.append(self._rates.accept())
+        sums = reductions.total(self._comm, sums)
+        load_work, damping_work, solver_work, in_reach, self.inertia_defect = sums
+        inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia it may be supports alone against which bodies press.
-        internal = solution.R_bulk if self._inertia else self._bulk.forces()
+        internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
         self._internal_force = self._norm(internal - inertia)
         return StepReport(
             step=self.step + 1,
@@ -232,7 +234,7 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             steps = [
-                ContactStep(contact, self._contact, x_n, x_trial, stiffness, self._free)
+                ContactStep(contact, self.scheme.contact, x_n, x_trial, stiffness, self._free)
                 for contact in self.contacts
             ]
         if not all_awake:
@@ -241,18 +243,13 @@ class ImplicitStepper(Stepper):
             self._bulk,
             self._solver,
             steps,
-            self._X[: self._num_owned],
+            self._X[: len(self.node_ids)],
             sizes=self._sizes,
             force_scale=force_scale,
-            inertia=self._inertia,
+            inertia=self._rates.acceleration is not None,
             timings=self.timings,
         )
         return steps, solution
-
-    def _inertia_share(self) -> Floats:
-        """Lumped part of inertia in the tangent, shape ``(3 n,)`` [N/m]."""
-        share: Floats = 2 / self.dt**2 * self._mass
-        return share if self._inertia else 0 * share
 
     def describe(self) -> list[str]:
         """Lines on the pairs and on the work of the linear solver. Local."""
@@ -261,23 +258,6 @@ class ImplicitStepper(Stepper):
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
-
-    def _starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn."""
-        # Contact makes velocities alternate from step to step; their mean
-        # over the last step is free of that, and where it fails (the first
-        # contact of a fast body) the others may not.
-        u_n = self.u_n.x.array
-        return {
-            "coasting": u_n + self.dt * self._mean_velocity,
-            "ballistic": u_n + self.dt * self.v.x.array,
-            "last": u_n,
-        }
-
-    def _update_velocity(self) -> None:
-        """Velocity at the end of the step just solved."""
-        v = self.v.x.array
-        v[:] = 2 * self._mean_velocity - v
 
     def _support_work(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], du: Floats
@@ -291,5 +271,8 @@ class ImplicitStepper(Stepper):
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
 
-    def _state_was_set(self) -> None:
-        self._mean_velocity = self.v.x.array.copy()
+
+def _inertia_share(rates: Rates, mass: Floats) -> Floats:
+    """Lumped part of inertia in the tangent at the owned dofs, ``(3 n,)`` [N/m]."""
+    share: Floats = rates.inertia_factor * mass
+    return share

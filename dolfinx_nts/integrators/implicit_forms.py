@@ -1,12 +1,13 @@
 """Forms of an implicit step: balance of momentum, its tangent, damping."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
 
@@ -21,8 +22,7 @@ class StepForms:
         u_n: Displacement at the start of the step.
         u: Displacement at its end, the unknown.
         dt: Length of the step, a constant [s].
-        stress: First Piola-Kirchhoff stress, as `Stepper.first_piola`.
-        stress_share: Part of it that belongs to the end of the step.
+        scheme: Gives the stress of a step.
         acceleration: Acceleration in the step, UFL (3,), a function of
             ``u``; None: neither inertia nor damping.
     """
@@ -33,14 +33,12 @@ class StepForms:
         u_n: fem.Function,
         u: fem.Function,
         dt: fem.Constant,
-        *,
-        stress: Callable[[Hyperelastic, Any, Any, Any], Any],
-        stress_share: float,
+        scheme: Scheme,
         acceleration: Any | None,
     ) -> None:
-        """Keep what the forms are made of."""
+        """Build the deformation gradients at both ends of the step."""
         self._bodies, self._u_n, self._u, self._dt = bodies, u_n, u, dt
-        self._stress, self._stress_share, self._acceleration = stress, stress_share, acceleration
+        self._scheme, self._acceleration = scheme, acceleration
         self._F_n, self._F = (ufl.Identity(3) + ufl.grad(state) for state in (u_n, u))
 
     def residual(self) -> ufl.Form:
@@ -48,7 +46,7 @@ class StepForms:
         eta = ufl.TestFunction(self._u.function_space)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
-            P = self._stress(material, parameters, self._F_n, self._F)
+            P = self._scheme.stress(material, parameters, self._F_n, self._F)
             work = ufl.inner(P, ufl.grad(eta))
             if self._acceleration is not None:
                 work += rho * ufl.inner(self._acceleration, eta)
@@ -68,7 +66,7 @@ class StepForms:
         F_n, G = self._F_n, ufl.grad(du)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
-            share = self._stress_share
+            share = self._scheme.stress_share
             if self._acceleration is not None:
                 share += material.stiffness_damping / dt
             P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)

@@ -1,21 +1,72 @@
-"""Integrators: what is evaluated when within a step.
+"""Implicit schemes: what is evaluated where within a step.
 
-They differ in the stress, in the kernel of the contact force, and in
-whether there is inertia; all else is `ImplicitStepper`.
+They differ in the stress, in the kernel of the contact force, and in whether
+there is inertia; all else is `ImplicitStepper`.
 """
 
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
-import ufl
+from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
+from dolfinx_nts.integrators.rates import MidpointRates, NoRates
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.loads import Load
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 
 
-class Midpoint(ImplicitStepper):
+def _midpoint_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+    """Stress at the mean deformation gradient, see `Scheme`."""
+    F_m = (F_n + F) / 2
+    return F_m * material.stress(right_cauchy_green(F_m), **parameters)
+
+
+def _conserving_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+    """Conserving stress on the mean deformation gradient, see `Scheme`."""
+    C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
+    return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
+
+
+def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
+    """Stress at the end of the step, see `Scheme`."""
+    return F * material.stress(right_cauchy_green(F), **parameters)
+
+
+class _FixedScheme(ImplicitStepper):
+    """A stepper whose scheme has no parameters."""
+
+    _scheme: ClassVar[Scheme]
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        pairs: Sequence[ContactPair] = (),
+        *,
+        dt: float,
+        bcs: Sequence[fem.DirichletBC] = (),
+        loads: Sequence[Load] = (),
+        update: Callable[[float], None] | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Compile the forms; the bodies are at rest and undeformed."""
+        super().__init__(
+            self._scheme,
+            bodies,
+            pairs,
+            dt=dt,
+            bcs=bcs,
+            loads=loads,
+            update=update,
+            petsc_options=petsc_options,
+        )
+
+
+class Midpoint(_FixedScheme):
     """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
 
     Conserves momenta; energy is not conserved (Franke, Hesch and Betsch 2011,
@@ -23,15 +74,10 @@ class Midpoint(ImplicitStepper):
     `EnergyMomentum`. Collective, as all its methods.
     """
 
-    _contact = "midpoint"
-
-    def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Stress at the mean deformation gradient, see `Stepper.first_piola`."""
-        F_m = (F_n + F) / 2
-        return F_m * material.stress(right_cauchy_green(F_m), **parameters)
+    _scheme = Scheme(contact="midpoint", stress=_midpoint_stress, rates=MidpointRates)
 
 
-class EnergyMomentum(ImplicitStepper):
+class EnergyMomentum(_FixedScheme):
     """Energy-momentum scheme: conserving stress and discrete gradient.
 
     Conserves linear and angular momentum and, with elastic impact, the
@@ -55,7 +101,8 @@ class EnergyMomentum(ImplicitStepper):
 
     Attributes:
         bodies: The bodies.
-        pairs: The contact pairs with their accepted contact.
+        pairs: The contact pairs.
+        contacts: What this stepper remembers of each pair.
         loads: The loads.
         t: Time [s].
         dt: Length of the next step [s].
@@ -73,15 +120,10 @@ class EnergyMomentum(ImplicitStepper):
             conflict.
     """
 
-    _contact = "conserving"
-
-    def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Conserving stress on the mean gradient, see `Stepper.first_piola`."""
-        C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
-        return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
+    _scheme = Scheme(contact="conserving", stress=_conserving_stress, rates=MidpointRates)
 
 
-class QuasiStatic(ImplicitStepper):
+class QuasiStatic(_FixedScheme):
     """Equilibrium at the end of each step; time only counts the load.
 
     Contact is closed, g = 0 (there is no impact, so the kind of impact of
@@ -92,23 +134,11 @@ class QuasiStatic(ImplicitStepper):
     Collective, as all its methods.
     """
 
-    _contact = "static"
-    _inertia = False
-    _stress_share = 1.0
-    _load_point = 1.0
-    _trial = "extrapolated"
-
-    def first_piola(self, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-        """Stress at the end of the step."""
-        return F * material.stress(right_cauchy_green(F), **parameters)
-
-    def _load_forms(self) -> list[ufl.Form]:
-        """Virtual work of each load at the end of the step."""
-        return [load.form(self.u, self.u) for load in self.loads]
-
-    def _starts(self) -> dict[str, Floats]:
-        u_n = self.u_n.x.array
-        return {"extrapolated": u_n + self.dt * self._mean_velocity, "last": u_n}
-
-    def _update_velocity(self) -> None:
-        """Keep the velocity zero."""
+    _scheme = Scheme(
+        contact="static",
+        stress=_end_stress,
+        rates=NoRates,
+        stress_share=1.0,
+        load_point=1.0,
+        loads_at="end",
+    )

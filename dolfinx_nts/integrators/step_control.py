@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive
 
-__all__ = ["EvenSteps", "StepControl", "StepLength"]
+__all__ = ["EvenSteps", "Pace", "StepControl", "StepLength"]
 
-_SLIVER = 1e-6  # of a step: less is round-off
-_PATIENCE = 3  # steps of one size until a longer one is tried
+# Part of a step that is round-off of its times.
+_SLIVER = 1e-6
+# Number of steps of one length after which a longer one is tried.
+_PATIENCE = 3
 
 
 class StepControl:
@@ -63,10 +65,10 @@ class StepControl:
         """
         next_time = bisect.bisect_right(self.times, t + _SLIVER * dt)
         target = min([until, *self.times[next_time : next_time + 1]])
-        rest = (target - t) / dt
-        if rest <= 1 + _SLIVER:
+        remaining = (target - t) / dt
+        if remaining <= 1 + _SLIVER:
             return target - t, target
-        dt *= rest / 2 if rest < 2 - _SLIVER else 1.0
+        dt *= remaining / 2 if remaining < 2 - _SLIVER else 1.0
         return dt, t + dt
 
 
@@ -77,7 +79,7 @@ class EvenSteps:
     """
 
     def __init__(self) -> None:
-        """Count from the time 0."""
+        """Count from step 0 at the time 0."""
         self._t, self._step = 0.0, 0
 
     def end(self, step: int, dt: float) -> float:
@@ -90,7 +92,7 @@ class EvenSteps:
         return self._t + (step - self._step) * dt
 
     def go_on(self, t: float, step: int, dt: float) -> None:
-        """Count on, with the same round-off, or from here if this is a new run.
+        """Count on, with the same round-off, or from now on if this is a new run.
 
         Args:
             t: Time now [s].
@@ -119,7 +121,7 @@ class StepLength:
     """
 
     def __init__(self) -> None:
-        """Begin with the whole."""
+        """Begin with the usual length."""
         self.cuts = self.accepted = 0
 
     def cut(self) -> None:
@@ -140,3 +142,25 @@ class StepLength:
         """
         self.cuts = archive.same("cuts", self.cuts)
         self.accepted = archive.same("accepted", self.accepted)
+
+
+class Pace:
+    """How steps follow each other in a run, in equal steps or controlled ones.
+
+    Attributes:
+        even: Times at the ends of equal steps.
+        length: Length of a step as a part of the usual one.
+    """
+
+    def __init__(self) -> None:
+        """Begin at the time 0 with steps of the usual length."""
+        self.even, self.length = EvenSteps(), StepLength()
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize both. Collective.
+
+        Args:
+            archive: Takes them or gives them.
+        """
+        self.even.serialize(archive)
+        self.length.serialize(archive)

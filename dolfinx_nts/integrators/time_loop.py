@@ -1,11 +1,9 @@
-"""Runs: step by step to a time, in equal steps or in steps that are cut and grow.
-
-Progress of a run on the terminal.
-"""
+"""Runs: step by step to a time, in equal steps or in steps that are cut and grow."""
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from mpi4py import MPI
@@ -19,7 +17,7 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.step_control import EvenSteps, StepControl, StepLength
+from dolfinx_nts.integrators.step_control import Pace, StepControl
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["Steps", "progress", "run_controlled", "run_evenly"]
@@ -37,16 +35,12 @@ class Steps(Protocol):
     t: float
     step: int
     u: fem.Function
-    even: EvenSteps
-    length: StepLength
+    pace: Pace
+    contacts: tuple[PairState, ...]
 
     @property
     def dt(self) -> float:
         """Length of a step that is not cut [s]."""
-
-    @property
-    def contacts(self) -> Sequence[PairState]:
-        """Contact of each pair."""
 
     @property
     def x(self) -> Floats:
@@ -55,7 +49,10 @@ class Steps(Protocol):
     def longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
 
-    def advance_to(self, end: float, dt: float) -> StepReport:
+    def steps_of(self, dt: float) -> AbstractContextManager[None]:
+        """Context in which a step has another length."""
+
+    def advance(self) -> StepReport:
         """Advance by one step."""
 
     def serialize(self, archive: Archive) -> None:
@@ -76,16 +73,16 @@ def run_evenly(stepper: Steps, until: float) -> Iterator[StepReport]:
         ConvergenceError: A step failed. The state is that of the last
             accepted step.
     """
-    dt, even = stepper.dt, stepper.even
+    dt, even = stepper.dt, stepper.pace.even
     even.go_on(stepper.t, stepper.step, dt)
     num_steps = math.ceil((until - stepper.t) / dt - 1e-6)
     with progress(stepper.u.function_space.mesh.comm, num_steps, unit="step") as bar:
         for i in range(num_steps):
             end = even.end(stepper.step + 1, dt)
             if i == num_steps - 1 and end != until:
-                yield stepper.advance_to(until, until - stepper.t)
+                yield _advance_to(stepper, until, until - stepper.t)
             else:
-                yield stepper.advance_to(end, dt)
+                yield _advance_to(stepper, end, dt)
             bar.update()
 
 
@@ -106,18 +103,18 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
     """
     comm: MPI.Comm = stepper.u.function_space.mesh.comm
     smallest = 2.0**-20 * stepper.dt if control.smallest is None else control.smallest
-    loose = None if control.gap_tol is None else _loose_nodes(stepper, control.gap_tol)
+    apart = None if control.gap_tol is None else _held_apart(stepper, control.gap_tol)
     rejected = 0
     with progress(comm, until, initial=stepper.t, bar_format=_BAR) as bar:
         while until - stepper.t > 1e-6 * smallest:
-            longest = min(stepper.dt * 0.5**stepper.length.cuts, stepper.longest_step())
+            longest = min(stepper.dt * 0.5**stepper.pace.length.cuts, stepper.longest_step())
             dt, end = control.next_step(stepper.t, longest, until)
             before = Snapshot()
             stepper.serialize(before)
             try:
-                report = stepper.advance_to(end, dt)
-                if loose is not None and control.gap_tol is not None:
-                    loose = _checked(stepper, loose, control.gap_tol)
+                report = _advance_to(stepper, end, dt)
+                if apart is not None and control.gap_tol is not None:
+                    apart = _checked(stepper, apart, control.gap_tol)
             except ConvergenceError as error:
                 stepper.serialize(before.rewind())
                 if dt / 2 < smallest:
@@ -129,24 +126,38 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
                 if comm.rank == 0:
                     number, t = stepper.step + 1, stepper.t
                     _logger.info("step %d from t = %g is cut: %s", number, t, error)
-                stepper.length.cut()
+                stepper.pace.length.cut()
                 rejected += 1
                 continue
-            stepper.length.accept()
+            stepper.pace.length.accept()
             yield report._replace(rejected=rejected)
             bar.update(dt)
             rejected = 0
 
 
-def _loose_nodes(stepper: Steps, gap_tol: float) -> list[Flags]:
+def _advance_to(stepper: Steps, end: float, dt: float) -> StepReport:
+    """Advance by one step that ends exactly at a time.
+
+    Args:
+        stepper: What is run.
+        end: Time at its end [s].
+        dt: Its length [s], the difference of the times but for round-off.
+    """
+    with stepper.steps_of(dt):
+        report = stepper.advance()
+    stepper.t = end
+    return report._replace(t=end)
+
+
+def _held_apart(stepper: Steps, gap_tol: float) -> list[Flags]:
     """Nodes of each pair that are held, or inside, beyond the tolerance."""
     x = stepper.x
     return [pair.held_apart(x, gap_tol) for pair in stepper.contacts]
 
 
 def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]:
-    """Loose nodes of the step just done; raises if there are new ones."""
-    after = _loose_nodes(stepper, gap_tol)
+    """Such nodes after the step just done; raises if there are new ones."""
+    after = _held_apart(stepper, gap_tol)
     comm = stepper.u.function_space.mesh.comm
     new = [
         pair.nodes.node_ids[now & ~then]

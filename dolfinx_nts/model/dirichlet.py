@@ -51,6 +51,11 @@ class Supports:
         self.fixed, count = np.unique(owned, return_counts=True)
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
 
+    @property
+    def exist(self) -> bool:
+        """Whether there are any conditions, on all ranks. Local."""
+        return bool(self._bcs)
+
     def check(self) -> None:
         """Raise unless the present values are finite and do not conflict.
 

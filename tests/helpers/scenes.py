@@ -28,6 +28,7 @@ from dolfinx.mesh import (
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
+from dolfinx_nts.integrators.implicit_forms import StepForms
 from reference.bulk import box, rotation
 
 BALL_PLATE = Path(__file__).parents[2] / "meshes" / "ball_plate.msh"
@@ -198,6 +199,12 @@ class History:
     def num_active(self) -> list[int]:
         """Active pairs of each step."""
         return [report.num_active for report in self.reports]
+
+
+def step_forms(stepper: Any) -> StepForms:
+    """Forms of a step of an implicit stepper."""
+    s = stepper
+    return StepForms(s.bodies, s.u_n, s.u, s._dt, s.scheme, s._rates.acceleration)
 
 
 def local_momentum(scene: Scene, name: str) -> Callable[[], tuple[float, Array]]:

@@ -138,7 +138,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
     scene.run(3)
     s = scene.stepper
     s.u_n.x.array[:] = s.u.x.array
-    bulk = Bulk(s._forms.residual(), s.u, [])
+    bulk = Bulk(scenes.step_forms(s).residual(), s.u, [])
     V, n = s.u.function_space, bulk.num_owned
     X = V.tabulate_dof_coordinates()[: n // 3]
     d = np.sin(3 * X[:, [1, 2, 0]] + np.arange(3))
@@ -159,7 +159,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
         remainders.append(norm(bulk.residual() - R - step * slope))
     assert np.log2(remainders[0] / remainders[1]) >= 1.9
     at(u)
-    tangent = Tangent(s._forms.residual(), s.u, [])
+    tangent = Tangent(scenes.step_forms(s).residual(), s.u, [])
     tangent.assemble_exact()
     matrix = tangent.matrix()
     x, y = matrix.createVecs()

@@ -42,7 +42,7 @@ class System:
         s = self.stepper = scene.stepper
         self.comm = comm
         s.u_n.x.array[:] = s.u.x.array
-        self.bulk = Bulk(s._forms.residual(), s.u, [])
+        self.bulk = Bulk(scenes.step_forms(s).residual(), s.u, [])
         V = s.u.function_space
         self.owned = V.dofmap.index_map.size_local
         self.X = V.tabulate_dof_coordinates()[: self.owned]
@@ -148,7 +148,7 @@ def test_matrix_and_action_of_the_bulk_are_the_same(comm, scheme, cell):
     system = System(comm, scheme, cell, None, contact=False)
     system.states(system.u)
     d = system.direction(4)
-    tangent = Tangent(system.stepper._forms.residual(), system.stepper.u, [])
+    tangent = Tangent(scenes.step_forms(system.stepper).residual(), system.stepper.u, [])
     tangent.assemble_exact()
     K = tangent.matrix()
     x, y = K.createVecs()

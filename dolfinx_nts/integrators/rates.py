@@ -1,0 +1,160 @@
+"""Velocity and acceleration in a step, and mass."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.integrators.state import serialize_nodal
+from dolfinx_nts.model.bodies import Body, bulk_form
+
+__all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
+
+
+class ConsistentMass:
+    """Consistent mass matrix of bodies, which is never assembled. Collective.
+
+    Args:
+        bodies: The bodies.
+        rate: Velocity or acceleration of the bodies' space.
+    """
+
+    def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
+        """Compile the form of the momentum."""
+        eta = ufl.TestFunction(rate.function_space)
+        form = bulk_form(bodies, lambda material, parameters, rho: rho * ufl.inner(rate, eta))
+        self._form = compile_form(form)
+
+    def momentum(self) -> Floats:
+        """Mass times the present rate at the owned nodes, shape ``(n, 3)``."""
+        return assembled(self._form).reshape(-1, 3)
+
+
+class Rates(ABC):
+    """How velocity and acceleration follow from displacements. Collective.
+
+    Args:
+        u_n: Displacement at the start of a step.
+        u: Displacement at its end, the unknown.
+        v: Velocity at the start of a step.
+        dt: Its length, a constant [s].
+        bodies: The bodies.
+
+    Attributes:
+        acceleration: Mean acceleration of a step, UFL (3,), a function of
+            ``u``; None without inertia.
+        inertia_factor: Factor of the lumped mass in the tangent [1/s^2].
+        trial: Which of `starts` decides which nodes may touch.
+    """
+
+    acceleration: Any | None
+    trial: ClassVar[str] = "ballistic"
+
+    def __init__(
+        self,
+        u_n: fem.Function,
+        u: fem.Function,
+        v: fem.Function,
+        dt: fem.Constant,
+        bodies: Sequence[Body],
+    ) -> None:
+        """Begin with the velocity as the mean of the last step."""
+        self.u_n, self.u, self.v, self.dt = u_n, u, v, dt
+        # Contact makes velocities alternate from step to step; their mean over the
+        # last step is free of that.
+        self.mean_velocity = fem.Function(u.function_space)
+        self.forget()
+
+    @property
+    def inertia_factor(self) -> float:
+        """Factor of the lumped mass in the tangent [1/s^2]."""
+        return 2 / float(self.dt.value) ** 2
+
+    def starts(self) -> dict[str, Floats]:
+        """Displacements from which Newton's method is tried, in turn. Local.
+
+        Where the first fails (the first contact of a fast body), others may not.
+        """
+        u_n, dt = self.u_n.x.array, float(self.dt.value)
+        return {
+            "coasting": u_n + dt * self.mean_velocity.x.array,
+            "ballistic": u_n + dt * self.v.x.array,
+            "last": u_n,
+        }
+
+    def forget(self) -> None:
+        """Take the velocity as the mean of the last step, as the state was set."""
+        self.mean_velocity.x.array[:] = self.v.x.array
+
+    def begin(  # noqa: B027 (most rates have nothing to prepare)
+        self, forces: Callable[[], Floats], free: Floats | None
+    ) -> None:
+        """Prepare a step.
+
+        Args:
+            forces: Residual at the start of the step, by its unknowns, on
+                the owned dofs, ``(3 n,)`` [N].
+            free: 1 where the displacement is unknown, 0 where it is given,
+                shape ``(n, 3)``; None if all are unknown.
+        """
+
+    def accept(self) -> float:
+        """Set the velocity at the end of the step that was solved.
+
+        Returns:
+            Kinetic energy on this rank that the step does not account for [J].
+        """
+        self.mean_velocity.x.array[:] = (self.u.x.array - self.u_n.x.array) / float(self.dt.value)
+        return self._set_velocity()
+
+    @abstractmethod
+    def _set_velocity(self) -> float:
+        """Set the velocity by the mean one, see `accept`."""
+
+    def serialize(self, archive: Archive, ids: GlobalInts) -> None:
+        """Serialize what the next step depends on.
+
+        Args:
+            archive: Takes it or gives it.
+            ids: Numbers of the owned nodes, shape ``(n,)``.
+        """
+        serialize_nodal(archive, "mean_velocity", self.mean_velocity, ids)
+
+
+class MidpointRates(Rates):
+    """The velocity changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
+
+    @property
+    def acceleration(self) -> Any:  # type: ignore[override]
+        """Mean acceleration of a step, UFL (3,)."""
+        return 2 / self.dt * ((self.u - self.u_n) / self.dt - self.v)
+
+    def _set_velocity(self) -> float:
+        v = self.v.x.array
+        v[:] = 2 * self.mean_velocity.x.array - v
+        return 0.0
+
+
+class NoRates(Rates):
+    """No inertia: the velocity stays zero, time only counts the load."""
+
+    acceleration = None
+    trial = "extrapolated"
+
+    @property
+    def inertia_factor(self) -> float:
+        """No inertia in the tangent."""
+        return 0.0
+
+    def starts(self) -> dict[str, Floats]:
+        """Displacements from which Newton's method is tried, in turn. Local."""
+        u_n, dt = self.u_n.x.array, float(self.dt.value)
+        return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
+
+    def _set_velocity(self) -> float:
+        return 0.0

@@ -1,0 +1,180 @@
+"""The accepted state of a stepper: where its bodies are, how fast, and when."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem, la
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import positive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.integrators.step_control import Pace
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel.errors import agreed
+
+__all__ = ["State", "serialize_nodal"]
+
+
+class State(ABC):
+    """Displacement, velocity and time, and what says how long steps are.
+
+    Collective, as its methods, but for `x`.
+
+    Args:
+        V: Space of the displacement.
+        dt: Length of a step [s].
+
+    Attributes:
+        t: Time [s].
+        step: Number of accepted steps.
+        u: Displacement at t [m], a Function.
+        v: Velocity at t [m/s], a Function.
+        u_n: Displacement at the start of the last step [m].
+        node_ids: Numbers of the owned nodes, see `node_numbering`, ``(n,)``.
+        pace: How steps follow each other in a run.
+        inertia_defect: Kinetic energy gained in the last step less the
+            work of all forces in it [J].
+    """
+
+    def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
+        """Begin at rest, undeformed, at the time 0."""
+        self.t, self.step, self.inertia_defect = 0.0, 0, 0.0
+        self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
+        self.u.name, self.v.name = "displacement", "velocity"
+        self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
+        self.pace = Pace()
+        self._X: Floats = V.tabulate_dof_coordinates()
+        self._dt = fem.Constant(V.mesh, 0.0)
+        self.dt = dt
+
+    @property
+    def dt(self) -> float:
+        """Length of the next step [s]."""
+        return self._length
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self._check_dt(dt)
+        self._set_dt(dt)
+
+    def _check_dt(self, dt: float) -> None:
+        positive("a step dt", dt)
+
+    def _set_dt(self, dt: float) -> None:
+        self._length = float(dt)  # asking the constant takes 1 % of a small explicit step
+        self._dt.value = dt
+
+    @contextmanager
+    def steps_of(self, dt: float) -> Iterator[None]:
+        """Context in which a step has another length than usual. Local.
+
+        Args:
+            dt: The length [s].
+        """
+        usual = self._length
+        try:
+            self.dt = dt
+            yield
+        finally:
+            self._set_dt(usual)
+
+    @property
+    def x(self) -> Floats:
+        """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
+        x: Floats = self._X + self.u.x.array.reshape(-1, 3)
+        return x
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the accepted state and all that the next step depends on.
+
+        But for what ``update`` and the functions of loads remember.
+
+        Args:
+            archive: Takes the state or gives it.
+        """
+        self.t = archive.same("t", self.t)
+        self.step = archive.same("step", self.step)
+        self._set_dt(archive.same("dt", self.dt))
+        self.pace.serialize(archive)
+        self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
+        for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
+            serialize_nodal(archive, name, function, self.node_ids)
+
+    def set_displacement(self, body: Body, value: Any) -> None:
+        """Set the displacement of a body, before or between steps.
+
+        Args:
+            body: One of the bodies.
+            value: Three numbers [m]; or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``; or
+                a Function of the bodies' space.
+
+        Raises:
+            ValueError: The body is of another stepper, the Function of
+                another space, or the value has the wrong shape.
+        """
+        self._set(self.u, body, value)
+
+    def set_velocity(self, body: Body, value: Any) -> None:
+        """Set the velocity of a body, before or between steps.
+
+        Args:
+            body: One of the bodies.
+            value: Three numbers [m/s]; or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``; or
+                a Function of the bodies' space.
+
+        Raises:
+            ValueError: The body is of another stepper, the Function of
+                another space, or the value has the wrong shape.
+        """
+        self._set(self.v, body, value)
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        self._check_body(body)
+        V, X = self.u.function_space, self._X[body.nodes].T
+        comm: MPI.Comm = V.mesh.comm
+        with agreed(comm):
+            if isinstance(value, fem.Function):
+                if value.function_space != V:
+                    raise ValueError(
+                        "expected a Function of the bodies' space, given one of another"
+                    )
+                value = value.x.array.reshape(-1, 3)[body.nodes].T
+            values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
+            if values.shape not in ((3,), X.shape):
+                raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
+        function.x.array.reshape(-1, 3)[body.nodes] = values.T
+        self._state_was_set()
+
+    @abstractmethod
+    def _check_body(self, body: Body) -> None:
+        """Raise unless a body is one of those that have the state."""
+
+    @abstractmethod
+    def _state_was_set(self) -> None:
+        """Forget what belongs to the state before it was set."""
+
+
+def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: Any) -> None:
+    """Serialize the values of a function with three values a node. Collective.
+
+    Args:
+        archive: Takes them or gives them.
+        name: Name of the values.
+        function: The function; its ghosts are set too.
+        ids: Numbers of the owned nodes, shape ``(n,)``.
+    """
+    values = function.x.array
+    owned = archive.nodal(name, ids, values[: 3 * len(ids)].reshape(-1, 3))
+    if archive.giving:
+        vector = la.vector(function.function_space.dofmap.index_map, 3)
+        vector.array[: owned.size] = owned.ravel()
+        vector.scatter_forward()
+        values[:] = vector.array
