@@ -20,5 +20,6 @@ def test_demo_runs_and_its_assertions_hold(comm, demo, tmp_path, monkeypatch):
     runpy.run_path(str(demo), run_name="__main__")
     comm.barrier()
     expected = {".csv", ".png"} | (set() if demo.stem == "demo_scaling" else FIELDS)
-    assert {path.suffix for path in folder.iterdir()} - {".gif"} == expected
-    assert all(path.stat().st_size > 0 for path in folder.iterdir())
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} - {".gif"} == expected
+    assert all(path.stat().st_size > 0 for path in files)

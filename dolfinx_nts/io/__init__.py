@@ -1,1 +1,1 @@
-"""Files: fields, tables and checkpoints."""
+"""Files of a run: its table, its fields and its checkpoints."""

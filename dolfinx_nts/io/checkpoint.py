@@ -1,14 +1,13 @@
-"""Checkpoints: the state of a run in an HDF5 file, and the way back.
+"""Checkpoints: the state of a run in an HDF5 file, from which the run can go on.
 
-Values of nodes are kept by the numbers of the mesh as read, so that any
-number of ranks can go on. Rank 0 collects everything: it needs memory for the
-whole state. The file is made in memory, written beside the last one and then
-renamed, so that there is always a whole one.
+Values of nodes are stored by the numbers of the nodes in the mesh as read, so
+that a run can continue on any number of ranks. Rank 0 collects everything and
+needs the memory for the whole state. A new checkpoint takes the place of the
+former one in one instant, so there is a whole one at any time.
 """
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -21,6 +20,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.atomic_file import hdf5_image, replace
 from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import gathered, on_root, scattered
@@ -33,61 +33,68 @@ _FORMAT = "dolfinx_nts checkpoint 1"
 
 
 class HasState(Protocol):
-    """Something with a state beside that of the stepper."""
+    """Object that has a state beside that of the stepper."""
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state."""
+        """Serialize the state. Collective."""
 
 
 def save(path: Path, stepper: Stepper, *others: HasState) -> None:
-    """Replace a checkpoint by one of the present state. Collective.
+    """Write the present state to a checkpoint, or replace one. Collective.
 
     Args:
         path: The file.
-        stepper: What is run.
-        others: What else belongs to the run.
+        stepper: Stepper whose state is written.
+        others: Objects whose state belongs to the run too.
 
     Raises:
-        OSError: The file cannot be written, for instance as the disk is
-            full; the last one is as it was.
+        OSError: The file cannot be written, for instance because the disk
+            is full. A checkpoint that existed before is unchanged.
     """
     scene = fingerprint(stepper)
     archive = _Writer(stepper)
     for part in (stepper, *others):
         part.serialize(archive)
-    on_root(archive.comm, lambda: _replace(path, _file(archive.values, scene)))
+
+    def write() -> None:
+        attributes = {"format": _FORMAT, "scene": json.dumps(scene)}
+        digest = _digest(archive.values)
+        replace(path, hdf5_image(archive.values, **attributes, sha256=digest), durable=True)
+
+    on_root(archive.comm, write)
 
 
 def load(path: Path, stepper: Stepper, *others: HasState) -> None:
-    """Bring a run into the state of a checkpoint. Collective.
+    """Bring a stepper into the state of a checkpoint. Collective.
 
     Args:
         path: The file.
         stepper: Stepper of the same scene, on any number of ranks.
-        others: What was given to `save`.
+        others: The objects that were given to `save`, in the same order.
 
     Raises:
-        ValueError: The file is no checkpoint, damaged, or of another
-            scene; nothing has been changed.
+        ValueError: The file is no checkpoint, is damaged, or belongs to
+            another scene. Nothing has been changed.
     """
     comm = stepper.u.function_space.mesh.comm
-    here = fingerprint(stepper)
+    expected = fingerprint(stepper)
 
     def read() -> dict[str, Array]:
-        values, there = _read(path)
-        if there != here:
+        values, scene = _read(path)
+        if scene != expected:
             raise ValueError(
                 f"expected a checkpoint of this scene, given {path}, in which "
                 + "; ".join(
-                    f"{name} is {there.get(name, 'missing')}, here {here.get(name, 'missing')}"
-                    for name in sorted(there.keys() | here.keys())
-                    if there.get(name) != here.get(name)
+                    f"{name} is {scene.get(name, 'missing')} "
+                    f"instead of {expected.get(name, 'missing')}"
+                    for name in sorted(scene.keys() | expected.keys())
+                    if scene.get(name) != expected.get(name)
                 )
             )
         return values
 
     values: dict[str, Array] = {}
-    # Rank 0 keeps them; the others only need to know that all is well.
+    # Only rank 0 needs the values; the others learn of an error.
     on_root(comm, lambda: values.update(read()))
     archive = _Reader(stepper, values)
     for part in (stepper, *others):
@@ -95,7 +102,7 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
 
 
 class _Writer(Archive):
-    """Collects values on rank 0."""
+    """Archive that collects values on rank 0."""
 
     def __init__(self, stepper: Stepper) -> None:
         self.comm: MPI.Comm = stepper.u.function_space.mesh.comm
@@ -120,7 +127,7 @@ class _Writer(Archive):
 
 
 class _Reader(Archive):
-    """Hands out what rank 0 has."""
+    """Archive that gives the values which rank 0 has read."""
 
     giving = True
 
@@ -128,19 +135,19 @@ class _Reader(Archive):
         self.comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._values = values
         self._is_same_partition = True
-        there = self.local("partition", None)
-        same = there is not None and np.array_equal(there[0], _partition(stepper))
+        saved = self.local("partition", None)
+        same = saved is not None and np.array_equal(saved[0], _partition(stepper))
         self._is_same_partition = reductions.everywhere(self.comm, same)
 
     def same(self, name: str, value: T) -> T:
-        kept = on_root(self.comm, lambda: self._find(name))
-        return kept if isinstance(value, np.ndarray) else type(value)(kept.item())
+        saved = on_root(self.comm, lambda: self._find(name))
+        return saved if isinstance(value, np.ndarray) else type(value)(saved.item())
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
         on_root(self.comm, lambda: (self._find(f"{name}/nodes"), None)[1])
         all_ids = self._values.get(f"{name}/nodes", np.empty(0, dtype=np.int64))
-        kept = self._values.get(f"{name}/values", np.empty(0))
-        return scattered(self.comm, ids, all_ids, kept).astype(values.dtype, copy=False)
+        rows = self._values.get(f"{name}/values", np.empty(0))
+        return scattered(self.comm, ids, all_ids, rows).astype(values.dtype, copy=False)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
         if not self._is_same_partition:
@@ -148,8 +155,8 @@ class _Reader(Archive):
         parts = None
         if self.comm.rank == 0:
             parts = [self._parts(f"local/{name}/{rank}") for rank in range(self.comm.size)]
-        kept: Sequence[Array] | None = self.comm.scatter(parts)
-        return kept
+        own: Sequence[Array] | None = self.comm.scatter(parts)
+        return own
 
     def _parts(self, name: str) -> list[Array] | None:
         found: list[Array] = []
@@ -164,7 +171,7 @@ class _Reader(Archive):
 
 
 def _partition(stepper: Stepper) -> Array:
-    """Digest of the local nodes: the same numbering needs the same nodes."""
+    """Digest of the local numbering; it decides whether local arrays can be used again."""
     V = stepper.u.function_space
     nodes = V.dofmap.index_map.local_to_global(
         np.arange(len(V.tabulate_dof_coordinates()), dtype=np.int32)
@@ -174,7 +181,7 @@ def _partition(stepper: Stepper) -> Array:
 
 
 def _digest(values: dict[str, Array]) -> str:
-    """Tells whether all values are as they were written."""
+    """Digest by which a reader notices that a value has changed."""
     digest = hashlib.sha256()
     for name in sorted(values):
         array = values[name]
@@ -183,47 +190,15 @@ def _digest(values: dict[str, Array]) -> str:
     return digest.hexdigest()
 
 
-def _file(values: dict[str, Array], scene: dict[str, str]) -> bytes:
-    """HDF5 file with the values. Local."""
-    with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
-        for name, array in values.items():
-            file[name] = array
-        file.attrs.update(format=_FORMAT, scene=json.dumps(scene), sha256=_digest(values))
-        file.flush()
-        image: bytes = file.id.get_file_image()
-    return image
-
-
-def _replace(path: Path, image: bytes) -> None:
-    """Put a file in the place of another, in one instant. Local."""
-    beside = path.with_name(f"{path.name}.new")
-    try:
-        with open(beside, "wb") as file:
-            file.write(image)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise OSError(
-            error.errno, f"{error.strerror}; an earlier checkpoint is as it was", str(path)
-        ) from None
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
 def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     """Values and scene of a file. Local.
 
     Raises:
-        ValueError: It is no whole checkpoint.
+        ValueError: The file is not a whole checkpoint.
     """
     values: dict[str, Array] = {}
 
-    def keep(name: str, item: Any) -> None:
+    def collect(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
             values[name] = item[()] if item.shape else np.asarray(item[()])
 
@@ -234,7 +209,7 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
                 raise ValueError(
                     f"expected a {_FORMAT}, given {path}, an HDF5 file of another kind"
                 )
-            file.visititems(keep)
+            file.visititems(collect)
     except (OSError, RuntimeError) as error:
         raise ValueError(f"expected a checkpoint, given {path}: {error}") from None
     if _digest(values) != attributes["sha256"]:

@@ -1,7 +1,7 @@
 """Fingerprint of a scene: what must not change between the parts of a run.
 
-Texts by name, the same for any partition of the mesh; long values are
-replaced by digests.
+It has a text for each part of the scene, in which digests stand for long
+values. The texts do not depend on the partition of the mesh.
 """
 
 import hashlib
@@ -27,28 +27,31 @@ __all__ = ["fingerprint"]
 def fingerprint(stepper: Stepper) -> dict[str, str]:
     """Describe the scene of a stepper. Collective.
 
-    Mesh, bodies with materials, pairs with laws, kinds of loads, the dofs
-    of supports, and the integrator; not the state, nor the values of loads
-    and supports.
+    The description has the mesh, the bodies with their materials, the
+    pairs with their laws, the kinds of loads, the degrees of freedom that
+    supports fix, and the integrator. It has neither the state nor the
+    values of loads and supports.
 
     Args:
-        stepper: The stepper.
+        stepper: Stepper of the scene.
 
     Returns:
-        Texts by name, the same on all ranks.
+        Texts by name, the same on all ranks. Those of two steppers agree
+        where their scenes do.
     """
     V = stepper.u.function_space
     mesh = V.mesh
     comm, ids = mesh.comm, input_ids(V)
 
     def rows(number: Array, values: Array) -> str:
-        """Digest on rank 0 of rows that the ranks share."""
+        """Digest of rows from all ranks, sorted by their numbers; for rank 0 only."""
         return _digest(*gathered(comm, number, values))
 
     owned = np.arange(mesh.topology.index_map(3).size_local)
     original = mesh.topology.original_cell_index
     n = mesh.geometry.index_map().size_local
-    # Those of the dofs are computed, with a round-off that the partition decides.
+    # The coordinates of the mesh are those that were read. Those of the degrees of freedom
+    # are computed, with a round-off error that depends on the partition.
     nodes = rows(mesh.geometry.input_global_indices[:n], mesh.geometry.x[:n])
     cells = rows(original[owned], ids[V.dofmap.list[owned]])
     scene = {"integrator": type(stepper).__name__, "mesh": f"{nodes} {cells}"}
@@ -70,7 +73,7 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
 
 
 def _digest(*values: Any) -> str:
-    """First digits of what identifies texts and arrays."""
+    """Digest of texts and arrays: 12 digits, which hardly ever agree by chance."""
     digest = hashlib.sha256()
     for value in values:
         text = value.encode() if isinstance(value, str) else np.ascontiguousarray(value).tobytes()
@@ -101,7 +104,7 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
 
 
 def _law(law: object) -> str:
-    """Name and numbers of a law or an obstacle."""
+    """Class and numbers of a law or an obstacle."""
     return "none" if law is None else f"{type(law).__name__}({_numbers(vars(law))})"
 
 

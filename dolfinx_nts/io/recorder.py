@@ -1,27 +1,22 @@
-"""Recorder: fields for ParaView and a table of the balances of a run."""
+"""Recorder: writes the table, the fields and the checkpoints of a run, step by step."""
 
 import logging
-import os
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
 from mpi4py import MPI
 
-from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.compat import vtx_writer
+from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io import checkpoint
-from dolfinx_nts.io.csv_table import Table
-from dolfinx_nts.io.vtx import VtxFile
-from dolfinx_nts.io.xdmf import FieldFile
-from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.io.run_files import RunFiles
+from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton import ConvergenceError
 
@@ -31,51 +26,67 @@ _logger = logging.getLogger("dolfinx_nts")
 
 
 class Recorder:
-    """Writes ``name.xdmf`` with ``name.h5``, and ``name.csv``.
+    """Writes a table, the fields and checkpoints of a run.
 
-    Use it in a ``with`` block: entering writes the present state as the
-    first row and fields, leaving closes the files, also after an exception.
-    Files of the same name are replaced. Each row is on disk at once, so
-    that a killed run leaves whole rows. Collective, as all methods but
-    ``summary``.
+    A recorder works in a ``with`` block. Entering the block creates the
+    files, in the place of those of the same name, and writes the present
+    state. `write` adds a step. Leaving the block, also by an exception,
+    closes the files. All files can be read at any time, also after the
+    program has been killed. Collective, as all methods except `summary`.
 
-    Columns of the table, in SI units: ``step``, ``dt``, those of `Balance`,
-    ``newton_iterations``, ``rejected``, and the change of the total energy
-    since the first row by cause: ``energy_bulk``, ``energy_loads``,
-    ``energy_supports``, ``energy_damping``, ``energy_persistent_contact``,
-    ``energy_activation``, ``energy_facet_change``, ``energy_friction``,
-    ``energy_solver``. Each is summed on its own; ``energy_unaccounted``
-    is the rest: round-off, unless the state is set between steps. Besides,
-    ``external_work`` of loads and supports, and ``friction_dissipation``, what
-    friction has taken.
+    The **table** ``name.csv`` has a row for each step. Its columns, in SI
+    units, are ``step``, ``dt``, those of `Balance`, ``newton_iterations``,
+    ``rejected``, and the change of the total energy since the first row by
+    cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
+    ``energy_damping``, ``energy_persistent_contact``,
+    ``energy_activation``, ``energy_facet_change``, ``energy_friction`` and
+    ``energy_solver``. Each cause is summed on its own. What they leave of
+    the change is ``energy_unaccounted``: round-off, unless the script sets
+    the state between steps. ``external_work`` is the work of loads and
+    supports, ``friction_dissipation`` the energy that friction has taken.
 
-    With ``checkpoint_every``, checkpoints ``name.checkpoint.h5`` hold all that
-    the run depends on. They are also written at the end, and on Ctrl-C or
-    SIGTERM, which then take effect after the present step (a second one takes
-    effect at once). With ``resume``, entering goes on from there, on any
-    number of ranks: a script that is started again continues its run, and the
-    files go on after the step of the checkpoint.
+    The **fields** ``name.xdmf`` can be opened with ParaView, VTK and
+    meshio. Their values lie in the folder ``name_fields``, in one HDF5 file
+    for each state and one for the mesh.
+
+    A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends
+    on. With ``checkpoint_every`` it is replaced at these steps, at the end,
+    and after Ctrl-C or SIGTERM. Such a signal takes effect when the
+    present step is complete, a second one at once. With ``resume`` a script
+    that is started again continues from the checkpoint, on any number of
+    ranks; rows and states after the step of the checkpoint are removed.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
-        stepper: What is run.
-        every: Steps from one state of the fields to the next; the first
-            and the last state are always there.
-        times: Times at which the fields are written instead [s], those of
-            a `StepControl` for instance.
-        checkpoint_every: Steps from one checkpoint to the next.
-        resume: Go on from the checkpoint, if there is one.
-        fields: Kind of the file of fields: ``"xdmf"``, or ``"vtx"``, a
-            folder ``name.bp`` that all ranks write, where DOLFINx has
-            ADIOS2; it cannot be resumed.
+        stepper: Stepper of the run.
+        every: Number of steps from one state of the fields to the next.
+            The first and the last state are always written.
+        times: Times at which the fields are written instead [s], for
+            instance those of a `StepControl`.
+        checkpoint_every: Number of steps from one checkpoint to the next;
+            without it there are no checkpoints.
+        resume: Whether to continue from the checkpoint if there is one.
+        fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The
+            latter is a folder ``name.bp``, which all ranks write and which
+            cannot be resumed; it needs a DOLFINx with ADIOS2.
 
     Attributes:
-        diagnostics: Diagnostics of the stepper.
+        diagnostics: Energies, momenta and contact forces of the stepper.
 
     Raises:
-        RuntimeError: DOLFINx has no ADIOS2 for ``fields="vtx"``.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1;
+        RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1, or
             ``fields`` is another kind, or one that cannot be resumed.
+
+    Example:
+        Write all rows, every tenth state and a checkpoint every 50 steps::
+
+            with nts.Recorder(
+                "run", stepper, every=10, checkpoint_every=50, resume=True
+            ) as record:
+                for step in stepper.run(until=1.0):
+                    record.write(step)
+            print(record.summary())
     """
 
     def __init__(
@@ -89,70 +100,57 @@ class Recorder:
         resume: bool = False,
         fields: Literal["xdmf", "vtx"] = "xdmf",
     ) -> None:
-        """Check the arguments; nothing is created yet."""
-        if fields not in ("xdmf", "vtx"):
-            raise ValueError(f"expected fields 'xdmf' or 'vtx', given {fields!r}")
-        if fields == "vtx":
-            vtx_writer()
-            if resume:
-                raise ValueError("expected fields='xdmf' with resume, as VTX files cannot go on")
-        if every < 1:
-            raise ValueError(f"expected fields every 1 step or more, given {every}")
-        if checkpoint_every is not None and checkpoint_every < 1:
-            raise ValueError(f"expected checkpoints every 1 step or more, given {checkpoint_every}")
+        """Check the arguments; entering the ``with`` block creates the files."""
+        chosen = None if times is None else tuple(float(t) for t in times)
+        self._options = _Options(str(name), every, chosen, checkpoint_every, resume, fields)
+        self._stepper = stepper
         self.diagnostics = Diagnostics(stepper)
-        self._name, self._stepper, self._every = str(name), stepper, every
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._timings: Timings = stepper.timings
-        self._times = None if times is None else {float(t) for t in times}
-        self._checkpoint = Path(f"{name}.checkpoint.h5")
-        self._checkpoint_every, self._resume = checkpoint_every, resume
-        self._kind = fields
-        self._fields: FieldFile | VtxFile | None = None
-        self._table = Table(Path(f"{name}.csv"))
+        self._files = RunFiles(str(name), stepper, fields)
+        comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._is_root = comm.rank == 0
+        self._interrupts = Interrupts(comm)
+        self._open: ExitStack | None = None
+
+    def __repr__(self) -> str:
+        """Return the call that makes such a recorder, with the class of the stepper."""
+        options = asdict(self._options)
+        return as_call(self, name=options.pop("name"), stepper=type(self._stepper), **options)
 
     def __enter__(self) -> "Recorder":
-        """Open the files and write the present state, or resume.
+        """Create the files and write the present state, or resume the run.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be
-                created or replaced; nothing has been created.
+            OSError: The folder does not exist, or a file cannot be created
+                or replaced. Nothing has been created.
             ValueError: The checkpoint is damaged or of another scene, or
-                the table does not reach to its step; nothing has been
+                the table does not reach to its step. Nothing has been
                 changed.
         """
-        self._time, self._seconds = time.perf_counter(), dict(self._timings.seconds)
-        with self._timings.phase("output"):
+        self._summary = Summary(self._options.name, self._stepper)
+        with self._stepper.timings.phase("output"), ExitStack() as stack:
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
-            self._sunk = ReversePenetration(self._stepper)
-            self._table.size = 0
-            resume = on_root(self._comm, lambda: self._resume and self._checkpoint.exists())
-            if resume:
-                checkpoint.load(self._checkpoint, self._stepper, self._ledger, self._table)
-            self._saved = self._ledger.step
-            on_root(self._comm, lambda: self._open_table(resume))
-            with ExitStack() as files:
-                files.callback(self._table.close)
-                self._fields = self._open_fields(resume)
-                files.callback(self._fields.abandon)
-                if not resume:
-                    self._fields.write()
-                    self._write_row(0.0)
-                if self._checkpoint_every is not None:
-                    self._interrupts = files.enter_context(Interrupts(self._comm))
-                self._files = files.pop_all()
+            self._penetration = ReversePenetration(self._stepper)
+            stack.callback(self._files.close_table)
+            if not self._files.open(self._ledger, self._options.resume):
+                self._files.fields.write()
+                self._write_row(0.0)
+            if self._options.checkpoint_every is not None:
+                stack.enter_context(self._interrupts)
+            self._open = stack.pop_all()
         return self
 
     def write(self, step: StepReport) -> None:
-        """Add the row of a step and, when it is their turn, the fields.
+        """Add a step to the table and, when it is their turn, to the fields.
 
         Args:
             step: Report of the step that the stepper has just done.
 
         Raises:
+            OSError: A file cannot be written, for instance because the disk
+                is full.
             ValueError: The recorder is not open, or a step is left out.
         """
-        if self._fields is None:
+        if self._open is None:
             raise ValueError("expected an open recorder, given one outside its with block")
         due = self._ledger.step + 1
         if not step.step == self._stepper.step == due:
@@ -160,88 +158,83 @@ class Recorder:
                 f"expected every step right after it was done, now step {due}, "
                 f"given step {step.step} when {self._stepper.step} are done"
             )
-        with self._timings.phase("output"):
+        with self._stepper.timings.phase("output"):
             self._ledger.add(step, self.diagnostics.bulk_defect(), self.diagnostics.balance())
             self._write_row(step.dt, step.newton_iterations, step.rejected)
-            count = self._ledger.num_steps
-            is_turn = count % self._every == 0 if self._times is None else step.t in self._times
-            if is_turn:
-                self._fields.write()
-                self._sunk.look()
-            if self._checkpoint_every is not None:
+            if self._options.has_fields(self._ledger.num_steps, step.t):
+                self._files.fields.write()
+                self._penetration.look()
+            if self._options.checkpoint_every is not None:
                 signum = self._interrupts.received()
-                if signum or count % self._checkpoint_every == 0:
-                    self._save()
+                if signum or self._ledger.num_steps % self._options.checkpoint_every == 0:
+                    self._files.save(self._ledger)
                 if signum:
                     self._interrupts.take_effect(signum)
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Write the last fields, unless ranks may be apart, and close."""
-        with self._timings.phase("output"):
-            with self._files:
-                if self._fields and (error is None or isinstance(error, ConvergenceError)):
-                    self._fields.write()
-                    if self._checkpoint_every is not None and self._saved != self._ledger.step:
-                        self._save()
-                    self._fields.close()
-            self._fields = None
-        self._time = time.perf_counter() - self._time
-        if self._comm.rank == 0:
+        """Write the last state and close the files.
+
+        After an error other than `ConvergenceError` the ranks may be apart,
+        so that nothing is written any more.
+        """
+        assert self._open is not None
+        stack, self._open = self._open, None
+        with self._stepper.timings.phase("output"), stack:
+            if error is None or isinstance(error, ConvergenceError):
+                self._files.fields.write()
+                if self._options.checkpoint_every is not None:
+                    self._files.save(self._ledger)
+                self._files.fields.close()
+        self._summary.stop()
+        if self._is_root:
             _logger.info("%s", self.summary())
 
-    def _save(self) -> None:
-        """Write a checkpoint, after all that it relies on."""
-        assert self._fields is not None
-        self._fields.flush()
-        on_root(self._comm, self._table.sync)
-        checkpoint.save(self._checkpoint, self._stepper, self._ledger, self._table)
-        self._saved = self._ledger.step
-
     def summary(self) -> str:
-        """Steps, iterations, drifts and wall time, after the ``with`` block.
+        """Describe the run after the ``with`` block. Local.
 
-        Local; the times are those of this rank.
+        Returns:
+            Lines with the number of steps and Newton iterations, changes of
+            conserved quantities, and wall time by phase [s] on this rank.
         """
-        ledger = self._ledger
-        phases = {
-            name: seconds - self._seconds.get(name, 0.0)
-            for name, seconds in self._timings.seconds.items()
-        }
-        phases["other"] = self._time - sum(phases.values())
-        time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
-        lines = [f"{self._name}: {ledger.num_steps} steps {time_span}", ledger.iterations()]
-        lines += [*self._stepper.describe(), *ledger.drifts()]
-        for i, depth in self._sunk.deepest.items():
-            if depth > 0:
-                lines += [f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"]
-        times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
-        return "\n".join([*lines, f"wall time: {self._time:.1f} s ({times})"])
+        return self._summary.text(self._ledger, self._penetration)
 
     def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
-        row = {
-            "step": self._ledger.step,
-            "time": self._ledger.last.time,
-            "dt": dt,
-            **self._ledger.last.columns(),
-            "newton_iterations": newton_iterations,
-            "rejected": rejected,
-            **self._ledger.columns(),
-        }
-        on_root(self._comm, lambda: self._table.write(row))
+        self._files.write_row(
+            {
+                "step": self._ledger.step,
+                "time": self._ledger.last.time,
+                "dt": dt,
+                **self._ledger.last.columns(),
+                "newton_iterations": newton_iterations,
+                "rejected": rejected,
+                **self._ledger.columns(),
+            }
+        )
 
-    def _open_fields(self, resume: bool) -> FieldFile | VtxFile:
-        if self._kind == "vtx":
-            return VtxFile(Path(f"{self._name}.bp"), self._stepper)
-        return FieldFile(Path(f"{self._name}.xdmf"), self._stepper, resume=resume)
 
-    def _open_table(self, resume: bool) -> None:
-        """Open the table, after a look whether all files can be written."""
-        if not (folder := Path(self._name).parent).is_dir():
-            raise FileNotFoundError(f"expected an existing folder, given {folder}")
-        suffixes = ("csv", "h5", "xdmf") if self._kind == "xdmf" else ("csv",)
-        for other in (Path(f"{self._name}.{suffix}") for suffix in suffixes):
-            if other.exists() and not (other.is_file() and os.access(other, os.W_OK)):
-                raise OSError(f"expected a file that can be replaced, given {other}")
-        if not resume:
-            self._checkpoint.unlink(missing_ok=True)
-        self._table.open(resume)
+@dataclass(frozen=True)
+class _Options:
+    """Arguments of a `Recorder` under the same names."""
+
+    name: str
+    every: int
+    times: tuple[float, ...] | None
+    checkpoint_every: int | None
+    resume: bool
+    fields: str
+
+    def __post_init__(self) -> None:
+        if self.fields not in ("xdmf", "vtx"):
+            raise ValueError(f"expected fields 'xdmf' or 'vtx', given {self.fields!r}")
+        if self.fields == "vtx" and self.resume:
+            raise ValueError("expected fields='xdmf' with resume, given 'vtx', which cannot do it")
+        if self.every < 1:
+            raise ValueError(f"expected fields every 1 step or more, given {self.every}")
+        if self.checkpoint_every is not None and self.checkpoint_every < 1:
+            raise ValueError(
+                f"expected checkpoints every 1 step or more, given {self.checkpoint_every}"
+            )
+
+    def has_fields(self, count: int, t: float) -> bool:
+        """Whether the fields are written after so many steps, at the time t."""
+        return count % self.every == 0 if self.times is None else t in self.times

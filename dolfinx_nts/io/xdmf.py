@@ -1,30 +1,38 @@
-"""XDMF file with the fields of a stepper, one time series for ParaView.
+"""XDMF file with the fields of a run, and the HDF5 files that hold their values.
 
-Rank 0 collects and writes them, in the numbers of the mesh as read: files do
-not depend on the partition, and another number of ranks can go on with them.
+``run.xdmf`` tells ParaView, VTK and meshio which states there are. The values
+lie in the folder ``run_fields``: the mesh in ``mesh.h5``, and each state in a
+file of its own, that of step 50 in ``000000050.h5``. Each of these files
+appears as a whole in one instant, so a killed program leaves whole states.
+
+Rank 0 collects and writes everything in the numbering of the mesh as read.
+The files do not depend on the partition, and a run on another number of ranks
+can continue them.
 """
 
+import itertools
 import logging
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from mpi4py import MPI
 
 import h5py
 import numpy as np
 
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.compat import geometry_nodes
-from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.crash_safe_file import JournaledFile
-from dolfinx_nts.io.fields import nodal_fields
+from dolfinx_nts.io.atomic_file import check_replaceable, hdf5_image, replace, sync
+from dolfinx_nts.io.fields import mesh_arrays, nodal_fields
+from dolfinx_nts.io.xdmf_grid import mesh_xml, state_xml
+from dolfinx_nts.io.xml_series import XmlSeries
 from dolfinx_nts.parallel.communication import gathered, on_root
 
-__all__ = ["FieldFile"]
+__all__ = ["XdmfFile"]
 
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -38,179 +46,161 @@ _TAIL = """    </Grid>
   </Domain>
 </Xdmf>
 """
-# Name in XDMF, and order of its vertices in the one of DOLFINx.
-_CELLS = {
-    "tetrahedron": ("Tetrahedron", [0, 1, 2, 3]),
-    "hexahedron": ("Hexahedron", [0, 1, 3, 2, 4, 5, 7, 6]),
-}
+_MESH = "mesh.h5"
+_STATE = re.compile(r"\d{9}\.h5")
+# A killed program leaves ``.new`` of a file that it was about to replace.
+_OWN = re.compile(r"(\d{9}|mesh)\.h5(\.new)?")
 
 
-class FieldFile:
-    """The fields of `nodal_fields` and the number of the body of each cell.
+class XdmfFile:
+    """Writes the fields of `nodal_fields` and the number of the body of each cell.
 
-    On cells of degree 1: cells of degree 2 become eight, on their nodes.
-
-    Each state is on disk at once. Collective, as all its methods but `abandon`.
+    Cells of degree 2 are shown as eight cells of degree 1 between their
+    nodes. Collective, as all its methods except `check`.
 
     Args:
-        path: The file, ``.xdmf``; a file ``.h5`` comes with it.
-        stepper: What is run.
-        resume: Go on with the files that are there, whose states after
-            the present step are dropped, instead of replacing them.
-
-    Raises:
-        OSError: The files cannot be written.
+        path: The XDMF file. The folder beside it has its name with
+            ``_fields`` in the place of ``.xdmf``.
+        stepper: Stepper whose states are written.
     """
 
-    def __init__(self, path: Path, stepper: Stepper, *, resume: bool = False) -> None:
-        """Open the files; write the mesh, or drop what comes later."""
-        self._path, self._stepper = path, stepper
+    def __init__(self, path: Path, stepper: Stepper) -> None:
+        """Remember the names of the files; `open` creates them."""
+        self._stepper = stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._data: Any = None
-        self._file: JournaledFile | None = None
-        self._text: IO[bytes] | None = None
-        mesh = self._mesh()
-        on_root(self._comm, lambda: self._open(mesh, resume))
+        self._path = path
+        self._folder = path.with_name(f"{path.stem}_fields")
+        self._series = XmlSeries(path, _HEAD, _TAIL)
+        self._mesh_xml = ""
+        self._steps: set[int] = set()
+        self._unsynced: list[Path] = []
 
-    def write(self) -> None:
-        """Write the present state, unless it has been written.
+    def check(self) -> None:
+        """Refuse names under which nothing can be written. Local.
 
         Raises:
-            OSError: The disk is full, for instance.
+            OSError: Something that cannot be replaced has the name of one
+                of the files or of the folder.
         """
-        name = f"states/{self._stepper.step:09d}"
-        if on_root(self._comm, lambda: name in self._data):
+        folder = self._folder
+        if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise OSError(f"expected a folder in which files can be replaced, given {folder}")
+        check_replaceable(self._path, *self._files(_OWN))
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the steps whose states have been written.
+
+        Args:
+            archive: Takes the steps, or gives those which `open` expects
+                to find.
+        """
+        steps = np.array(sorted(self._steps), dtype=np.int64)
+        self._steps = set(map(int, archive.same("field_steps", steps)))
+
+    def open(self, resume: bool) -> None:
+        """Write the mesh, and remove the states that do not belong to the run.
+
+        Args:
+            resume: Whether to continue the states up to the present step.
+                Otherwise all states of an earlier run are removed. If one
+                of them is damaged or missing, a warning tells so, and all
+                are moved to another folder.
+
+        Raises:
+            OSError: The files cannot be written.
+        """
+        mesh = mesh_arrays(self._stepper)
+        self._steps = on_root(self._comm, lambda: self._open(mesh, resume))
+
+    def write(self) -> None:
+        """Write the present state, unless that has been done.
+
+        Raises:
+            OSError: The state cannot be written, for instance because the
+                disk is full. The earlier states are unchanged.
+        """
+        step = self._stepper.step
+        if step in self._steps:
             return
         ids = self._stepper.node_ids
         fields = {
-            key: gathered(self._comm, ids, f)[1] for key, f in nodal_fields(self._stepper).items()
+            name: gathered(self._comm, ids, values)[1]
+            for name, values in nodal_fields(self._stepper).items()
         }
-        on_root(self._comm, lambda: self._append(name, self._stepper.t, fields))
+        on_root(self._comm, lambda: self._append(f"{step:09d}.h5", fields))
+        self._steps.add(step)
 
     def flush(self) -> None:
-        """Bring all states to the disk itself."""
-        on_root(self._comm, self._sync)
+        """Wait until the disk has all states, so that they survive a power failure."""
+
+        def wait() -> None:
+            sync(*self._unsynced, self._folder, self._path, self._path.parent)
+            self._unsynced = []
+
+        on_root(self._comm, wait)
 
     def close(self) -> None:
-        """Close the files; then any rank may read them."""
-        on_root(self._comm, self.abandon)
+        """Remove from the XDMF file the room for more states."""
+        on_root(self._comm, self._series.close)
 
-    def abandon(self) -> None:
-        """Close the files where the ranks may be apart after an error. Local."""
-        if self._text is not None:
-            self._text.close()
-        if self._file is not None:
-            self._data.close()
-            self._file.commit()
-            self._file.close()
-            self._file = None
+    # --- on rank 0 --------------------------------------------------------
 
-    def _mesh(self) -> dict[str, Array]:
-        """Nodes, cells and number of the body by original numbers. Collective."""
-        V = self._stepper.u.function_space
-        mesh, element = V.mesh, Element.of(V)
-        # Vertices as read; computed ones have a round-off of the partition.
-        points = V.tabulate_dof_coordinates()
-        corners = geometry_nodes(mesh)
-        points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
-        cell = np.arange(mesh.topology.index_map(3).size_local)
-        original = mesh.topology.original_cell_index[cell]
-        body = np.empty(len(cell), dtype=np.int32)
-        for number, b in enumerate(self._stepper.bodies):
-            body[b.cells] = number
-        order = _CELLS[mesh.topology.cell_name()][1]
-        pieces = input_ids(V)[V.dofmap.list[cell]][:, element.pieces[:, order]]
-        cells = gathered(self._comm, original, pieces)[1].reshape(-1, len(order))
-        ids = self._stepper.node_ids
-        numbers, points = gathered(self._comm, ids, points[: len(ids)])
-        bodies = gathered(self._comm, original, body)[1]
-        return {
-            "points": points,
-            "cells": np.searchsorted(numbers, cells),
-            "body": np.repeat(bodies, len(element.pieces)),
-        }
+    def _files(self, names: re.Pattern[str]) -> list[Path]:
+        """Files with such names in the folder, if there is one."""
+        files = self._folder.iterdir() if self._folder.is_dir() else ()
+        return [path for path in files if names.fullmatch(path.name)]
 
-    def _open(self, mesh: dict[str, Array], resume: bool) -> None:
-        data = self._path.with_suffix(".h5")
-        if resume:
+    def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
+        """Steps of the states with which the run begins."""
+        self._mesh_xml = mesh_xml(f"{self._folder.name}/{_MESH}", mesh)
+        self._unsynced = []
+        states = self._states() if resume else {}
+        # Before the states are removed nothing refers to them any more.
+        self._series.start(states.values())
+        for path in self._files(_OWN):
+            if path.name not in (_MESH, *states):
+                path.unlink()
+        self._folder.mkdir(exist_ok=True)
+        self._replace(_MESH, hdf5_image(mesh))
+        return {int(Path(name).stem) for name in states}
+
+    def _states(self) -> dict[str, str]:
+        """XML of the states up to the present step, by the names of their files."""
+        found = {path.name for path in self._files(_STATE)}
+        names = found | {f"{step:09d}.h5" for step in self._steps}
+        last, states = f"{self._stepper.step:09d}.h5", {}
+        for name in sorted(name for name in names if name <= last):
+            path = self._folder / name
             try:
-                self._file = JournaledFile(data, new=False)
-                self._data = h5py.File(self._file, "r+")
-                states = self._data["states"]
-                for name in [name for name in states if int(name) > self._stepper.step]:
-                    del states[name]
+                with h5py.File(path, "r") as file:
+                    states[name] = self._state_xml(name, float(file.attrs["time"]), file)
             except (OSError, KeyError, RuntimeError) as error:
-                # Someone else has changed it; the run itself is whole.
-                _logger.warning("the fields begin anew, as %s cannot be read: %s", data, error)
-                if data.exists():
-                    data.replace(f"{data}.damaged")
-                resume = False
-        if not resume:
-            self._file = JournaledFile(data, new=True)
-            self._data = h5py.File(self._file, "w")
-            states = self._data.create_group("states")
-            for name, values in mesh.items():
-                self._data[f"mesh/{name}"] = values
-        self._commit()
-        self._text = open(self._path, "wb")
-        self._text.write(_HEAD.encode())
-        self._end = self._text.tell()
-        self._add_text("".join(self._grid(f"states/{name}") for name in sorted(states)))
+                # Somebody has changed the files; the run itself is whole.
+                moved = self._move_aside()
+                _logger.warning(
+                    "%s cannot be read: %s; the fields begin anew, %s", path, error, moved
+                )
+                return {}
+        return states
 
-    def _append(self, name: str, t: float, fields: dict[str, Array]) -> None:
-        for key, values in fields.items():
-            self._data[f"{name}/{key}"] = values
-        self._data[name].attrs["time"] = t
-        self._commit()
-        self._add_text(self._grid(name))
+    def _move_aside(self) -> str:
+        """Give the folder another name, and tell which."""
+        if not self._folder.exists():
+            return f"as there is no folder {self._folder}"
+        names = (f"{self._folder.name}.damaged{n}" for n in itertools.count(1))
+        aside = next(p for p in map(self._folder.with_name, names) if not p.exists())
+        self._folder.rename(aside)
+        return f"and the earlier ones were moved to {aside}"
 
-    def _commit(self) -> None:
-        assert self._file is not None
-        self._data.flush()
-        self._file.commit()
+    def _append(self, name: str, fields: dict[str, Array]) -> None:
+        time = self._stepper.t
+        self._replace(name, hdf5_image(fields, time=time))
+        self._series.append(self._state_xml(name, time, fields))
 
-    def _add_text(self, text: str) -> None:
-        assert self._text is not None
-        self._text.seek(self._end)
-        self._text.write((text + _TAIL).encode())
-        self._text.flush()
-        self._end += len(text.encode())
+    def _state_xml(self, name: str, time: float, fields: Mapping[str, Any]) -> str:
+        return state_xml(f"{self._folder.name}/{name}", self._mesh_xml, time, fields)
 
-    def _grid(self, name: str) -> str:
-        """XML of a state."""
-        group = self._data[name]
-        item: Callable[[str], str] = self._item
-        cell = _CELLS[self._stepper.u.function_space.mesh.topology.cell_name()][0]
-        number = len(self._data["mesh/cells"])
-        fields = "".join(
-            f'        <Attribute Name="{key}" AttributeType="{kind}" Center="{centre}">\n'
-            f"{item(where)}        </Attribute>\n"
-            for key, where, centre in [
-                *((key, f"{name}/{key}", "Node") for key in group),
-                ("body", "mesh/body", "Cell"),
-            ]
-            for kind in ["Vector" if self._data[where].ndim == 2 else "Scalar"]
-        )
-        return (
-            '      <Grid Name="state" GridType="Uniform">\n'
-            f'        <Topology TopologyType="{cell}" NumberOfElements="{number}">\n'
-            f"{item('mesh/cells')}        </Topology>\n"
-            f'        <Geometry GeometryType="XYZ">\n{item("mesh/points")}        </Geometry>\n'
-            f'        <Time Value="{float(group.attrs["time"])!r}"/>\n{fields}      </Grid>\n'
-        )
-
-    def _item(self, name: str) -> str:
-        """XML of a dataset."""
-        data = self._data[name]
-        dimensions = " ".join(str(n) for n in data.shape)
-        kind = "Float" if data.dtype.kind == "f" else "Int"
-        file = self._path.with_suffix(".h5").name
-        return (
-            f'          <DataItem Dimensions="{dimensions}" NumberType="{kind}" '
-            f'Precision="{data.dtype.itemsize}" Format="HDF">{file}:/{name}</DataItem>\n'
-        )
-
-    def _sync(self) -> None:
-        for path in (self._path, self._path.with_suffix(".h5")):
-            with open(path, "rb") as file:
-                os.fsync(file.fileno())
+    def _replace(self, name: str, image: bytes) -> None:
+        path = self._folder / name
+        replace(path, image)
+        self._unsynced.append(path)

@@ -1,5 +1,6 @@
 """Files of fields, read by a program that knows nothing of this package."""
 
+import h5py
 import numpy as np
 import pytest
 
@@ -13,3 +14,12 @@ def read_grids(path):
         reader.set_active_time_value(t)
         grids.append(reader.read().copy())
     return np.array(reader.time_values), grids
+
+
+def read_fields(folder):
+    """Every array in the HDF5 files of a folder, by file and name."""
+    arrays = {}
+    for path in folder.glob("*.h5"):
+        with h5py.File(path, "r") as file:
+            arrays |= {(path.name, name): values[()] for name, values in file.items()}
+    return arrays

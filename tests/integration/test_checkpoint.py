@@ -18,6 +18,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.solvers import krylov
 from helpers.interrupted import SCHEMES, layers, scene
+from helpers.readers import read_fields, read_grids
 from helpers.scenes import BLOCK_STEP, blocks
 
 # Between numbers of ranks, relative to lengths of about one.
@@ -41,14 +42,6 @@ def record(stepper, path, num_steps, **options):
             recorder.write(step)
 
 
-def states(path):
-    """Every value in the fields, by name."""
-    values = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, x: values.update({name: x[()]} if hasattr(x, "shape") else {}))
-    return values
-
-
 @schemes
 def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
     comm, folder, agree, scheme, request, monkeypatch
@@ -69,11 +62,11 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
         assert agree(np.array_equal(getattr(stepper, name).x.array, getattr(whole, name).x.array))
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert agree(tables[0] == tables[1] and len(tables[0].splitlines()) == NUM_STEPS + 2)
-    one, other = (states(folder / f"{name}.h5") for name in ("whole", "parts"))
+    one, other = (read_fields(folder / f"{name}_fields") for name in ("whole", "parts"))
     # The last state of a part is there as well.
-    extra = {name for name in other if f"{BREAK:09d}" in name}
+    extra = {key for key in other if key[0] == f"{BREAK:09d}.h5"}
     assert agree(extra and other.keys() - extra == one.keys())
-    assert agree(all(np.array_equal(one[name], other[name], equal_nan=True) for name in one))
+    assert agree(all(np.array_equal(one[key], other[key], equal_nan=True) for key in one))
 
 
 @schemes
@@ -111,17 +104,17 @@ def test_other_scenes_are_refused_with_what_differs(comm, folder, refused):
     path = folder / "run.h5"
     stepper = blocks(comm).stepper
     checkpoint.save(path, stepper)
-    with refused(ValueError, "integrator is EnergyMomentum, here Midpoint"):
+    with refused(ValueError, "integrator is EnergyMomentum instead of Midpoint"):
         checkpoint.load(path, blocks(comm, nts.Midpoint).stepper)
-    with refused(ValueError, r"pair 1 is .*impact=elastic.*, here .*impact=plastic"):
+    with refused(ValueError, r"pair 1 is .*impact=elastic.* instead of .*impact=plastic"):
         checkpoint.load(path, blocks(comm, enforcement=nts.LagrangeMultiplier("plastic")).stepper)
-    with refused(ValueError, r"body 3 is missing, here .*; .*mesh is .*; pair 2 is missing"):
+    with refused(ValueError, r"body 3 is missing instead of .*; .*mesh is .*; pair 2 is missing"):
         checkpoint.load(path, blocks(comm, num_bodies=3).stepper)
     softer = nts.SaintVenantKirchhoff(E=2.0, nu=0.3, rho=1.0)
     bodies = blocks(comm).stepper.bodies
     for body in bodies:
         body.material = softer
-    with refused(ValueError, "body 1 is .*rho=10.0.*, here .*rho=1.0"):
+    with refused(ValueError, "body 1 is .*rho=10.0.* instead of .*rho=1.0"):
         checkpoint.load(path, nts.EnergyMomentum(bodies, dt=1.0))
     same = blocks(comm, dt=2 * BLOCK_STEP).stepper
     checkpoint.load(path, same)
@@ -173,7 +166,9 @@ def test_a_full_disk_is_an_error_that_leaves_the_last_checkpoint(comm, folder, r
     # No file may grow beyond that: as if the disk were full.
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
     try:
-        with refused(OSError, f"{os.strerror(errno.EFBIG)}; an earlier checkpoint is as it was"):
+        with refused(
+            OSError, f"{os.strerror(errno.EFBIG)}; a file of this name from before is unchanged"
+        ):
             checkpoint.save(path, stepper)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -190,9 +185,9 @@ def test_a_full_disk_ends_a_recorded_run_that_can_be_resumed(comm, folder, agree
             for step in stepper.run(1.0):
                 recorder.write(step)
                 if step.step == 3:
-                    size = (folder / "run.h5").stat().st_size
+                    size = (folder / "run_fields" / "000000003.h5").stat().st_size
                     comm.barrier()
-                    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 1000, limits[1]))
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (size - 1, limits[1]))
 
     try:
         with refused(OSError, os.strerror(errno.EFBIG)):
@@ -204,8 +199,9 @@ def test_a_full_disk_ends_a_recorded_run_that_can_be_resumed(comm, folder, agree
     with nts.Recorder(folder / "run", stepper, resume=True) as recorder:
         assert agree(stepper.step == 2)
         recorder.write(stepper.advance())
-    steps = {name.split("/")[1] for name in states(folder / "run.h5") if "states/" in name}
-    assert agree(sorted(map(int, steps)) == [0, 1, 2, 3])
+    comm.barrier()
+    names = {path.stem for path in (folder / "run_fields").iterdir()}
+    assert agree(names == {"mesh", *(f"{step:09d}" for step in range(4))})
 
 
 def test_without_resume_an_old_checkpoint_goes(comm, folder):
@@ -216,10 +212,28 @@ def test_without_resume_an_old_checkpoint_goes(comm, folder):
     assert not (folder / "run.checkpoint.h5").exists()
 
 
+@pytest.mark.parametrize("step", [1, 3])
+def test_a_run_goes_on_without_fields_that_somebody_has_removed(comm, folder, agree, caplog, step):
+    record(blocks(comm).stepper, folder / "run", 3)
+    if comm.rank == 0:
+        (folder / "run_fields" / f"{step:09d}.h5").unlink()
+    comm.barrier()
+    caplog.clear()
+    record(blocks(comm).stepper, folder / "run", 5)
+    comm.barrier()
+    assert agree(len(read_fields(folder / "run_fields.damaged1")) > 3)
+    times, _ = read_grids(folder / "run.xdmf")
+    assert agree(np.allclose(times, BLOCK_STEP * np.array([4, 5])))
+    assert agree(len((folder / "run.csv").read_text().splitlines()) == 7)
+    warned = any("the fields begin anew" in text for text in caplog.messages)
+    assert agree(warned == (comm.rank == 0))
+
+
 # --- processes that end before their time -------------------------------
 
 SCRIPT = """
-import os, signal, sys
+import os, sys
+from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from mpi4py import MPI
 import dolfinx_nts as nts
@@ -227,15 +241,18 @@ from helpers.scenes import blocks
 stepper = blocks(MPI.COMM_WORLD, num_bodies=3).stepper
 when, signum = sys.argv[3], int(sys.argv[4])
 calls = 0
-def once(function, *arguments, **options):
+def once(function, *arguments):
     global calls
     calls += 1
     if calls == int(sys.argv[5]):
+        if when == "write_bytes":
+            function(arguments[0], arguments[1][: len(arguments[1]) // 2])
         os.kill(os.getpid(), signum)
-    return function(*arguments, **options)
-if when in ("fsync", "replace", "pwrite", "unlink"):
-    function = getattr(os, when)
-    setattr(os, when, lambda *a, **k: once(function, *a, **k))
+    return function(*arguments)
+for owner, name in ((os, "fsync"), (os, "replace"), (Path, "write_bytes")):
+    if when == name:
+        function = getattr(owner, name)
+        setattr(owner, name, lambda *arguments: once(function, *arguments))
 with nts.Recorder(sys.argv[2], stepper, checkpoint_every=2, resume=True) as record:
     for step in stepper.run(until=8 * stepper.dt):
         if when == "step":
@@ -257,11 +274,12 @@ def run_script(path, when="never", signum=0, call=0):
     ("when", "signum", "call"),
     [
         ("step", signal.SIGKILL, 6),  # between checkpoints
-        ("fsync", signal.SIGKILL, 8),  # the second checkpoint is written, not yet renamed
-        ("replace", signal.SIGKILL, 7),  # the same, after the fields of six steps
-        ("replace", signal.SIGKILL, 6),  # the fields of a step are half written
-        ("pwrite", signal.SIGKILL, 100),
-        ("unlink", signal.SIGKILL, 7),
+        # The second checkpoint, of step 4, is about to reach the disk, and to get its name,
+        ("fsync", signal.SIGKILL, 17),
+        ("replace", signal.SIGKILL, 9),
+        ("write_bytes", signal.SIGKILL, 9),  # and is half written.
+        ("replace", signal.SIGKILL, 8),  # The state of step 4 is about to get its name,
+        ("write_bytes", signal.SIGKILL, 8),  # and is half written.
         ("step", signal.SIGTERM, 5),
         ("step", signal.SIGINT, 5),
     ],
@@ -272,6 +290,8 @@ def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signu
     assert killed.returncode in (-signum, 128 + signum), killed.stderr
     rows = (folder / "parts.csv").read_text().splitlines()
     assert 3 < len(rows) < 10
+    times, _ = read_grids(folder / "parts.xdmf")
+    assert len(rows) - 2 <= len(times) <= len(rows) - 1
     if signum != signal.SIGKILL:
         # Stopped with a checkpoint of the last step.
         stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
@@ -281,8 +301,8 @@ def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signu
     assert again.returncode == 0, again.stderr
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert tables[0] == tables[1]
-    one, other = (states(folder / f"{name}.h5") for name in ("whole", "parts"))
+    one, other = (read_fields(folder / f"{name}_fields") for name in ("whole", "parts"))
     assert one.keys() == other.keys()
-    assert all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
+    assert all(np.array_equal(one[key], other[key], equal_nan=True) for key in one)
     texts = [(folder / f"{name}.xdmf").read_text() for name in ("whole", "parts")]
     assert texts[0].replace("whole", "parts") == texts[1]

@@ -174,7 +174,7 @@ def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, m
     assert agree(len(read_table(folder / "run.csv")["time"]) == 4)
 
 
-def test_rows_are_on_disk_at_once(comm, folder, agree):
+def test_rows_and_states_can_be_read_at_once(comm, folder, agree):
     stepper = blocks(comm).stepper
     with Recorder(folder / "run", stepper) as recorder:
         for step in stepper.run(until=3 * BLOCK_STEP):
@@ -182,6 +182,8 @@ def test_rows_are_on_disk_at_once(comm, folder, agree):
             comm.barrier()
             table = read_table(folder / "run.csv")
             assert agree(table["step"][-1] == step.step and "energy_unaccounted" in table)
+            times, _ = read_grids(folder / "run.xdmf")
+            assert agree(np.allclose(times, table["time"], rtol=0, atol=1e-15))
             comm.barrier()
     assert stepper.step == 3
 
@@ -196,18 +198,38 @@ def test_files_of_the_same_name_are_replaced(comm, folder, agree):
     assert agree(np.array_equal(table["step"], [3, 4]) and table["energy_solver"][0] == 0)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "h5", "xdmf"])
-def test_nothing_is_created_when_a_file_cannot_be(comm, folder, refused, suffix):
+@pytest.mark.parametrize(
+    "name", ["run.csv", "run.xdmf", "run_fields/mesh.h5", "run_fields/000000007.h5"]
+)
+def test_nothing_is_created_when_a_file_cannot_be(comm, folder, refused, name):
     stepper = blocks(comm).stepper
     with refused(FileNotFoundError, "expected an existing folder, given .*nowhere"):
         record(stepper, folder / "nowhere" / "run", 1)
     if comm.rank == 0:
-        (folder / f"run.{suffix}").mkdir()
+        (folder / name).mkdir(parents=True)
     comm.barrier()
-    with refused(OSError, f"expected a file that can be replaced, given .*run.{suffix}"):
+    with refused(OSError, f"expected a file that can be replaced, given .*{name}"):
         record(stepper, folder / "run", 1)
-    assert [path.name for path in folder.iterdir()] == [f"run.{suffix}"]
+    assert [path.name for path in folder.iterdir()] == [name.split("/")[0]]
     assert stepper.step == 0
+
+
+def test_nothing_is_created_when_the_folder_of_the_fields_is_a_file(comm, folder, refused):
+    if comm.rank == 0:
+        (folder / "run_fields").write_text("mine")
+    comm.barrier()
+    with refused(OSError, "expected a folder in which files can be replaced, given .*run_fields"):
+        record(blocks(comm).stepper, folder / "run", 1)
+    assert [path.name for path in folder.iterdir()] == ["run_fields"]
+
+
+def test_it_tells_its_arguments(comm, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
+    assert repr(recorder) == (
+        "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
+        "checkpoint_every=None, resume=True, fields='xdmf')"
+    )
 
 
 def test_wrong_use_is_refused(comm, folder, refused):

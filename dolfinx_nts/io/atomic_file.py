@@ -1,0 +1,93 @@
+"""Files that are replaced as a whole, in one instant.
+
+The new content is written to a second file, which then takes the name of the
+first. A reader, and a program that is started again after it was killed,
+find either the former file or the new one, never a part of one.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import h5py
+
+from dolfinx_nts.common.arrays import Array
+
+__all__ = ["check_replaceable", "hdf5_image", "replace", "sync"]
+
+
+def check_replaceable(*paths: Path) -> None:
+    """Refuse names under which no file can be written. Local.
+
+    Args:
+        paths: Files, which need not exist.
+
+    Raises:
+        OSError: A folder has one of the names, or a file is write-protected.
+    """
+    for path in paths:
+        if path.exists() and not (path.is_file() and os.access(path, os.W_OK)):
+            raise OSError(f"expected a file that can be replaced, given {path}")
+
+
+def hdf5_image(values: Mapping[str, Array], **attributes: str | float) -> bytes:
+    """Content of an HDF5 file, which is made in memory. Local.
+
+    Args:
+        values: Datasets by name; a name may contain slashes for groups.
+        attributes: Attributes of the file.
+
+    Returns:
+        The bytes of the file.
+    """
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        for name, array in values.items():
+            file[name] = array
+        file.attrs.update(attributes)
+        file.flush()
+        image: bytes = file.id.get_file_image()
+    return image
+
+
+def replace(path: Path, image: bytes, *, durable: bool = False) -> None:
+    """Give a file a new content in one instant, or create it. Local.
+
+    Args:
+        path: The file; ``.new`` is added to its name for the second file.
+        image: The new content.
+        durable: Also wait until the disk has it, so that it survives a
+            power failure.
+
+    Raises:
+        OSError: The content cannot be written, for instance because the
+            disk is full. A file that existed before is unchanged.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    try:
+        beside.write_bytes(image)
+        if durable:
+            sync(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        reason = f"{error.strerror}; a file of this name from before is unchanged"
+        raise OSError(error.errno, reason, str(path)) from None
+    if durable:
+        sync(path.parent)
+
+
+def sync(*paths: Path) -> None:
+    """Wait until the disk has what was written. Local.
+
+    Args:
+        paths: Files, and folders for the names of the files in them.
+
+    Raises:
+        OSError: The disk reports an error.
+    """
+    for path in paths:
+        file = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)

@@ -1,0 +1,113 @@
+"""Files of one run, which are opened, saved and resumed together."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io import checkpoint
+from dolfinx_nts.io.atomic_file import check_replaceable
+from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.vtx import VtxFile
+from dolfinx_nts.io.xdmf import XdmfFile
+from dolfinx_nts.parallel.communication import on_root
+
+__all__ = ["RunFiles"]
+
+
+class RunFiles:
+    """Table, fields and checkpoint of a run.
+
+    Collective, as all its methods except `close_table`.
+
+    Args:
+        name: Path of the files without suffix.
+        stepper: Stepper of the run.
+        kind: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``.
+
+    Attributes:
+        fields: File of the fields.
+    """
+
+    def __init__(self, name: str, stepper: Stepper, kind: str) -> None:
+        """Remember the names of the files; `open` creates them."""
+        self._stepper = stepper
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._table = Table(Path(f"{name}.csv"))
+        self._checkpoint = Path(f"{name}.checkpoint.h5")
+        self._saved_step = 0
+        self.fields: XdmfFile | VtxFile = (
+            VtxFile(Path(f"{name}.bp"), stepper)
+            if kind == "vtx"
+            else XdmfFile(Path(f"{name}.xdmf"), stepper)
+        )
+
+    def open(self, ledger: EnergyLedger, resume: bool) -> bool:
+        """Create the files, or bring the run into the state of its checkpoint.
+
+        Args:
+            ledger: Ledger of the run, a part of the checkpoint.
+            resume: Whether to resume the run if there is a checkpoint.
+
+        Returns:
+            Whether the run has been resumed.
+
+        Raises:
+            OSError: The folder does not exist, or a file cannot be created
+                or replaced. Nothing has been created.
+            ValueError: The checkpoint is damaged or of another scene, or
+                the table does not reach to its step. Nothing has been
+                changed.
+        """
+        resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
+        if resume:
+            checkpoint.load(self._checkpoint, self._stepper, ledger, self._table, self.fields)
+        self._saved_step = ledger.step
+
+        def open_table() -> None:
+            folder = self._checkpoint.parent
+            if not folder.is_dir():
+                raise FileNotFoundError(f"expected an existing folder, given {folder}")
+            check_replaceable(self._table.path)
+            self.fields.check()
+            if not resume:
+                self._checkpoint.unlink(missing_ok=True)
+            self._table.open(resume)
+
+        on_root(self._comm, open_table)
+        self.fields.open(resume)
+        return resume
+
+    def write_row(self, row: Mapping[str, float]) -> None:
+        """Add a row to the table.
+
+        Args:
+            row: Values by name.
+        """
+        on_root(self._comm, lambda: self._table.write(row))
+
+    def save(self, ledger: EnergyLedger) -> None:
+        """Replace the checkpoint by one of the present step, unless that has been done.
+
+        Before, the disk gets all rows and fields that a run which is
+        resumed from it relies on.
+
+        Args:
+            ledger: Ledger of the run.
+
+        Raises:
+            OSError: A file cannot be written. The former checkpoint is
+                unchanged.
+        """
+        if self._saved_step == ledger.step:
+            return
+        self.fields.flush()
+        on_root(self._comm, self._table.sync)
+        checkpoint.save(self._checkpoint, self._stepper, ledger, self._table, self.fields)
+        self._saved_step = ledger.step
+
+    def close_table(self) -> None:
+        """Close the table. Local, as ranks may be apart after an error."""
+        self._table.close()

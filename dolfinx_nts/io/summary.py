@@ -1,0 +1,62 @@
+"""Summary of a run: a few lines for the log, after its end."""
+
+import time
+
+from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
+from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
+from dolfinx_nts.integrators.stepper import Stepper
+
+__all__ = ["Summary"]
+
+
+class Summary:
+    """Measures the wall time of a run and describes the run. Local.
+
+    Args:
+        name: Name of the run.
+        stepper: Stepper of the run.
+    """
+
+    def __init__(self, name: str, stepper: Stepper) -> None:
+        """Start the clock; earlier runs of the stepper do not count."""
+        self._name, self._stepper = name, stepper
+        self._before = dict(stepper.timings.seconds)
+        self._start = time.perf_counter()
+        self._duration = 0.0
+
+    def stop(self) -> None:
+        """Stop the clock."""
+        self._duration = time.perf_counter() - self._start
+
+    def text(self, ledger: EnergyLedger, penetration: ReversePenetration) -> str:
+        """Describe the run.
+
+        Args:
+            ledger: Steps and energies of the run.
+            penetration: Vertices of segments that sank into other surfaces.
+
+        Returns:
+            Lines with the number of steps and Newton iterations, changes of
+            conserved quantities, and wall time by phase [s] on this rank.
+        """
+        phases = {
+            name: seconds - self._before.get(name, 0.0)
+            for name, seconds in self._stepper.timings.seconds.items()
+        }
+        phases["other"] = self._duration - sum(phases.values())
+        times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
+        time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
+        return "\n".join(
+            [
+                f"{self._name}: {ledger.num_steps} steps {time_span}",
+                ledger.iterations(),
+                *self._stepper.describe(),
+                *ledger.drifts(),
+                *(
+                    f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"
+                    for i, depth in penetration.deepest.items()
+                    if depth > 0
+                ),
+                f"wall time: {self._duration:.1f} s ({times})",
+            ]
+        )

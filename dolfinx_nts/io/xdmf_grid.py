@@ -1,0 +1,71 @@
+"""XML by which an XDMF file describes a mesh and a state.
+
+The values themselves lie in HDF5 files. Each array is described by its shape,
+its type and the file that holds it, so datasets of HDF5 serve as well as
+arrays of NumPy.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+from xml.sax.saxutils import escape
+
+__all__ = ["mesh_xml", "state_xml"]
+
+# Names in XDMF by the number of vertices.
+_CELLS = {4: "Tetrahedron", 8: "Hexahedron"}
+
+
+def mesh_xml(file: str, mesh: Mapping[str, Any]) -> str:
+    """Describe a mesh. Local.
+
+    Args:
+        file: HDF5 file of the mesh, relative to the XDMF file.
+        mesh: The arrays of `fields.mesh_arrays`.
+
+    Returns:
+        XML, a part of that of each state.
+    """
+    number, vertices = mesh["cells"].shape
+    return (
+        f'        <Topology TopologyType="{_CELLS[vertices]}" NumberOfElements="{number}">\n'
+        f"{_item(file, 'cells', mesh['cells'])}        </Topology>\n"
+        '        <Geometry GeometryType="XYZ">\n'
+        f"{_item(file, 'points', mesh['points'])}        </Geometry>\n"
+        f"{_attribute('Cell', file, 'body', mesh['body'])}"
+    )
+
+
+def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> str:
+    """Describe a state. Local.
+
+    Args:
+        file: HDF5 file of the state, relative to the XDMF file.
+        mesh: XML of the mesh.
+        time: Time of the state [s].
+        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``.
+
+    Returns:
+        XML element, without the indentation of its first line.
+    """
+    attributes = (_attribute("Node", file, name, fields[name]) for name in sorted(fields))
+    return (
+        '<Grid Name="state" GridType="Uniform">\n'
+        f'{mesh}        <Time Value="{time!r}"/>\n{"".join(attributes)}      </Grid>\n'
+    )
+
+
+def _attribute(centre: str, file: str, name: str, values: Any) -> str:
+    kind = "Vector" if values.ndim == 2 else "Scalar"
+    return (
+        f'        <Attribute Name="{name}" AttributeType="{kind}" Center="{centre}">\n'
+        f"{_item(file, name, values)}        </Attribute>\n"
+    )
+
+
+def _item(file: str, name: str, values: Any) -> str:
+    dimensions = " ".join(str(n) for n in values.shape)
+    kind = "Float" if values.dtype.kind == "f" else "Int"
+    return (
+        f'          <DataItem Dimensions="{dimensions}" NumberType="{kind}" '
+        f'Precision="{values.dtype.itemsize}" Format="HDF">{escape(file)}:/{name}</DataItem>\n'
+    )

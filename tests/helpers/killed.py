@@ -1,0 +1,35 @@
+"""Programs that are killed at any instant of writing files."""
+
+import os
+from pathlib import Path
+
+from dolfinx_nts.io import xml_series
+
+
+class Killed(BaseException):
+    """Takes the place of a kill, after which nothing of a program runs any more."""
+
+
+def kill_at(monkeypatch, count):
+    """Kill at the n-th change of the disk, in the middle where it is a write."""
+    calls = 0
+
+    def counted(owner, name, half):
+        function = getattr(owner, name)
+
+        def call(*arguments, **options):
+            nonlocal calls
+            calls += 1
+            if calls == count:
+                if half:
+                    *others, data = arguments
+                    function(*others, data[: len(data) // 2])
+                raise Killed
+            return function(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, call)
+
+    counted(Path, "write_bytes", True)
+    counted(xml_series, "_put", True)
+    for name in ("replace", "rename", "unlink", "mkdir"):
+        counted(os, name, False)

@@ -1,0 +1,68 @@
+"""A file is replaced as a whole or not at all."""
+
+import os
+
+import h5py
+import numpy as np
+import pytest
+
+from dolfinx_nts.io import atomic_file
+from dolfinx_nts.io.atomic_file import hdf5_image, replace, sync
+from helpers.killed import Killed, kill_at
+
+pytestmark = pytest.mark.serial
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(tmp_path, monkeypatch, exists):
+    path, found = tmp_path / "a", []
+    for count in (1, 2, 3):
+        path.unlink(missing_ok=True)
+        if exists:
+            path.write_bytes(b"former")
+        with monkeypatch.context() as patch:
+            kill_at(patch, count)
+            try:
+                replace(path, b"new")
+            except Killed:
+                pass
+        found.append(path.read_bytes() if path.exists() else None)
+    former = b"former" if exists else None
+    assert found == [former, former, b"new"]
+
+
+@pytest.mark.parametrize(
+    ("durable", "calls"), [(False, ["replace"]), (True, ["fsync", "replace", "fsync"])]
+)
+def test_what_shall_survive_a_power_failure_is_on_disk_before_it_has_its_name(
+    tmp_path, monkeypatch, durable, calls
+):
+    found = []
+
+    def noted(name, function):
+        return lambda *arguments: (found.append(name), function(*arguments))
+
+    for name in ("fsync", "replace"):
+        monkeypatch.setattr(os, name, noted(name, getattr(os, name)))
+    replace(tmp_path / "a", b"new", durable=durable)
+    assert found == calls
+
+
+def test_an_error_leaves_the_former_file_and_nothing_beside_it(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_bytes(b"former")
+    monkeypatch.setattr(atomic_file.os, "replace", lambda *arguments: os.stat(tmp_path / "nowhere"))
+    with pytest.raises(FileNotFoundError, match="a file of this name from before is unchanged"):
+        replace(path, b"new")
+    assert path.read_bytes() == b"former" and list(tmp_path.iterdir()) == [path]
+
+
+def test_an_image_is_the_file_that_hdf5_reads(tmp_path):
+    path = tmp_path / "a.h5"
+    replace(path, hdf5_image({"x": np.arange(3.0), "group/y": np.eye(2)}, time=0.1, name="a"))
+    sync(path, tmp_path)
+    with h5py.File(path) as file:
+        assert np.array_equal(file["x"], np.arange(3.0)) and np.array_equal(
+            file["group/y"], np.eye(2)
+        )
+        assert dict(file.attrs) == {"time": 0.1, "name": "a"}
