@@ -44,7 +44,7 @@ class Profile:
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "residual", "assembly"),
             (saddle_point.SaddlePointSystem, "solve", "direct"),
-            (preconditioner.Preconditioner, "build", "factors"),
+            (preconditioner.BulkPreconditioner, "build", "factors"),
             (krylov, "Elimination", "elimination"),
             (elimination.Coupling, "of", "elimination"),
             (elimination.Elimination, "particular", "elimination"),

@@ -12,8 +12,6 @@ Patch around the contacts: the part of the preconditioner that knows them.
 from collections.abc import Sequence
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import la
 
@@ -24,6 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactSchwarz", "OverlappingSubdomain", "SerialSubdomain", "SharedPairs"]
 
@@ -221,42 +220,42 @@ class ContactSchwarz:
     """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/contact_schwarz.h`.
 
     Args:
-        rows: Bulk tangent of the owned nodes; its values may change.
+        tangent: Matrix of the bulk.
 
     Attributes:
         num_builds: Factorisations so far.
     """
 
-    def __init__(self, rows: BlockCSR) -> None:
+    def __init__(self, tangent: Tangent) -> None:
         """Wait for pairs."""
-        self._comm: MPI.Comm = rows.index_map.comm
+        self._tangent = tangent
         self._pairing = b""
         self._version = -1
-        self._domain = (SerialSubdomain if self._comm.size == 1 else OverlappingSubdomain)(rows)
+        self._domain: SerialSubdomain | OverlappingSubdomain | None = None
         self._pairs: list[SharedPairs] = []
         self.num_builds = 0
 
-    def update(self, elimination: Elimination, version: int) -> None:
+    def update(self, elimination: Elimination) -> None:
         """Factorise, unless pairs and matrix are those of the last time. Collective.
 
         Args:
             elimination: Active pairs.
-            version: Number of the matrix's values.
         """
+        version, rows = self._tangent.num_assembled, self._tangent.rows
         is_new = version != self._version or elimination.local_search != self._pairing
-        if not reductions.anywhere(self._comm, is_new):
+        if not reductions.anywhere(rows.index_map.comm, is_new):
             return
         self._version, self._pairing = version, elimination.local_search
         self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
         self._build()
 
-    def serialize(self, archive: Archive, version: int) -> None:
+    def serialize(self, archive: Archive) -> None:
         """Serialize what the patch was last made of. Collective.
 
         Args:
             archive: Takes it or gives it.
-            version: Number of the matrix's values.
         """
+        version = self._tangent.num_assembled
         valid = version == self._version
         kept = archive.local("patch", [a for p in self._pairs for a in p.arrays] if valid else None)
         if not archive.giving:
@@ -270,6 +269,10 @@ class ContactSchwarz:
             self._build()
 
     def _build(self) -> None:
+        if self._domain is None:
+            rows = self._tangent.rows
+            alone = rows.index_map.comm.size == 1
+            self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
         self._domain.build(self._pairs, self._version)
         self.num_builds += 1
 
@@ -280,4 +283,5 @@ class ContactSchwarz:
             r: Right-hand side at the owned nodes, shape ``(n, 3)``.
             z: Values at the owned nodes, overwritten.
         """
+        assert self._domain is not None
         self._domain.correct(r, z)
