@@ -229,8 +229,7 @@ class ContactSchwarz:
     def __init__(self, tangent: Tangent) -> None:
         """Wait for pairs."""
         self._tangent = tangent
-        self._pairing = b""
-        self._version = -1
+        self._version = -1, -1  # of matrix and pairs
         self._domain: SerialSubdomain | OverlappingSubdomain | None = None
         self._pairs: list[SharedPairs] = []
         self.num_builds = 0
@@ -241,30 +240,28 @@ class ContactSchwarz:
         Args:
             elimination: Active pairs.
         """
-        version, rows = self._tangent.num_assembled, self._tangent.rows
-        is_new = version != self._version or elimination.local_search != self._pairing
-        if not reductions.anywhere(rows.index_map.comm, is_new):
-            return
-        self._version, self._pairing = version, elimination.local_search
-        self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
-        self._build()
+        version = self._tangent.num_assembled, elimination.active_version
+        if version != self._version:
+            self._version = version
+            self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
+            self._build()
 
-    def serialize(self, archive: Archive) -> None:
+    def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what the patch was last made of. Collective.
 
         Args:
             archive: Takes it or gives it.
+            active_version: Number of the last active set.
         """
-        version = self._tangent.num_assembled
+        version = self._tangent.num_assembled, active_version
         valid = version == self._version
         kept = archive.local("patch", [a for p in self._pairs for a in p.arrays] if valid else None)
         if not archive.giving:
             return
-        self._version = -1
+        self._version = -1, -1
         if kept is not None:
             parts = [kept[i : i + 6] for i in range(0, len(kept), 6)]
             self._pairs = [SharedPairs(*part) for part in parts]
-            self._pairing = b"".join(a.tobytes() for part in parts for a in part[:2])
             self._version = version
             self._build()
 
@@ -273,7 +270,7 @@ class ContactSchwarz:
             rows = self._tangent.rows
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
-        self._domain.build(self._pairs, self._version)
+        self._domain.build(self._pairs, self._version[0])
         self.num_builds += 1
 
     def correct(self, r: Floats, z: Floats) -> None:

@@ -18,9 +18,10 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.active_sets import ActiveSets, Coupling
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
-from dolfinx_nts.solvers.elimination import Coupling, Elimination
+from dolfinx_nts.solvers.elimination import Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator, Preconditioner
@@ -117,6 +118,7 @@ class LinearSolver:
         self._schwarz = ContactSchwarz(tangent)
         context = Preconditioner(self._operator, self._preconditioner, self._schwarz)
         self._krylov = KrylovMethod(self._operator, context, known)
+        self._active_sets = ActiveSets(bulk.comm)
         self._coupling = Coupling(bulk.comm)
         self._saddle = SaddlePointSystem(tangent)
         self._age = _Age()
@@ -150,7 +152,8 @@ class LinearSolver:
         Raises:
             ValueError: There are PETSc options that nothing asks for.
         """
-        elimination = Elimination(steps, states)
+        pairs = active_pairs(steps, states)
+        elimination = Elimination(pairs, self._active_sets.number(pairs))
         if self._coupling.of(elimination):
             return self._solve_direct(R, steps, states)
         preconditioner = self._preconditioner
@@ -187,7 +190,8 @@ class LinearSolver:
     def serialize(self, archive: Archive) -> None:
         """Serialize what is kept from step to step. Collective."""
         self._preconditioner.serialize(archive)
-        self._schwarz.serialize(archive)
+        self._active_sets.serialize(archive)
+        self._schwarz.serialize(archive, self._active_sets.version)
         age = archive.same("age_of_factors", self._age.values())
         if archive.giving:
             known = self._preconditioner.point is not None

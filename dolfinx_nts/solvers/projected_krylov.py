@@ -35,7 +35,7 @@ class Operator:
     def __init__(self, bulk: Bulk) -> None:
         """Start without contact."""
         self.bulk = bulk
-        self.elimination = Elimination((), ())
+        self.elimination = Elimination((), 0)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Z~^T (K + C) Z x."""
