@@ -26,6 +26,7 @@ from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator, Preconditioner
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
@@ -96,8 +97,6 @@ class LinearSolver:
     Attributes:
         tangent: The matrix.
         num_direct: Systems that were factorised as a whole.
-
-    ``str`` tells the choice of the preconditioner and counts of work.
 
     Raises:
         ValueError: The preconditioner does not exist on several ranks.
@@ -174,17 +173,22 @@ class LinearSolver:
             self._build()
         return du, None
 
-    def __str__(self) -> str:
-        """Choice of the preconditioner, and counts of work so far. Local."""
-        pc = self._preconditioner
-        if pc.num_builds == 0:
-            return "not used so far"
-        return (
-            f"GMRES with kept {pc} of the bulk and a patch around the contacts, "
-            f"waves cross {self._crossings:.3g} cells a step; "
-            f"{self.num_iterations} iterations, {pc.num_builds} factorisations, "
-            f"{self._schwarz.num_builds} of patches, "
-            f"{self.num_direct} systems factorised as a whole"
+    @property
+    def statistics(self) -> SolverStatistics:
+        """Work so far. Local."""
+        bulk, preconditioner = self._operator.bulk, self._preconditioner
+        return SolverStatistics(
+            preconditioner=str(preconditioner),
+            is_strong=preconditioner.is_strong,
+            wave_crossings=self._crossings,
+            num_iterations=self.num_iterations,
+            num_builds=preconditioner.num_builds,
+            num_schwarz_builds=self._schwarz.num_builds,
+            num_direct=self.num_direct,
+            num_residuals=bulk.num_residuals,
+            num_actions=bulk.num_actions,
+            num_tangents=self.tangent.num_assembled,
+            num_cells=bulk.num_cells,
         )
 
     def serialize(self, archive: Archive) -> None:

@@ -76,8 +76,8 @@ class BulkPreconditioner:
         self.num_builds = 0
 
     def __str__(self) -> str:
-        """Kind of the factors."""
-        return str(self._factors)
+        """Kind of the factors, empty before the first."""
+        return "" if self._factors is None else str(self._factors)
 
     @property
     def gives_way(self) -> bool:
