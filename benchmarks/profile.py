@@ -7,6 +7,7 @@ from typing import Any
 
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.solvers import (
+    active_sets,
     bulk,
     contact_schwarz,
     elimination,
@@ -44,9 +45,10 @@ class Profile:
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "residual", "assembly"),
             (saddle_point.SaddlePointSystem, "solve", "direct"),
-            (preconditioner.Preconditioner, "build", "factors"),
-            (krylov, "Elimination", "elimination"),
-            (elimination.Coupling, "of", "elimination"),
+            (preconditioner.BulkPreconditioner, "build", "factors"),
+            (krylov, "active_pairs", "elimination"),
+            (active_sets.ActiveSets, "number", "elimination"),
+            (active_sets.Coupling, "of", "elimination"),
             (elimination.Elimination, "particular", "elimination"),
             (elimination.Elimination, "constrain", "elimination"),
             (elimination.Elimination, "act", "elimination"),

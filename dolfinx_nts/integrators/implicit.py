@@ -253,7 +253,7 @@ class ImplicitStepper(Stepper):
 
     def describe(self) -> list[str]:
         """Lines on the pairs and on the work of the linear solver. Local."""
-        return [*super().describe(), f"linear solver: {self._solver}"]
+        return [*super().describe(), f"linear solver: {self._solver.statistics}"]
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""

@@ -44,11 +44,11 @@ class BlockCSR:
         """Entries on the diagonal, shape ``(n, 3)``. Local."""
         return self.value.reshape(-1, 9)[self._diagonal, ::4]
 
-    def insert(self, matrix: Any) -> None:
-        """Copy the values to a PETSc matrix of the same pattern. Collective."""
-        start = self.start.astype(PETSc.IntType)
-        matrix.setValuesBlockedCSR(start, self._global, self.value)
-        matrix.assemble()
+    def petsc(self) -> Any:
+        """New PETSc matrix of 3 x 3 blocks with the present values. Collective."""
+        start, n = self.start.astype(PETSc.IntType), 3 * (len(self.start) - 1)
+        csr = start, self._global, self.value
+        return PETSc.Mat().createBAIJ(((n, None), (n, None)), 3, csr=csr, comm=self.index_map.comm)
 
     def gather(self, nodes: GlobalInts, ends: GlobalInts) -> tuple[GlobalInts, GlobalInts, Floats]:
         """Rows of any nodes. Collective.

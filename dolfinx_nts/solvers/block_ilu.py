@@ -61,19 +61,15 @@ class BlockILU:
         exist: bool = self._factors.factorise(start, column, value, self._order)
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
-    def apply(self, r: Floats, z: Floats) -> None:
-        """Solve for z. Collective.
-
-        Args:
-            r: Right-hand side at the owned nodes, shape ``(n, 3)``.
-            z: Values at the owned nodes, overwritten.
-        """
-        here = r
+    def apply(self, _pc: Any, r: Any, z: Any) -> None:
+        """Set z to the solution for r; called by PETSc. Collective."""
+        known = r.array_r.reshape(-1, 3)
         if not self._alone:
-            here = self._vector.array.reshape(-1, 3)
-            here[: len(r)] = r
+            values = self._vector.array.reshape(-1, 3)
+            values[: len(known)] = known
             self._vector.scatter_forward()
-        self._factors.apply(here, z)
+            known = values
+        self._factors.apply(known, z.array.reshape(-1, 3))
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
         """Rows of the nodes of the vector, with local columns. Collective."""

@@ -12,8 +12,6 @@ Patch around the contacts: the part of the preconditioner that knows them.
 from collections.abc import Sequence
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import la
 
@@ -24,6 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactSchwarz", "OverlappingSubdomain", "SerialSubdomain", "SharedPairs"]
 
@@ -221,56 +220,57 @@ class ContactSchwarz:
     """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/contact_schwarz.h`.
 
     Args:
-        rows: Bulk tangent of the owned nodes; its values may change.
+        tangent: Matrix of the bulk.
 
     Attributes:
         num_builds: Factorisations so far.
     """
 
-    def __init__(self, rows: BlockCSR) -> None:
+    def __init__(self, tangent: Tangent) -> None:
         """Wait for pairs."""
-        self._comm: MPI.Comm = rows.index_map.comm
-        self._pairing = b""
-        self._version = -1
-        self._domain = (SerialSubdomain if self._comm.size == 1 else OverlappingSubdomain)(rows)
+        self._tangent = tangent
+        self._version = -1, -1  # of matrix and pairs
+        self._domain: SerialSubdomain | OverlappingSubdomain | None = None
         self._pairs: list[SharedPairs] = []
         self.num_builds = 0
 
-    def update(self, elimination: Elimination, version: int) -> None:
+    def update(self, elimination: Elimination) -> None:
         """Factorise, unless pairs and matrix are those of the last time. Collective.
 
         Args:
             elimination: Active pairs.
-            version: Number of the matrix's values.
         """
-        is_new = version != self._version or elimination.local_search != self._pairing
-        if not reductions.anywhere(self._comm, is_new):
-            return
-        self._version, self._pairing = version, elimination.local_search
-        self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
-        self._build()
+        version = self._tangent.num_assembled, elimination.active_version
+        if version != self._version:
+            self._version = version
+            self._pairs = [SharedPairs.of(pairs) for pairs in elimination.pairs]
+            self._build()
 
-    def serialize(self, archive: Archive, version: int) -> None:
+    def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what the patch was last made of. Collective.
 
         Args:
             archive: Takes it or gives it.
-            version: Number of the matrix's values.
+            active_version: Number of the last active set.
         """
+        version = self._tangent.num_assembled, active_version
         valid = version == self._version
         kept = archive.local("patch", [a for p in self._pairs for a in p.arrays] if valid else None)
         if not archive.giving:
             return
-        self._version = -1
+        self._version = -1, -1
         if kept is not None:
             parts = [kept[i : i + 6] for i in range(0, len(kept), 6)]
             self._pairs = [SharedPairs(*part) for part in parts]
-            self._pairing = b"".join(a.tobytes() for part in parts for a in part[:2])
             self._version = version
             self._build()
 
     def _build(self) -> None:
-        self._domain.build(self._pairs, self._version)
+        if self._domain is None:
+            rows = self._tangent.rows
+            alone = rows.index_map.comm.size == 1
+            self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
+        self._domain.build(self._pairs, self._version[0])
         self.num_builds += 1
 
     def correct(self, r: Floats, z: Floats) -> None:
@@ -280,4 +280,5 @@ class ContactSchwarz:
             r: Right-hand side at the owned nodes, shape ``(n, 3)``.
             z: Values at the owned nodes, overwritten.
         """
+        assert self._domain is not None
         self._domain.correct(r, z)

@@ -11,75 +11,25 @@ normal at the node, the gap gradients G, the forces F, and
 the increment is :math:`\Delta u = x_p + Z y` with a particular part
 :math:`x_p` that satisfies the constraints, and the multipliers follow from
 the balance of normal forces at the nodes.
-
-Values at the few nodes of a neighbourhood that a rank needs.
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from mpi4py import MPI
-
 import numpy as np
-from dolfinx import la
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.solvers.partial_scatter import PartialScatter
 
-__all__ = ["ActivePairs", "Coupling", "Elimination", "PartialScatter"]
+__all__ = ["ActivePairs", "Elimination", "active_pairs"]
 
 
 _NONE = np.empty(0)
-
-
-class PartialScatter:
-    """Some nodes: only what they and other ranks need of a nodal vector is touched.
-
-    Vectors are over the owned nodes, shape ``(n, 3)``, and excerpts over
-    these nodes, shape ``(m, 3)``.
-
-    Args:
-        scatter: Brings values of nodes to this rank.
-        nodes: Numbers in its index map, ascending, shape ``(m,)``.
-    """
-
-    def __init__(self, scatter: NodalScatter, nodes: Ints) -> None:
-        """Divide them into owned ones and ghosts."""
-        self._scatter, self._num_nodes = scatter, len(nodes)
-        self._num_owned = int(np.searchsorted(nodes, scatter.index_map.size_local))
-        self._owned, self._ghosts = np.split(nodes, [self._num_owned])
-
-    def take(self, x: Floats) -> Floats:
-        """PartialScatter of a vector. Collective."""
-        shared, values = self._scatter.shared, self._values
-        values[shared] = x[shared]
-        self._scatter.vector.scatter_forward()
-        return np.concatenate([x[self._owned], values[self._ghosts]])
-
-    def owned(self, y: Floats) -> Floats:
-        """PartialScatter of a vector, zero at ghosts. Local."""
-        part = np.zeros((self._num_nodes, 3))
-        part[: self._num_owned] = y[self._owned]
-        return part
-
-    def put(self, part: Floats, y: Floats) -> None:
-        """Set a vector at the owned nodes, and add at owners what ghosts have. Collective."""
-        y[self._owned], ghosts = np.split(part, [self._num_owned])
-        shared, values = self._scatter.shared, self._values
-        values[shared] = values[self._scatter.index_map.size_local :] = 0.0
-        values[self._ghosts] = ghosts
-        self._scatter.vector.scatter_reverse(la.InsertMode.add)
-        y[shared] += values[shared]
-
-    @property
-    def _values(self) -> Floats:
-        values: Floats = self._scatter.vector.array.reshape(-1, 3)
-        return values
 
 
 class ActivePairs(NamedTuple):
@@ -145,6 +95,23 @@ class ActivePairs(NamedTuple):
         return nodes
 
 
+def active_pairs(
+    steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+) -> list[ActivePairs]:
+    """Active pairs of each contact pair that has any, on whatever rank.
+
+    Args:
+        steps: Contact attempts.
+        states: Their pairs.
+    """
+    # An exchange is collective: what is empty on all ranks is left out.
+    return [
+        ActivePairs.of(step.candidates, state)
+        for step, state in zip(steps, states, strict=True)
+        if step.num_active
+    ]
+
+
 class Elimination:
     """Projections for the active pairs of one Newton iteration.
 
@@ -152,25 +119,15 @@ class Elimination:
     over the owned nodes.
 
     Args:
-        steps: Contact attempts.
-        states: Their pairs; unless `Coupling` finds none between them,
-            the pairs are all there is to use.
-
-    Attributes:
-        pairs: Active pairs, one item for each contact pair that has any.
-        pairing: Tells the same nodes and constraints from others.
+        pairs: Active pairs, one item for each contact pair that has any;
+            unless `Coupling` finds none between them, the pairs are all
+            there is to use.
+        active_version: Their number by `ActiveSets`.
     """
 
-    def __init__(self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
-        """Compress the arrays to the active pairs."""
-        # An exchange is collective: leave out what is empty on all ranks.
-        self.pairs = [
-            ActivePairs.of(step.candidates, state)
-            for step, state in zip(steps, states, strict=True)
-            if step.num_active
-        ]
-        parts = (part for p in self.pairs for part in (p.global_dofs(), p.rank))
-        self.local_search = b"".join(part.tobytes() for part in parts)
+    def __init__(self, pairs: Sequence[ActivePairs], active_version: int) -> None:
+        """Take the pairs."""
+        self.pairs, self.active_version = pairs, active_version
 
     @property
     def empty(self) -> bool:
@@ -202,48 +159,3 @@ class Elimination:
             if p.excerpt is not None:
                 p.excerpt.put(part, y)
         return y
-
-
-class Coupling:
-    """Whether the projections exist, looked at only where pairs have changed.
-
-    They do not where a constrained node takes part in another active pair,
-    or is fixed.
-
-    Args:
-        comm: Communicator.
-    """
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        """Start without pairs."""
-        self._comm = comm
-        self._pairing = b"", b""
-        self._is_coupled = False
-
-    def of(self, elimination: Elimination) -> bool:
-        """Whether the pairs of a Newton iteration are coupled. Collective."""
-        if elimination.empty:
-            return False
-        fixed = b"".join(p.fixed.tobytes() for p in elimination.pairs)
-        pairing = elimination.local_search, fixed
-        if reductions.anywhere(self._comm, pairing != self._pairing):
-            self._pairing = pairing
-            self._is_coupled = reductions.anywhere(self._comm, _coupled(elimination.pairs))
-        return self._is_coupled
-
-
-def _coupled(pairs: Sequence[ActivePairs]) -> bool:
-    """Whether some are on this rank. Collective."""
-    taken: Any = 0
-    others: Any = 0
-    blocked = False
-    for p in pairs:
-        constrained = p.rank > 0
-        marks: Floats = np.zeros((p.scatter.num_local, 3))
-        marks[p.constrained, 0] = 1  # each node is in one pair of a contact pair
-        marks[p.dofs[~constrained, 0], 1] = 1
-        marks[p.dofs[:, 1:].ravel(), 1] = 1
-        marks = p.scatter.reverse(marks)
-        taken, others = taken + marks[:, 0], others + marks[:, 1]
-        blocked = blocked or bool(p.fixed[constrained].any())
-    return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())

@@ -7,12 +7,9 @@ and is kept over many steps. Where the Krylov method fails the whole system
 is factorised.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-
-from petsc4py import PETSc
 
 import numpy as np
 
@@ -21,18 +18,19 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.active_sets import ActiveSets, Coupling
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.elimination import Coupling, Elimination
-from dolfinx_nts.solvers.preconditioner import Operator, Preconditioner
+from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.elimination import Elimination, active_pairs
+from dolfinx_nts.solvers.petsc_options import PetscOptions
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator, Preconditioner
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
-
-_number = itertools.count()  # of solvers, for their prefixes
-
-_MAX_ITERATIONS = 200
 # One assembly and factorisation cost about as much as this many iterations, of
 # the stronger preconditioner more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
@@ -98,10 +96,10 @@ class LinearSolver:
 
     Attributes:
         tangent: The matrix.
-        num_iterations: Krylov iterations so far.
         num_direct: Systems that were factorised as a whole.
 
-    ``str`` tells the choice of the preconditioner and counts of work.
+    Raises:
+        ValueError: The preconditioner does not exist on several ranks.
     """
 
     def __init__(
@@ -111,36 +109,25 @@ class LinearSolver:
         inertia: Callable[[], Floats],
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Create the PETSc objects, which live as long as the solver."""
-        prefix = f"nts_{next(_number)}_"
-        self._bulk, self.tangent, self._inertia = bulk, tangent, inertia
-        self._crossings = 0.0
+        """Create the Krylov method and its preconditioner, without factors."""
+        self.tangent, self._inertia = tangent, inertia
+        known = PetscOptions(bulk.comm, options)
         self._operator = Operator(bulk)
-        n = bulk.num_owned
-        self._matrix = PETSc.Mat().createPython(((n, None), (n, None)), comm=bulk.comm)
-        self._matrix.setPythonContext(self._operator)
-        self._matrix.setUp()
-        database = PETSc.Options()
-        for key, value in ({} if options is None else options).items():
-            database[f"{prefix}{'' if key.startswith('ksp_') else 'bulk_'}{key}"] = value
-        self._preconditioner = Preconditioner(self._operator, tangent, f"{prefix}bulk_")
-        self._ksp = PETSc.KSP().create(bulk.comm)
-        self._ksp.setOptionsPrefix(prefix)
-        self._ksp.setOperators(self._matrix)
-        # Flexible: what the preconditioner gave is kept, not made once more.
-        self._ksp.setType("fgmres")
-        self._ksp.setGMRESRestart(_MAX_ITERATIONS)
-        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        pc = self._ksp.getPC()
-        pc.setType("python")
-        pc.setPythonContext(self._preconditioner)
-        self._ksp.setFromOptions()
-        self._x, self._b = self._matrix.createVecs()
+        self._preconditioner = BulkPreconditioner(tangent, known)
+        self._schwarz = ContactSchwarz(tangent)
+        context = Preconditioner(self._operator, self._preconditioner, self._schwarz)
+        self._krylov = KrylovMethod(self._operator, context, known)
+        self._active_sets = ActiveSets(bulk.comm)
         self._coupling = Coupling(bulk.comm)
         self._saddle = SaddlePointSystem(tangent)
         self._age = _Age()
-        self.num_iterations = self.num_direct = 0
+        self._crossings = 0.0
+        self.num_direct = 0
+
+    @property
+    def num_iterations(self) -> int:
+        """Krylov iterations so far."""
+        return self._krylov.num_iterations
 
     def solve(
         self,
@@ -160,8 +147,12 @@ class LinearSolver:
         Returns:
             du on the owned dofs [m]; and dlambda_N of the active pairs
             [N] if the whole system was solved, otherwise None.
+
+        Raises:
+            ValueError: There are PETSc options that nothing asks for.
         """
-        elimination = Elimination(steps, states)
+        pairs = active_pairs(steps, states)
+        elimination = Elimination(pairs, self._active_sets.number(pairs))
         if self._coupling.of(elimination):
             return self._solve_direct(R, steps, states)
         preconditioner = self._preconditioner
@@ -177,62 +168,68 @@ class LinearSolver:
                 preconditioner.strengthen()
             self._build()
             fresh = True
-        if fresh and not preconditioner.is_strong and self._age.rate > _SLOW:
+        if fresh and preconditioner.gives_way and self._age.rate > _SLOW:
             preconditioner.strengthen()
             self._build()
         return du, None
 
-    def __str__(self) -> str:
-        """Choice of the preconditioner, and counts of work so far. Local."""
-        pc = self._preconditioner
-        if pc.num_builds == 0:
-            return "not used so far"
-        return (
-            f"GMRES with {pc}, waves cross {self._crossings:.3g} cells a step; "
-            f"{self.num_iterations} iterations, {pc.num_builds} factorisations, "
-            f"{pc.num_patches} of patches, {self.num_direct} systems factorised as a whole"
+    @property
+    def statistics(self) -> SolverStatistics:
+        """Work so far. Local."""
+        bulk, preconditioner = self._operator.bulk, self._preconditioner
+        return SolverStatistics(
+            preconditioner=str(preconditioner),
+            is_strong=preconditioner.is_strong,
+            wave_crossings=self._crossings,
+            num_iterations=self.num_iterations,
+            num_builds=preconditioner.num_builds,
+            num_schwarz_builds=self._schwarz.num_builds,
+            num_direct=self.num_direct,
+            num_residuals=bulk.num_residuals,
+            num_actions=bulk.num_actions,
+            num_tangents=self.tangent.num_assembled,
+            num_cells=bulk.num_cells,
         )
 
     def serialize(self, archive: Archive) -> None:
         """Serialize what is kept from step to step. Collective."""
         self._preconditioner.serialize(archive)
+        self._active_sets.serialize(archive)
+        self._schwarz.serialize(archive, self._active_sets.version)
         age = archive.same("age_of_factors", self._age.values())
         if archive.giving:
             known = self._preconditioner.point is not None
             self._age = _Age(*age) if known else _Age()
 
     def _build(self) -> None:
+        preconditioner = self._preconditioner
         self._crossings = self._wave_crossings()
-        if self._preconditioner.point is None and self._crossings > _MOST_CROSSINGS:
-            self._preconditioner.strengthen()
-        self._preconditioner.build()
+        is_first = preconditioner.point is None
+        if is_first and preconditioner.gives_way and self._crossings > _MOST_CROSSINGS:
+            preconditioner.strengthen()
+        preconditioner.build()
         self._age = _Age()
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
-        operator = self._operator
-        operator.elimination = elimination
+        bulk = self._operator.bulk
+        self._operator.elimination = elimination
         r: Floats = -R.reshape(-1, 3)
         particular: Floats | float = 0.0
         if not elimination.empty:
-            self._preconditioner.prepare()
+            self._schwarz.update(elimination)
             particular, parts = elimination.particular(len(r))
             total: Floats = R.reshape(-1, 3).copy()
             # Close to the constraints their part is below what rtol leaves.
             force = 3 * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
-            part, whole = reductions.total(self._bulk.comm, squares)
+            part, whole = reductions.total(bulk.comm, squares)
             if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
-                total += self._bulk.action(particular)
+                total += bulk.action(particular)
             r = -elimination.act(parts, total)
-        self._b.array[:] = r.ravel()
-        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=1e6, max_it=_MAX_ITERATIONS)
-        self._ksp.solve(self._b, self._x)
-        iterations = self._ksp.getIterationNumber()
-        self.num_iterations += iterations
-        if self._ksp.getConvergedReason() < 0:
+        x, iterations = self._krylov.solve(r, rtol)
+        if x is None:
             return None
         self._age.count(iterations, -math.log10(rtol))
-        x = self._x.array.reshape(-1, 3)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du
@@ -246,7 +243,8 @@ class LinearSolver:
         stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
         # Without inertia any number of cells; nodes may have no stiffness either.
         ratio = stiffness / np.maximum(inertia, np.maximum(1e-30 * stiffness, 1e-300))
-        greatest = reductions.largest(self._bulk.comm, ratio.max(initial=0.0))
+        comm = self._operator.bulk.comm
+        greatest = reductions.largest(comm, ratio.max(initial=0.0))
         return float(np.sqrt(2 * greatest))
 
     def _solve_direct(

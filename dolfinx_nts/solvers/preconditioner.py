@@ -1,243 +1,220 @@
-"""Operator and preconditioner of the projected tangent, for PETSc."""
+"""Preconditioner of the bulk: an approximate inverse that serves for many steps."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
 
 from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
-from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
-from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["Operator", "Preconditioner"]
+__all__ = ["BulkPreconditioner"]
 
-# Unknowns up to which the stronger one is a complete factorisation.
+_logger = logging.getLogger("dolfinx_nts")
+
+# Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
-# On several ranks the order of the unknowns decides: reverse Cuthill-McKee, the
-# order of DOLFINx on one rank, needs 7 iterations for 8 decades, without it 12.
-_ON_RANKS = {
-    "pc_asm_overlap": 1,
-    "sub_pc_type": "ilu",
-    "sub_pc_factor_mat_ordering_type": "rcm",
-}
 # One sweep with incomplete factors smooths best (elasticity of stiff bodies).
 _MULTIGRID = {
+    "pc_type": "gamg",
     "mg_levels_ksp_type": "richardson",
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
 }
+# Preconditioners of PETSc that take 3 x 3 blocks, in half the time of scalars; all
+# others are sure to take scalars only.
+_TAKE_BLOCKS = {"asm", "bjacobi", "ilu"}
 
 
-class Operator:
-    """Context of the shell matrix: projected tangent.
+class Factors(Protocol):
+    """One way to invert the tangent of the bulk, exactly or nearly.
 
-    Right-hand sides and products have no part in the directions that
-    nodes give up, and such a part of what is multiplied has no effect.
-
-    Args:
-        bulk: Forms of the bodies.
-
-    Attributes:
-        bulk: The forms.
-        elimination: Contacts of this Newton iteration.
+    ``str`` tells its kind.
     """
 
-    def __init__(self, bulk: Bulk) -> None:
-        """Start without contact."""
-        self.bulk = bulk
-        self.elimination = Elimination((), ())
+    def build(self) -> bool:
+        """Factorise the present matrix. Collective.
 
-    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Z~^T (K + C) Z x."""
-        z = x.array_r.reshape(-1, 3).copy()
-        parts = self.elimination.constrain(z)
-        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
+        Returns:
+            Whether the factors exist, on all ranks.
+        """
+
+    def apply(self, pc: Any, r: Any, z: Any) -> None:
+        """Set z to the solution for r; called by PETSc. Collective."""
 
 
-class Preconditioner:
-    """Context of the shell preconditioner: kept factors and a patch.
+class BulkPreconditioner:
+    """Factors of the tangent of the bulk, and stronger ones where they are not enough.
 
-    The factors are of the bulk and age slowly; the patch is of the
-    contacts of this Newton iteration (`cpp/nts/solvers/contact_schwarz.h`).
+    The first are `BlockILU`, or what PETSc makes of the user's options; the
+    stronger ones a complete factorisation, or multigrid of many unknowns.
 
     Args:
-        operator: The operator.
         tangent: Matrix of the bulk.
-        prefix: Of the PETSc options of the bulk's factors. If there are
-            any, PETSc makes the factors; otherwise `BlockILU`, until
-            stronger ones are needed.
+        options: Options of the user.
 
     Attributes:
-        is_strong: Whether the factors are complete, or multigrid.
+        is_strong: Whether the stronger ones have taken over.
         point: `Tangent.point` of the factors; None before the first.
         num_builds: Factorisations so far.
 
-    ``str`` tells the kind of factors.
+    ``str`` tells the kind of the factors.
     """
 
-    def __init__(self, operator: Operator, tangent: Tangent, prefix: str) -> None:
-        """Factorise nothing yet."""
-        self._operator, self._tangent = operator, tangent
-        self._pc = PETSc.PC().create(operator.bulk.comm)
-        self._pc.setOptionsPrefix(prefix)
-        self._wants_own = not PETSc.Options(prefix).getAll()
-        self._own: BlockILU | None = None
-        self._scalar: Any = None
-        self._patch: ContactSchwarz | None = None
-        self._kind = ""
-        self._set: list[str] = []  # options that the user left open
+    def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
+        """Make no factors before `build`."""
+        self._tangent, self._options = tangent, options
+        self._factors: Factors | None = None
         self.is_strong = False
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
 
     def __str__(self) -> str:
-        """Type of the factors, and what it is used with."""
-        factors = self._pc.getType().upper() if self._own is None else self._own
-        return f"kept {factors} of the bulk and a patch around the contacts"
+        """Kind of the factors, empty before the first."""
+        return "" if self._factors is None else str(self._factors)
 
     @property
-    def num_patches(self) -> int:
-        """Factorisations of the patch."""
-        return 0 if self._patch is None else self._patch.num_builds
+    def gives_way(self) -> bool:
+        """Whether slow iterations are a reason for stronger factors.
+
+        Those that the user has chosen have to fail before others take over.
+        """
+        return not (self.is_strong or self._options.bulk)
 
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
-        tangent = self._tangent
-        tangent.assemble_nearby()
-        if self._wants_own and not self.is_strong:
-            if self._own is None:
-                self._own = BlockILU(tangent.rows)
-            if not self._own.build():
-                self.strengthen()
-        if self._own is None:
-            self._factorise(tangent.matrix())
-        self.point = tangent.point
+        self._tangent.assemble_nearby()
+        while True:
+            if self._factors is None:
+                self._factors = self._strong() if self.is_strong else self._first()
+            if self._factors.build():
+                break
+            self.strengthen()
+        self.point = self._tangent.point
         self.num_builds += 1
 
-    def _factorise(self, matrix: Any) -> None:
-        """Let PETSc factorise."""
-        if self.is_strong:
-            # What a first factorisation chose would last.
-            self._pc.reset()
-        elif matrix.comm.size == 1:
-            self._use("ilu", {})
-        else:
-            self._use("asm", _ON_RANKS)
-        operator = matrix
-        if self.is_strong and self._pc.getType() in ("lu", "gamg"):
-            # They want scalar entries.
-            operator = matrix = self._scalar = matrix.convert("aij", self._scalar or PETSc.Mat())
-            if self._pc.getType() == "gamg":
-                matrix.setBlockSize(3)
-                matrix.setNearNullSpace(self._tangent.rigid_modes())
-        smooths = self._pc.getType() == "gamg" and self._wants_own
-        if smooths:
-            operator = SinglePrecisionOperator(self._tangent.rows).matrix()
-        self._pc.setUseAmat(smooths)
-        self._pc.setOperators(operator, matrix)
-        self._pc.setUp()
-        if smooths:
-            self._smooth()
+    def strengthen(self) -> None:
+        """Let the next `build` make stronger factors. Local."""
+        if self._options.bulk and self._tangent.rows.index_map.comm.rank == 0:
+            text = "%s of petsc_options fails, stronger factors take its place"
+            _logger.warning(text, str(self))
+        self.is_strong, self._factors = True, None
 
-    def _smooth(self) -> None:
-        """Let kept factors smooth on the finest level of multigrid, with kept rows.
-
-        With PETSc's, scalar and in double precision, iterations take half as long again.
-        """
-        finest = self._pc.getMGLevels() - 1
-        factors = BlockILU(self._tangent.rows)
-        if finest > 0 and factors.build():
-            pc = self._pc.getMGSmoother(finest).getPC()
-            pc.setType("python")
-            pc.setPythonContext(_Smoother(factors))
+    def apply(self, pc: Any, r: Any, z: Any) -> None:
+        """Set z to the solution for r; called by PETSc. Collective."""
+        assert self._factors is not None
+        self._factors.apply(pc, r, z)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize where factors and patch were made. Collective."""
+        """Serialize the state of which the factors are, and that of the matrix. Collective."""
         tangent = self._tangent
         shared = archive.same("factors_are_last", self.point is tangent.point)
         strong = archive.same("factors_are_strong", self.is_strong)
         last = archive.local("tangent", tangent.point)
         point = last if shared else archive.local("factors", self.point)
-        if archive.giving and not (last is tangent.point and point is self.point):
-            self._restore(point, last, strong)
-        if self._patch is None and tangent.point is not None:
-            self._patch = ContactSchwarz(tangent.rows)
-        if self._patch is not None:
-            self._patch.serialize(archive, tangent.num_assembled)
-
-    def _restore(
-        self,
-        point: Sequence[Array] | None,
-        last: Sequence[Array] | None,
-        strong: bool,
-    ) -> None:
-        tangent = self._tangent
-        self._pc.reset()
-        self.is_strong, self.point = False, None
+        if not archive.giving or (last is tangent.point and point is self.point):
+            return
+        self.is_strong, self.point, self._factors = strong, None, None
         tangent.forget()
         if point is not None:
             with tangent.at(point):
                 self.build()
-                if strong:
-                    self.strengthen()
-                    self.build()
         if last is not None and last is not point:
             tangent.restore(last)
 
-    def strengthen(self) -> None:
-        """Change to a complete factorisation or multigrid. Collective."""
-        self.is_strong, self._own = True, None
-        if 3 * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO:
-            self._use("lu", {"pc_factor_mat_solver_type": "mumps"})
-        else:
-            self._use("gamg", _MULTIGRID)
+    def _first(self) -> Factors:
+        if not self._options.bulk:
+            return BlockILU(self._tangent.rows)
+        return _PetscFactors(lambda: _chosen(self._tangent, self._options))
 
-    def _use(self, kind: str, defaults: Mapping[str, Any]) -> None:
-        """Set type and options, but for what the user has set."""
-        if kind == self._kind:
-            return
-        self._kind = kind
-        options, prefix = PETSc.Options(), self._pc.getOptionsPrefix()
-        for key in self._set:
-            # Of another kind of factors, which may not know them.
-            options.delValue(key)
-        self._set = []
-        self._pc.setType(kind)
-        if options.getString(f"{prefix}pc_type", kind) == kind:
-            for key, value in defaults.items():
-                if not options.hasName(prefix + key):
-                    options[prefix + key] = value
-                    self._set.append(prefix + key)
-        self._pc.setFromOptions()
-
-    def prepare(self) -> None:
-        """Bring the patch up to the present pairs and factors. Collective."""
-        if self._patch is None:
-            self._patch = ContactSchwarz(self._tangent.rows)
-        self._patch.update(self._operator.elimination, self._tangent.num_assembled)
-
-    def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        """Factors of the bulk, then the patch; called by PETSc."""
-        if self._own is None:
-            self._pc.apply(r, z)
-        else:
-            self._own.apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
-        if self._operator.elimination.empty:
-            return
-        assert self._patch is not None
-        self._patch.correct(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+    def _strong(self) -> Factors:
+        unknowns = 3 * self._tangent.rows.index_map.size_global
+        make = _complete if unknowns <= _DIRECT_UP_TO else _multigrid
+        return _PetscFactors(lambda: make(self._tangent, f"{self._options.prefix}strong_"))
 
 
-class _Smoother:
-    """Context of kept factors for PETSc."""
+class _PetscFactors:
+    """Preconditioner of PETSc, each time a new one: what the first chose would last.
 
-    def __init__(self, factors: BlockILU) -> None:
-        self._factors = factors
+    Args:
+        make: Makes it for the present matrix.
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make = make
+        self._pc: Any = None
+
+    def __str__(self) -> str:
+        return str(self._pc.getType()).upper()
+
+    def build(self) -> bool:
+        if self._pc is not None:
+            self._pc.destroy()
+        self._pc = self._make()
+        return True
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        self._factors.apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+        self._pc.apply(r, z)
+
+
+def _chosen(tangent: Tangent, options: PetscOptions) -> Any:
+    """Preconditioner by the user's options. Collective."""
+    kinds = {value for key, value in options.bulk.items() if key.endswith("pc_type")}
+    others = any(key.endswith("mat_solver_type") for key in options.bulk)
+    matrix = tangent.matrix(scalar=others or not kinds <= _TAKE_BLOCKS)
+    return _from_options(matrix, matrix, options.bulk_prefix)
+
+
+def _complete(tangent: Tangent, prefix: str) -> Any:
+    """Complete factors by MUMPS. Collective."""
+    matrix = tangent.matrix(scalar=True)
+    with _options(prefix, {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}):
+        return _from_options(matrix, matrix, prefix)
+
+
+def _multigrid(tangent: Tangent, prefix: str) -> Any:
+    """Multigrid whose finest level works in single precision. Collective.
+
+    With PETSc's products and factors there, scalar and in double precision,
+    iterations take half as long again.
+    """
+    operator = SinglePrecisionOperator(tangent.rows).matrix()
+    with _options(prefix, _MULTIGRID):
+        pc = _from_options(operator, tangent.matrix(scalar=True), prefix)
+    finest = pc.getMGLevels() - 1
+    factors = BlockILU(tangent.rows)
+    if finest > 0 and factors.build():
+        smoother = pc.getMGSmoother(finest).getPC()
+        smoother.setType("python")
+        smoother.setPythonContext(factors)
+    return pc
+
+
+def _from_options(operator: Any, matrix: Any, prefix: str) -> Any:
+    """Preconditioner of a matrix, for the operator near which it is. Collective."""
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOptionsPrefix(prefix)
+    pc.setOperators(operator, matrix)
+    pc.setUseAmat(operator is not matrix)
+    pc.setFromOptions()
+    pc.setUp()
+    return pc
+
+
+@contextmanager
+def _options(prefix: str, values: Mapping[str, Any]) -> Iterator[None]:
+    """Context in which PETSc's database has some options."""
+    database = PETSc.Options(prefix)
+    for key, value in values.items():
+        database[key] = value
+    try:
+        yield
+    finally:
+        for key in values:
+            database.delValue(key)

@@ -55,7 +55,7 @@ class SaddlePointSystem:
             of each state, constraint by constraint [N].
         """
         self._tangent.assemble_exact()
-        K, comm = self._tangent.matrix(), self._tangent.rows.index_map.comm
+        K, comm = self._tangent.matrix(scalar=True), self._tangent.rows.index_map.comm
         # Constraints that given displacements make dependent stay solvable;
         # multipliers converge with Newton's iteration, so nothing is lost.
         compliance = _DEPENDENT / float(self._tangent.nodal_stiffness().max(initial=1e-300))
@@ -76,9 +76,7 @@ class SaddlePointSystem:
         A.setSizes(((n, None), (n, None)))
         A.setType("aij")
         A.setUp()
-        copy = K.convert("aij", PETSc.Mat())
-        indptr, columns, values = copy.getValuesCSR()
-        copy.destroy()
+        indptr, columns, values = K.getValuesCSR()
         rows = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
         A.setValuesIJV(indptr, saddle(columns), values, addv=True, rowmap=rows)
         multiplier = last + int(shift[comm.rank])
@@ -108,7 +106,7 @@ class SaddlePointSystem:
         ksp.getPC().setFactorSolverType("mumps")
         ksp.solve(b, x)
         solution = x.array.copy()
-        for item in (ksp, A, b, x):
+        for item in (ksp, A, K, b, x):
             item.destroy()
         du, dlambda = np.split(solution, [last - first])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []

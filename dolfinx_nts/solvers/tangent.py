@@ -9,7 +9,6 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
@@ -58,8 +57,6 @@ class Tangent:
         self._nearby = [] if nearby is None else _compiled([nearby])
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
-        self._pattern: fem.Form  # has that of all matrices
-        self._matrix: Any = None
         self._stiffness: Floats | None = None
         self.point: Sequence[Array] | None = None
         self.num_assembled = 0
@@ -99,16 +96,20 @@ class Tangent:
             self._exact = _compiled(self._derivatives)
         self._assemble(self._exact, is_exact=True)
 
-    def matrix(self) -> Any:
-        """Copy of `rows` for PETSc, made when first asked for. Collective.
+    def matrix(self, *, scalar: bool) -> Any:
+        """Copy of `rows` for PETSc. Collective.
 
-        Returns:
-            PETSc matrix of 3 x 3 blocks, always the same one.
+        Args:
+            scalar: Whether entries are scalars, with which all of PETSc can
+                deal, or 3 x 3 blocks. Those of scalars know that three rows
+                belong together, and the rigid motions of the present
+                positions, on which multigrid builds.
         """
-        if self._matrix is None:
-            self._matrix = fem_petsc.create_matrix(self._pattern, "baij")
-        self.rows.insert(self._matrix)
-        return self._matrix
+        matrix = self.rows.petsc()
+        if scalar:
+            matrix.convert("aij")
+            matrix.setNearNullSpace(self._rigid_motions(matrix))
+        return matrix
 
     def restore(self, point: Sequence[Array]) -> None:
         """Make a former matrix again. Collective.
@@ -140,11 +141,8 @@ class Tangent:
         """Be as before the first matrix. Local."""
         self.point = self._stiffness = None
 
-    def rigid_modes(self) -> Any:
-        """Rigid motions of the present positions, a PETSc null space. Collective.
-
-        For `matrix`, which must have been made.
-        """
+    def _rigid_motions(self, matrix: Any) -> Any:
+        """Rigid motions of the present positions, as a null space of a matrix. Collective."""
         n, V = self.rows.index_map.size_local, self._u.function_space
         x = V.tabulate_dof_coordinates()[:n] + self._u.x.array[: 3 * n].reshape(n, 3)
         modes = np.concatenate(
@@ -152,18 +150,17 @@ class Tangent:
         )
         vectors: list[Any] = []
         for mode in modes:
-            vector = self._matrix.createVecRight()
+            vector = matrix.createVecRight()
             vector.array[:] = mode.ravel()
             for other in vectors:
                 vector.axpy(-vector.dot(other), other)
             vector.normalize()
             vectors.append(vector)
-        return PETSc.NullSpace().create(vectors=vectors, comm=self.rows.index_map.comm)
+        return PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
 
     def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
         if self._rows is None:
-            self._pattern = forms[0]
-            self._rows = BlockCSR(fem.create_matrix(self._pattern))
+            self._rows = BlockCSR(fem.create_matrix(forms[0]))
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:

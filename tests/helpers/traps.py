@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels, plotting
-from dolfinx_nts.solvers.preconditioner import Preconditioner
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 
 __all__ = ["WANTED", "trapped"]
 
@@ -85,7 +85,7 @@ def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 
 if WANTED:
-    Preconditioner.build = untrapped(Preconditioner.build)
+    BulkPreconditioner.build = untrapped(BulkPreconditioner.build)
     for name in plotting.__all__:
         setattr(plotting, name, untrapped(getattr(plotting, name)))
     for name in dir(_kernels):

@@ -161,7 +161,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
     at(u)
     tangent = Tangent(scenes.step_forms(s).residual(), s.u, [])
     tangent.assemble_exact()
-    matrix = tangent.matrix()
+    matrix = tangent.matrix(scalar=False)
     x, y = matrix.createVecs()
     x.array[:] = d.ravel()
     matrix.mult(x, y)

@@ -150,7 +150,7 @@ def test_matrix_and_action_of_the_bulk_are_the_same(comm, scheme, cell):
     d = system.direction(4)
     tangent = Tangent(scenes.step_forms(system.stepper).residual(), system.stepper.u, [])
     tangent.assemble_exact()
-    K = tangent.matrix()
+    K = tangent.matrix(scalar=False)
     x, y = K.createVecs()
     x.array[:] = d.ravel()
     K.mult(x, y)

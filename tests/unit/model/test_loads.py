@@ -152,7 +152,7 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     expected = (residuals[0] - residuals[1]) / (2 * h)
     action = bulk.action(direction[: owned // 3]).ravel()
     stepper._tangent.assemble_exact()
-    K = stepper._tangent.matrix()
+    K = stepper._tangent.matrix(scalar=False)
     x, y = K.createVecs()
     x.array[:] = direction.ravel()[:owned]
     K.mult(x, y)

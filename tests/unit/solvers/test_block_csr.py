@@ -1,7 +1,6 @@
 """Rows of a distributed matrix, against PETSc's own assembly."""
 
 import numpy as np
-from dolfinx.fem import petsc as fem_petsc
 
 ROUNDING = 1e3 * np.finfo(float).eps
 
@@ -30,9 +29,8 @@ def test_diagonal_is_that_of_the_owned_rows(comm, matrices):
 
 
 def test_values_reach_a_matrix_of_petsc(comm, matrices):
-    rows, dense, form = matrices
-    A = fem_petsc.create_matrix(form, "baij")
-    rows.insert(A)
+    rows, dense, _ = matrices
+    A = rows.petsc()
     x, y = A.createVecs()
     first, last = x.getOwnershipRange()
     whole = np.sin(np.arange(len(dense)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.search.global_search import GlobalSearch
-from dolfinx_nts.solvers.elimination import PartialScatter
+from dolfinx_nts.solvers.partial_scatter import PartialScatter
 from helpers import scenes
 
 ROUNDING = 1e2 * np.finfo(float).eps

@@ -1,0 +1,54 @@
+"""Values at the few nodes of a neighbourhood that a rank needs."""
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.search.scatter import NodalScatter
+
+__all__ = ["PartialScatter"]
+
+
+class PartialScatter:
+    """Some nodes: only what they and other ranks need of a nodal vector is touched.
+
+    Vectors are over the owned nodes, shape ``(n, 3)``, and excerpts over
+    these nodes, shape ``(m, 3)``.
+
+    Args:
+        scatter: Brings values of nodes to this rank.
+        nodes: Numbers in its index map, ascending, shape ``(m,)``.
+    """
+
+    def __init__(self, scatter: NodalScatter, nodes: Ints) -> None:
+        """Divide them into owned ones and ghosts."""
+        self._scatter, self._num_nodes = scatter, len(nodes)
+        self._num_owned = int(np.searchsorted(nodes, scatter.index_map.size_local))
+        self._owned, self._ghosts = np.split(nodes, [self._num_owned])
+
+    def take(self, x: Floats) -> Floats:
+        """PartialScatter of a vector. Collective."""
+        shared, values = self._scatter.shared, self._values
+        values[shared] = x[shared]
+        self._scatter.vector.scatter_forward()
+        return np.concatenate([x[self._owned], values[self._ghosts]])
+
+    def owned(self, y: Floats) -> Floats:
+        """PartialScatter of a vector, zero at ghosts. Local."""
+        part = np.zeros((self._num_nodes, 3))
+        part[: self._num_owned] = y[self._owned]
+        return part
+
+    def put(self, part: Floats, y: Floats) -> None:
+        """Set a vector at the owned nodes, and add at owners what ghosts have. Collective."""
+        y[self._owned], ghosts = np.split(part, [self._num_owned])
+        shared, values = self._scatter.shared, self._values
+        values[shared] = values[self._scatter.index_map.size_local :] = 0.0
+        values[self._ghosts] = ghosts
+        self._scatter.vector.scatter_reverse(la.InsertMode.add)
+        y[shared] += values[shared]
+
+    @property
+    def _values(self) -> Floats:
+        values: Floats = self._scatter.vector.array.reshape(-1, 3)
+        return values

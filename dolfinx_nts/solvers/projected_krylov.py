@@ -1,0 +1,128 @@
+"""Krylov method on the projected tangent, with its preconditioner."""
+
+from typing import Any
+
+from petsc4py import PETSc
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.petsc_options import PetscOptions
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+
+__all__ = ["KrylovMethod", "Operator", "Preconditioner"]
+
+_MAX_ITERATIONS = 200
+# Growth of the residual at which an iteration is given up [-].
+_DIVERGED = 1e6
+
+
+class Operator:
+    """Context of the shell matrix: projected tangent.
+
+    Right-hand sides and products have no part in the directions that
+    nodes give up, and such a part of what is multiplied has no effect.
+
+    Args:
+        bulk: Residual of the bodies.
+
+    Attributes:
+        bulk: The residual.
+        elimination: Contacts of this Newton iteration.
+    """
+
+    def __init__(self, bulk: Bulk) -> None:
+        """Start without contact."""
+        self.bulk = bulk
+        self.elimination = Elimination((), 0)
+
+    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
+        """Z~^T (K + C) Z x."""
+        z = x.array_r.reshape(-1, 3).copy()
+        parts = self.elimination.constrain(z)
+        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
+
+
+class Preconditioner:
+    """Context of the shell preconditioner: that of the bulk, corrected around contacts.
+
+    Args:
+        operator: The operator.
+        bulk: Preconditioner of the bulk.
+        contacts: Correction around the contacts.
+    """
+
+    def __init__(
+        self, operator: Operator, bulk: BulkPreconditioner, contacts: ContactSchwarz
+    ) -> None:
+        """Take both parts."""
+        self._operator, self._bulk, self._contacts = operator, bulk, contacts
+
+    def apply(self, pc: Any, r: Any, z: Any) -> None:
+        """Set z to the approximate solution for r; called by PETSc."""
+        self._bulk.apply(pc, r, z)
+        if not self._operator.elimination.empty:
+            self._contacts.correct(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+
+
+class KrylovMethod:
+    """Iterations of flexible GMRES, or of another method by the user's options.
+
+    Args:
+        operator: Context of the shell matrix.
+        preconditioner: Context of the shell preconditioner.
+        options: Options of the user.
+
+    Attributes:
+        num_iterations: Iterations so far.
+    """
+
+    def __init__(
+        self, operator: Operator, preconditioner: Preconditioner, options: PetscOptions
+    ) -> None:
+        """Create the PETSc objects, which live as long as the solver."""
+        comm, n = operator.bulk.comm, operator.bulk.num_owned
+        matrix = PETSc.Mat().createPython(((n, None), (n, None)), operator, comm=comm)
+        matrix.setUp()
+        self._options: PetscOptions | None = options  # until they are known to be used
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOptionsPrefix(options.prefix)
+        self._ksp.setOperators(matrix)
+        # Flexible: it stores what the preconditioner gave, instead of applying it once more.
+        self._ksp.setType("fgmres")
+        self._ksp.setGMRESRestart(_MAX_ITERATIONS)
+        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        pc = self._ksp.getPC()
+        pc.setType("python")
+        pc.setPythonContext(preconditioner)
+        self._ksp.setFromOptions()
+        self._x, self._b = matrix.createVecs()
+        self.num_iterations = 0
+
+    def solve(self, b: Floats, rtol: float) -> tuple[Floats | None, int]:
+        """Solve with the present operator. Collective.
+
+        Args:
+            b: Right-hand side at the owned nodes, shape ``(n, 3)``.
+            rtol: Reduction of the residual.
+
+        Returns:
+            The solution, a view that the next call overwrites, or None where
+            the method fails; number of iterations.
+
+        Raises:
+            ValueError: There are options that nothing asks for.
+        """
+        self._b.array[:] = b.ravel()
+        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
+        self._ksp.solve(self._b, self._x)
+        iterations = int(self._ksp.getIterationNumber())
+        self.num_iterations += iterations
+        if self._options is not None and iterations > 0:
+            self._options.check_used()
+            self._options = None
+        if self._ksp.getConvergedReason() < 0:
+            return None, iterations
+        return self._x.array.reshape(-1, 3), iterations

@@ -1,0 +1,55 @@
+"""Active sets are told apart by what they consist of, alike on all ranks."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.common.archive import Snapshot
+from dolfinx_nts.solvers.active_sets import ActiveSets
+
+
+def pairs(**changed):
+    """One contact pair with three active pairs."""
+    arrays = {
+        "dofs": np.arange(12, dtype=np.int32).reshape(3, 4),
+        "rank": np.array([1, 3, 0], dtype=np.int32),
+        "fixed": np.zeros(3, dtype=bool),
+        **changed,
+    }
+    return SimpleNamespace(global_dofs=lambda: arrays["dofs"], **arrays)
+
+
+OTHERS = {
+    "node": pairs(dofs=np.arange(12, dtype=np.int32)[::-1].reshape(3, 4)),
+    "constraint": pairs(rank=np.array([1, 1, 0], dtype=np.int32)),
+    "support": pairs(fixed=np.array([False, True, False])),
+    "fewer": pairs(dofs=np.arange(8, dtype=np.int32).reshape(2, 4)),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_changes_on_one_rank_gives_a_new_number_on_all(comm, agree, name):
+    sets = ActiveSets(comm)
+    assert sets.number([pairs()]) == sets.number([pairs()]) == 1
+    here = OTHERS[name] if comm.rank == comm.size - 1 else pairs()
+    assert agree(sets.number([here]) == sets.number([here]) == 2)
+    assert agree(sets.number([pairs()]) == 3)
+    assert agree(sets.number([pairs(), pairs()]) == 4)
+
+
+def test_the_empty_set_is_not_counted(comm):
+    sets = ActiveSets(comm)
+    assert [sets.number(some) for some in ([], [pairs()], [], [pairs()])] == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("is_empty", [True, False])
+def test_a_set_that_comes_back_gets_a_new_number_and_is_known(comm, is_empty):
+    sets, archive = ActiveSets(comm), Snapshot()
+    if not is_empty:
+        sets.number([pairs()])
+    sets.serialize(archive)
+    later = sets.number([OTHERS["node"]])
+    sets.serialize(archive.rewind())
+    assert sets.version > later
+    assert (sets.number([pairs()]) == later + 1) != is_empty

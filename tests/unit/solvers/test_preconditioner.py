@@ -1,0 +1,225 @@
+"""Preconditioners of the bulk: whichever it is, the steps are the same."""
+
+import logging
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.archive import Snapshot
+from dolfinx_nts.solvers import preconditioner
+from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
+from helpers import scenes
+
+# Of displacements after some steps, each to the tolerance of Newton's method, relative
+# to lengths of about one.
+AGREEMENT = 1e-10
+
+INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": 1}
+OPTIONS = {
+    "lu": {"pc_type": "lu"},
+    "lu of MUMPS": {
+        "pc_type": "lu",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": 40,
+    },
+    "lu of SuperLU": {"pc_type": "lu", "pc_factor_mat_solver_type": "superlu_dist"},
+    "cholesky": {"pc_type": "cholesky"},
+    "hypre": {"pc_type": "hypre"},
+    "gamg": {"pc_type": "gamg"},
+    "jacobi": {"pc_type": "jacobi"},
+    "asm": {"pc_type": "asm", "pc_asm_overlap": 2, **INCOMPLETE},
+    "asm of lu": {"pc_type": "asm", "sub_pc_type": "lu"},
+    "bjacobi": {"pc_type": "bjacobi", **INCOMPLETE},
+    "bjacobi of gamg": {"pc_type": "bjacobi", "sub_pc_type": "gamg"},
+}
+NUM_STEPS = 8
+
+
+def with_options(scene, options):
+    """The same scene with options for PETSc."""
+    old = scene.stepper
+    stepper = type(old)(old.bodies, old.pairs, dt=old.dt, petsc_options=options)
+    stepper.v.x.array[:] = old.v.x.array
+    return stepper
+
+
+def positions(stepper):
+    V = stepper.u.function_space
+    return scenes.gathered(V, stepper.x[: V.dofmap.index_map.size_local])
+
+
+@pytest.fixture(scope="module")
+def default():
+    """Positions with the default preconditioner, and iterations."""
+    stepper = scenes.blocks(scenes.MPI.COMM_WORLD).stepper
+    for _ in range(NUM_STEPS):
+        stepper.advance()
+    return positions(stepper), stepper._solver.statistics.num_iterations
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_every_preconditioner_of_petsc_gives_the_same_steps(comm, default, name):
+    stepper = with_options(scenes.blocks(comm), OPTIONS[name])
+    for _ in range(NUM_STEPS):
+        stepper.advance()
+    work = stepper._solver.statistics
+    expected, iterations = default
+    np.testing.assert_allclose(positions(stepper), expected, atol=AGREEMENT)
+    assert work.preconditioner == OPTIONS[name]["pc_type"].upper()
+    assert work.num_direct == 0 and not work.is_strong
+    assert (work.num_iterations > 1.2 * iterations) == (name == "jacobi")
+
+
+@pytest.mark.parametrize("kind", ["ilu", "icc"])
+def test_factors_for_one_rank_are_refused_on_several(comm, default, refused, kind):
+    if comm.size == 1:
+        stepper = with_options(scenes.blocks(comm), {"pc_type": kind})
+        for _ in range(NUM_STEPS):
+            stepper.advance()
+        np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
+        return
+    scene = scenes.blocks(comm)
+    with refused(ValueError, f"several ranks.* given {kind} on {comm.size} ranks"):
+        with_options(scene, {"pc_type": kind})
+
+
+def test_options_may_choose_another_krylov_method(comm, default):
+    stepper = with_options(scenes.blocks(comm), {"ksp_type": "gmres"})
+    for _ in range(NUM_STEPS):
+        stepper.advance()
+    assert stepper._solver._krylov._ksp.getType() == "gmres"
+    assert "single precision" in stepper._solver.statistics.preconditioner
+    np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
+
+
+@pytest.mark.parametrize(
+    ("options", "unused"),
+    [
+        ({"ksp_typ": "gmres"}, "ksp_typ"),
+        ({"pc_typ": "gamg", "ksp_type": "gmres"}, "pc_typ"),
+        ({"pc_type": "jacobi", "sub_pc_type": "ilu", "ksp_max": 3}, "sub_pc_type, ksp_max"),
+        ({"pc_type": "lu", "mg_levels_pc_type": "sor"}, "mg_levels_pc_type"),
+    ],
+)
+def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, options, unused):
+    scene, before = scenes.blocks(comm), PETSc.Options().getAll().keys()
+    stepper = with_options(scene, options)
+    with refused(ValueError, f"expected petsc_options .* given {unused}$"):
+        stepper.advance()
+    # PETSc would complain once more at the end of the program.
+    left = PETSc.Options().getAll().keys() - before
+    assert not any(name.endswith(f"_{key}") for name in left for key in unused.split(", "))
+
+
+def test_options_for_levels_may_wait_for_a_mesh_that_has_some(comm, caplog):
+    scene = scenes.blocks(comm)
+    with_options(scene, {"pc_type": "gamg", "mg_levels_9_ksp_max_it": 1}).advance()
+    named = ["mg_levels_9_ksp_max_it" in record.getMessage() for record in caplog.records]
+    assert named == ([True] if comm.rank == 0 else [])
+
+
+def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
+    comm, monkeypatch, caplog, default
+):
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._SLOW", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
+    stepper = with_options(scenes.blocks(comm), {"pc_type": "jacobi"})
+    for _ in range(NUM_STEPS // 2):
+        stepper.advance()
+    assert stepper._solver.statistics.preconditioner == "JACOBI" and not caplog.records
+    monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 3)
+    for _ in range(NUM_STEPS // 2):
+        stepper.advance()
+    assert stepper._solver.statistics.preconditioner == "LU"
+    said = [(r.levelno, r.getMessage()) for r in caplog.records]
+    text = "JACOBI of petsc_options fails, stronger factors take its place"
+    assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
+    np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
+
+
+@pytest.mark.parametrize("direct_up_to", [0, 50_000], ids=["multigrid", "factors"])
+def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
+    comm, monkeypatch, direct_up_to
+):
+    # One iteration never reaches the tolerance with an incomplete
+    # factorisation; what follows must give the same steps.
+    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", direct_up_to)
+    reference, limited = scenes.blocks(comm), scenes.blocks(comm)
+    for _ in range(8):
+        reference.stepper.advance()
+    monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 1)
+    for _ in range(8):
+        limited.stepper.advance()
+    work = limited.stepper._solver.statistics
+    assert work.is_strong and work.num_direct > 0
+    np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
+
+
+def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(comm, monkeypatch):
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
+    smoothed, apply = [], BlockILU.apply
+    multiplied, mult = [], SinglePrecisionOperator.mult
+
+    def counted(self, pc, r, z):
+        smoothed.append(pc)
+        apply(self, pc, r, z)
+
+    def counted_product(self, matrix, x, y):
+        multiplied.append(matrix)
+        mult(self, matrix, x, y)
+
+    def run(options=None):
+        stepper = with_options(scenes.ball_plate(comm, shift=scenes.NO_TIES), options)
+        for _ in range(10):
+            stepper.advance()
+        work = stepper._solver.statistics
+        assert work.preconditioner == "GAMG" and work.num_direct == 0
+        return positions(stepper), work.num_iterations
+
+    monkeypatch.setattr(BlockILU, "apply", counted)
+    monkeypatch.setattr(SinglePrecisionOperator, "mult", counted_product)
+    kept, iterations = run()
+    # Before and after the coarser levels.
+    counts = len(smoothed), len(multiplied)
+    assert min(counts) >= 2 * iterations > 0
+    expected, others = run(preconditioner._MULTIGRID)
+    assert (len(smoothed), len(multiplied)) == counts
+    # Each run has a partition of its own.
+    assert abs(iterations - others) <= 2
+    np.testing.assert_allclose(kept, expected, atol=1e-9)
+
+
+def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
+    reference, singular = scenes.blocks(comm), scenes.blocks(comm)
+    reference.stepper.advance()
+    build = _kernels.IncompleteFactors.factorise
+
+    def factorise(kernel, start, column, value, order):
+        lost = value if comm.rank else 0 * value
+        return build(kernel, start, column, lost, order)
+
+    monkeypatch.setattr(_kernels.IncompleteFactors, "factorise", factorise)
+    singular.stepper.advance()
+    work = singular.stepper._solver.statistics
+    assert agree(work.is_strong and work.num_builds == 1)
+    np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
+
+
+def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agree):
+    # PETSc keeps options by name: those of MUMPS do not fit an incomplete factorisation.
+    stepper = scenes.blocks(comm).stepper
+    stepper.advance()
+    before = Snapshot()
+    stepper.serialize(before)
+    factors = stepper._solver._preconditioner
+    kind = str(factors)
+    factors.strengthen()
+    factors.build()
+    assert agree(factors.is_strong and str(factors) != kind)
+    stepper.serialize(before.rewind())
+    assert agree(not factors.is_strong and str(factors) == kind)
+    stepper.advance()

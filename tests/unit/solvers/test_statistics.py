@@ -1,0 +1,57 @@
+"""Counts of the linear solver, against calls of what they count."""
+
+from collections import Counter
+
+import pytest
+
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.projected_krylov import Operator
+from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.tangent import Tangent
+from helpers import scenes
+
+COUNTED = {
+    "num_residuals": (Bulk, "forces"),
+    "num_actions": (Bulk, "action"),
+    "num_tangents": (Tangent, "_assemble"),
+    "num_builds": (BulkPreconditioner, "build"),
+    "num_schwarz_builds": (ContactSchwarz, "_build"),
+    "num_direct": (SaddlePointSystem, "solve"),
+}
+
+
+@pytest.mark.parametrize("direct", [False, True])
+def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
+    calls = Counter()
+
+    def count(name, owner, method):
+        function = getattr(owner, method)
+
+        def counted(*args, **named):
+            calls[name] += 1
+            return function(*args, **named)
+
+        monkeypatch.setattr(owner, method, counted)
+
+    for name, (owner, method) in COUNTED.items():
+        count(name, owner, method)
+    count("products", Operator, "mult")
+    if direct:
+        monkeypatch.setattr("dolfinx_nts.solvers.krylov.Coupling.of", lambda self, pairs: True)
+    scene = scenes.blocks(comm)
+    solver = scene.stepper._solver
+    assert str(solver.statistics) == "not used so far"
+    scene.run(8)
+    work = solver.statistics
+    assert {name: getattr(work, name) for name in COUNTED} == {n: calls[n] for n in COUNTED}
+    # With one product for each iteration, GMRES needs no residual of its own.
+    assert calls["products"] == work.num_iterations
+    assert (work.num_direct > 0, work.num_iterations > 0) == (direct, not direct)
+    cells = scene.stepper.u.function_space.mesh.topology.index_map(3)
+    assert comm.allreduce(work.num_cells) == cells.size_global
+    if not direct:
+        line = str(work)
+        assert f"{work.num_iterations} iterations, {work.num_builds} factorisations" in line
+        assert work.preconditioner in line and 0.5 < work.wave_crossings < 2
