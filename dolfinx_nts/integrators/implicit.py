@@ -187,8 +187,8 @@ class ImplicitStepper(Stepper):
         dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
         for contact, step, pairs in zip(self.contacts, steps, solution.states, strict=True):
-            history = step.accepted(pairs)
-            work = work + step.work(pairs, history)
+            history, step_work = step.accepted(pairs)
+            work = work + step_work
             contact.accept(history)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)

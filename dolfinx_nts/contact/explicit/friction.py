@@ -1,6 +1,6 @@
 """Friction by springs, evaluated at one state: for explicit steps."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,11 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
 
-__all__ = ["NoFriction", "SpringFriction", "TangentialSprings", "friction_of"]
+__all__ = ["Friction", "SpringFriction", "friction_of"]
 
 
-class TangentialSprings(Protocol):
-    """Friction of the nodes of a pair in explicit steps. Local."""
+class Friction:
+    """Friction of the nodes of a pair in explicit steps: none, unless a law says so. Local."""
 
     def add_to(
         self,
@@ -39,33 +39,15 @@ class TangentialSprings(Protocol):
         Returns:
             What the history remembers, by its names.
         """
+        return {}
 
     def lost(self) -> dict[str, Any]:
         """What the history remembers where no node touches, by its names."""
-
-
-class NoFriction:
-    """Friction that is none, see `TangentialSprings`."""
-
-    def add_to(
-        self,
-        springs: _kernels.Springs,
-        candidates: Candidates,
-        x_n: Floats,
-        x: Floats,
-        segment: Ints,
-        p: Floats,
-    ) -> dict[str, Any]:
-        """Add nothing."""
-        return {}
-
-    def lost(self) -> dict[str, Any]:
-        """Nothing."""
         return {}
 
 
-class SpringFriction:
-    """Coulomb friction with a spring at each node, see `TangentialSprings`.
+class SpringFriction(Friction):
+    """Coulomb friction with a spring at each node, see `Friction`.
 
     Args:
         state: State of the contact pair.
@@ -85,7 +67,7 @@ class SpringFriction:
         segment: Ints,
         p: Floats,
     ) -> dict[str, Any]:
-        """Add friction, see `TangentialSprings.add_to`."""
+        """Add friction, see `Friction.add_to`."""
         state, law, node, old = self._state, self._law, springs.node, self._state.history
         assert state.eps_T is not None
         eps_T = state.eps_T[node]
@@ -119,11 +101,11 @@ class SpringFriction:
         return {"slip": history.slip.copy(), "dissipation": lost}
 
 
-def friction_of(state: PairState) -> TangentialSprings:
+def friction_of(state: PairState) -> Friction:
     """Friction of a pair, by its law. Local.
 
     Args:
         state: State of the contact pair.
     """
     law = state.pair.friction
-    return NoFriction() if law is None else SpringFriction(state, law)
+    return Friction() if law is None else SpringFriction(state, law)

@@ -12,10 +12,13 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.normal_contact import NormalContact, normal_contact
+from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.normal_contact import NormalContact
+from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, friction_of
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
@@ -70,18 +73,12 @@ class ContactStep:
         self.x = search.x_n
         self._free = None if free is None else search.candidates.restrict(search.points, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
-        self.normal: NormalContact = normal_contact(state, scheme, search, nodal_stiffness)
+        self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
         self.friction: Friction = friction_of(state, search, nodal_stiffness)
-        self._eligible, may_touch = self.normal.eligible()
-        self.may_touch = reductions.anywhere(self.comm, bool(may_touch.any()))
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         self.num_active, self.touched = 0, False
         self._pairs: PairKinematics  # of the last evaluation
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """Communicator of the mesh."""
-        comm: MPI.Comm = self.state.nodes.V.mesh.comm
-        return comm
 
     @property
     def candidates(self) -> Candidates:
@@ -105,7 +102,7 @@ class ContactStep:
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
         changed += self.normal.update(pairs, x, R_bulk, self.friction, iteration)
         num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
-        self.num_active = reductions.total(self.comm, num_active)
+        self.num_active = reductions.total(self._comm, num_active)
         self.touched |= self.num_active > 0
         # Without a previous iteration the set of active pairs is new.
         return self._contribution(pairs, changed if iteration else num_active)
@@ -116,7 +113,7 @@ class ContactStep:
         Returns:
             How many nodes got another: with any, it has to be found again.
         """
-        return self.search.reproject(self.x, self._eligible)
+        return self.search.reproject(self.x, self.normal.nodes)
 
     def close_gaps(self, x: Floats, u: Floats) -> None:
         """Move nodes to where their multipliers want them, see `NormalContact.close_gaps`.
@@ -139,7 +136,7 @@ class ContactStep:
         values = np.zeros(rows.shape)
         values[rows] = increments
         self.normal.lambda_N[node] += values[:, 0]
-        self.friction.add_multipliers(node, values[:, 1:])
+        self.friction.traction[node] += values[:, 1:]
 
     @property
     def restless(self) -> GlobalInts:
@@ -148,8 +145,16 @@ class ContactStep:
         ids: GlobalInts = self.state.nodes.node_ids[self.search.restless | (flips >= _RESTLESS)]
         return ids
 
-    def accepted(self, contribution: ContactContribution) -> ContactHistory:
-        """What is to become the pair's history, from the last evaluation."""
+    def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
+        """What is to become the pair's history, and the energy given by the step.
+
+        Args:
+            contribution: The last evaluation.
+        """
+        history = self._history(contribution)
+        return history, self._work(contribution, history)
+
+    def _history(self, contribution: ContactContribution) -> ContactHistory:
         pairs, search, n = self._pairs, self.search, len(self.normal.active)
         key = np.full(n, -1, dtype=np.int64)
         found = search.segment >= 0
@@ -170,13 +175,8 @@ class ContactStep:
             **slip,
         )
 
-    def work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
-        """Energy given by the contact of the step, by cause.
-
-        Args:
-            contribution: The last evaluation.
-            new: What `accepted` made of it.
-        """
+    def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
+        """Energy given by the contact of the step, by cause."""
         old, pairs = self.state.history, contribution.pairs
         dx = self.x.take(pairs.dofs, axis=0) - self.search.x_n.take(pairs.dofs, axis=0)
         F = pairs.contact.force
@@ -194,11 +194,11 @@ class ContactStep:
                 -new.dissipation.sum(),
             ]
         )
-        return ContactWork(*reductions.total(self.comm, parts).tolist())
+        return ContactWork(*reductions.total(self._comm, parts).tolist())
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
         """Kinematics of nodes that may transmit force; how many moved or lost their pair."""
-        search, node, released = self.search, self._eligible, 0
+        search, node, released = self.search, self.normal.nodes, 0
         segment, moved = search.find(x, node, iteration)
         near = (segment >= 0) & self.normal.needs(node)
         if not near.all():
@@ -238,6 +238,16 @@ class ContactStep:
             changed=changed,
             failed=pairs.failures(active),
         )
+
+
+def _normal_contact(
+    state: PairState, scheme: str, search: LocalSearch, stiffness: Floats
+) -> NormalContact:
+    """Normal contact of a pair, by its enforcement. Collective."""
+    law = state.pair.enforcement
+    if isinstance(law, LagrangeMultiplier):
+        return MultiplierContact(state, law, scheme, search, stiffness)
+    return PenaltyContact(state, law, search)
 
 
 def contact_residual(

@@ -10,6 +10,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.pair_state import PairState
 
@@ -19,7 +20,7 @@ __all__ = ["MultiplierContact"]
 _CLOSE = 0.01
 
 
-class MultiplierContact:
+class MultiplierContact(NormalContact):
     """Decides which nodes are held, and balances forces there, see `NormalContact`.
 
     Args:
@@ -28,9 +29,6 @@ class MultiplierContact:
         scheme: Kernel of contact.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-
-    Attributes:
-        active, lambda_N, flips: See `NormalContact`.
     """
 
     def __init__(
@@ -42,40 +40,30 @@ class MultiplierContact:
         stiffness: Floats,
     ) -> None:
         """Begin with the nodes that were held in the last step and may be in this."""
-        self._state, self._law, self._search = state, law, search
         # Elastic impact holds gaps; in statics there is no impact.
         self._holds = law.impact == "elastic" and scheme != "static"
-        self._eligible = search.approach.segment >= 0
+        approach, history = search.approach, state.history
+        eligible = approach.segment >= 0
         if self._holds:
-            candidates, met = search.candidates, search.approach
+            size = search.candidates.size
             # Without candidates nobody is eligible, whatever the size.
-            size = candidates.size if len(candidates.size) else np.ones(1)
-            self._eligible &= law.eligible(
-                met.gap_n, met.gap, size.take(met.segment, mode="wrap"), state.history.active
-            )
-        inside = np.fmin(search.approach.gap_n, search.approach.gap) < 0
-        self._eligible = search.candidates.independent(
-            state.nodes,
-            search.approach.segment,
-            self._eligible,
-            2 * state.history.active + inside,
-        )
-        self.active: Flags = state.history.active & self._eligible
-        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
-        self.flips: Ints = np.zeros(len(self.active), dtype=np.int32)
+            size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
+            eligible &= law.eligible(approach.gap_n, approach.gap, size, history.active)
+        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        eligible = search.candidates.independent(state.nodes, approach.segment, eligible, urgency)
+        super().__init__(state, search, eligible)
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._set = ActiveSet(state.pair, law, stiffness, comm)
 
-    def eligible(self) -> tuple[Ints, Flags]:
-        """Nodes that may be held, and whether they may touch in this step."""
-        may_touch = self._search.may_close | self._state.history.active
-        nodes = self._eligible.nonzero()[0].astype(np.int32)
-        return nodes, self._eligible if self._holds else may_touch
+    @property
+    def may_touch(self) -> Flags:
+        """Whether a node may touch: where gaps are held, only those that may be held."""
+        return self._eligible if self._holds else super().may_touch
 
     def needs(self, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
-            return np.ones(len(node), dtype=bool)
+            return super().needs(node)
         return self.active[node] | (self._search.gap[node] < 0)
 
     def update(
@@ -135,19 +123,3 @@ class MultiplierContact:
     def rank(self, active: Flags) -> Ints:
         """One normal constraint for each active pair."""
         return active.astype(np.int32)
-
-    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
-        """Do nothing, as multipliers are unknowns."""
-
-    def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """No springs: energy [J] and offset [m] are zero."""
-        zero = np.zeros(len(pairs.node))
-        return zero, zero
-
-    def stored(self, pairs: PairKinematics) -> Floats | float:
-        """No springs store energy."""
-        return 0.0
-
-    def lost_energy(self, node: Ints) -> float:
-        """No springs lose energy."""
-        return 0.0

@@ -1,43 +1,52 @@
-"""What all kinds of normal contact do in one attempt at a step."""
+"""Normal contact in one attempt at a step: what multipliers and springs share."""
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+
+import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["NormalContact", "normal_contact"]
+__all__ = ["NormalContact"]
 
 
-class NormalContact(Protocol):
+class NormalContact(ABC):
     """Normal forces of the nodes of a pair: by multipliers or by springs.
 
+    Args:
+        state: State of the contact pair.
+        search: Segments of the nodes.
+        eligible: Nodes that may transmit force, shape ``(n,)``.
+
     Attributes:
+        nodes: The eligible nodes, positions in the surface's, ``(e,)``.
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
         flips: How often a node has changed between contact and none.
     """
 
-    active: Flags
-    lambda_N: Floats
-    flips: Ints
+    def __init__(self, state: PairState, search: LocalSearch, eligible: Flags) -> None:
+        """Begin with the nodes that were active in the last step and may be in this."""
+        self._state, self._search, self._eligible = state, search, eligible
+        self.nodes: Ints = eligible.nonzero()[0].astype(np.int32)
+        self.active: Flags = state.history.active & eligible
+        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
+        self.flips: Ints = np.zeros(len(eligible), dtype=np.int32)
 
-    def eligible(self) -> tuple[Ints, Flags]:
-        """Find the nodes that contact has to look at. Local.
-
-        Returns:
-            Nodes that may transmit force, positions in the surface's
-            nodes, ``(e,)``; whether a node may touch in the step, ``(n,)``.
-        """
+    @property
+    def may_touch(self) -> Flags:
+        """Whether a node may touch within the step, shape ``(n,)``. Local."""
+        flags: Flags = self._search.may_close | self._state.history.active
+        return flags
 
     def needs(self, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter in this iteration. Local."""
+        return np.ones(len(node), dtype=bool)
 
+    @abstractmethod
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
@@ -55,7 +64,9 @@ class NormalContact(Protocol):
             How many pairs of this rank do not fit, or did not.
         """
 
-    def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
+    def close_gaps(  # noqa: B027 (springs want no gap)
+        self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction
+    ) -> None:
         """Move nodes to where constraints want them. Collective.
 
         Args:
@@ -66,34 +77,24 @@ class NormalContact(Protocol):
             friction: Friction of the pairs.
         """
 
+    @abstractmethod
     def rank(self, active: Flags) -> Ints:
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""
 
-    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
+    def add_slope(  # noqa: B027 (multipliers do not follow gaps)
+        self, pairs: PairKinematics, columns: Floats, tangent: Floats
+    ) -> None:
         """Add how the forces follow the gaps to the tangent ``(m, d, d)``. Local."""
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of springs [J], and gap at which they start [m], ``(m,)``. Local."""
+        zero = np.zeros(len(pairs.node))
+        return zero, zero
 
     def stored(self, pairs: PairKinematics) -> Floats | float:
         """Energy that springs took in the step, shape ``(m,)`` [J]. Local."""
+        return 0.0
 
     def lost_energy(self, node: Ints) -> float:
         """Energy of springs at all but some nodes at t_n [J]. Local."""
-
-
-def normal_contact(
-    state: PairState, scheme: str, search: LocalSearch, stiffness: Floats
-) -> NormalContact:
-    """Normal contact of a pair, by its enforcement. Collective.
-
-    Args:
-        state: State of the contact pair.
-        scheme: Kernel of contact.
-        search: Segments of the nodes.
-        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-    """
-    law = state.pair.enforcement
-    if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, scheme, search, stiffness)
-    return PenaltyContact(state, law, search)
+        return 0.0

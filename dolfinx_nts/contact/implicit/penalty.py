@@ -6,42 +6,28 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["PenaltyContact"]
 
 
-class PenaltyContact:
+class PenaltyContact(NormalContact):
     """Forces and energies of the springs, see `NormalContact`.
 
     Args:
         state: State of the contact pair, with springs.
         law: Its enforcement.
         search: Segments of its nodes.
-
-    Attributes:
-        active, lambda_N, flips: See `NormalContact`.
     """
 
     def __init__(self, state: PairState, law: Penalty, search: LocalSearch) -> None:
         """Begin with the nodes that were in their springs in the last step."""
         assert state.eps_N is not None
-        self._state, self._law, self._search, self._eps_N = state, law, search, state.eps_N
-        self._has_segment = search.approach.segment >= 0
-        self.active: Flags = state.history.active & self._has_segment
-        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
-        self.flips: Ints = np.zeros(len(self.active), dtype=np.int32)
+        super().__init__(state, search, search.approach.segment >= 0)
+        self._law, self._eps_N = law, state.eps_N
         self._slope: Floats = np.empty(0)  # of lambda_N by the gap [N/m]
-
-    def eligible(self) -> tuple[Ints, Flags]:
-        """Nodes that face a segment, and whether they may touch in this step."""
-        nodes = self._has_segment.nonzero()[0].astype(np.int32)
-        return nodes, self._search.may_close | self._state.history.active
-
-    def needs(self, node: Ints) -> Flags:
-        """The kinematics of all nodes matter."""
-        return np.ones(len(node), dtype=bool)
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
@@ -63,9 +49,6 @@ class PenaltyContact:
         changes = friction.update(pairs, -lambda_N, active, iteration)
         self.active[node], self.lambda_N[node] = active, lambda_N
         return changes
-
-    def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
-        """Do nothing, as springs want no gap."""
 
     def rank(self, active: Flags) -> Ints:
         """No constraints."""

@@ -29,7 +29,7 @@ def check_penetration(step: ContactStep) -> str:
         step: The solved step.
     """
     counts = [_tunnelled(step), _without_segment(step), _between_segments(step)]
-    tunnelled, without, between = reductions.total(step.comm, counts)
+    tunnelled, without, between = reductions.total(step.state.nodes.V.mesh.comm, counts)
     if tunnelled:
         return f"nodes that pass through a surface: {tunnelled}"
     if without:

@@ -1,6 +1,6 @@
 """Stick, slip and traction of the nodes of a pair in one attempt at a step."""
 
-from typing import Any, Protocol
+from typing import Any
 
 from mpi4py import MPI
 
@@ -13,17 +13,20 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["Friction", "NoFriction", "StickSlip", "friction_of"]
+__all__ = ["Friction", "StickSlip", "friction_of"]
 
 # Weight of slip in the test for stick, relative to the stiffness of a node.
 _SLIP_WEIGHT = 0.3
 
 
-class Friction(Protocol):
-    """Tangential forces of the nodes of a pair; local but for `update`.
+class Friction:
+    """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
 
-    ``m`` pairs are a part of the ``n`` nodes of the surface; ``active``
-    tells which of the pairs transmit force, shape ``(m,)``.
+    ``m`` pairs are a part of the ``n`` nodes of the surface; ``active`` tells
+    which of the pairs transmit force, shape ``(m,)``. Local, but for `update`.
+
+    Args:
+        state: State of the contact pair.
 
     Attributes:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
@@ -31,9 +34,13 @@ class Friction(Protocol):
         flips: How often a node has changed between stick and slip, ``(n,)``.
     """
 
-    sliding: Flags
-    traction: Floats
-    flips: Ints
+    def __init__(self, state: PairState) -> None:
+        """Let all nodes slide, without traction."""
+        n = len(state.nodes.nodes)
+        self._state = state
+        self.sliding: Flags = np.ones(n, dtype=bool)
+        self.traction: Floats = np.zeros((n, 2))
+        self.flips: Ints = np.zeros(n, dtype=np.int32)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs to their kinematics.
@@ -45,6 +52,7 @@ class Friction(Protocol):
 
     def release(self, node: Ints) -> None:
         """Forget the traction of nodes that have become inactive."""
+        self.traction[node] = 0.0
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
         """Release nodes that are not held any more; let those slide that are now.
@@ -57,6 +65,7 @@ class Friction(Protocol):
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes held by multipliers in the tangent plane, ``(m,)``."""
+        return np.zeros(len(node), dtype=bool)
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction. Collective.
@@ -70,6 +79,7 @@ class Friction(Protocol):
         Returns:
             Pairs of this rank whose state did not fit.
         """
+        return 0
 
     def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
         """What the normal multipliers have to balance, and their columns.
@@ -84,6 +94,7 @@ class Friction(Protocol):
             force, ``(m, 3)``; force per multiplier with those that do, at
             the node in the first of the rows, ``(m, ..., 3 or more)``.
         """
+        return R, pairs.columns
 
     def balance(
         self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
@@ -99,6 +110,7 @@ class Friction(Protocol):
         Returns:
             Normal multipliers, those of sticking nodes too.
         """
+        return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
         """Set the tractions of sliding nodes where multipliers were solved for.
@@ -124,9 +136,7 @@ class Friction(Protocol):
             Force per multiplier, shape ``(m, 3, d)``, that of the normal
             with the friction which scales with it.
         """
-
-    def add_multipliers(self, node: Ints, increments: Floats) -> None:
-        """Add increments of the tangential multipliers, ``(m, 2)`` [N]."""
+        return pairs.columns
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs [J], and what the history remembers by its names.
@@ -135,71 +145,10 @@ class Friction(Protocol):
             pairs: The pairs.
             x: Positions with ghosts at the end of the step, ``(l, 3)`` [m].
         """
-
-
-class NoFriction:
-    """Friction that is none, see `Friction`.
-
-    Args:
-        state: State of the contact pair.
-
-    Attributes:
-        sliding, traction, flips: See `Friction`; all nodes slide.
-    """
-
-    def __init__(self, state: PairState) -> None:
-        """Let all nodes slide."""
-        n = len(state.nodes.nodes)
-        self._state = state
-        self.sliding: Flags = np.ones(n, dtype=bool)
-        self.traction: Floats = np.zeros((n, 2))
-        self.flips: Ints = np.zeros(n, dtype=np.int32)
-
-    def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        """Measure nothing."""
-
-    def release(self, node: Ints) -> None:
-        """Do nothing."""
-
-    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Do nothing."""
-
-    def sticks(self, node: Ints, active: Flags) -> Flags:
-        """No nodes."""
-        return np.zeros(len(node), dtype=bool)
-
-    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
-        """No pairs that do not fit. Local."""
-        return 0
-
-    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
-        """The residual and the columns as they are."""
-        return R, pairs.columns
-
-    def balance(
-        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
-    ) -> Floats:
-        """The normal multipliers as they are."""
-        return lambda_N
-
-    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Do nothing."""
-
-    def add_to(
-        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
-    ) -> Floats:
-        """The columns as they are."""
-        return pairs.columns
-
-    def add_multipliers(self, node: Ints, increments: Floats) -> None:
-        """Do nothing."""
-
-    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        """No energy; the slip of former steps."""
         return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}
 
 
-class StickSlip:
+class StickSlip(Friction):
     """Coulomb friction with exact stick or with springs, see `Friction`.
 
     Args:
@@ -216,14 +165,13 @@ class StickSlip:
         self, state: PairState, law: Coulomb, search: LocalSearch, stiffness: Floats
     ) -> None:
         """Continue from the accepted step."""
+        super().__init__(state)
         history, n = state.history, len(stiffness)
-        self._state, self._law, self._search, self._stiffness = state, law, search, stiffness
+        self._law, self._search, self._stiffness = law, search, stiffness
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._pivoting = BlockPivoting(comm)
         # A node that arrives slides until it is found to stick.
-        self.sliding: Flags = history.sliding | ~history.active
-        self.traction: Floats = np.zeros((n, 2))
-        self.flips: Ints = np.zeros(n, dtype=np.int32)
+        self.sliding = history.sliding | ~history.active
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
@@ -234,10 +182,6 @@ class StickSlip:
         points = search.points.take(pairs.node)
         slip = search.candidates.slip(self._law.law, points, search.x_n, x, pairs.segment)
         pairs.add_slip(slip)
-
-    def release(self, node: Ints) -> None:
-        """Forget the traction of nodes, see `Friction.release`."""
-        self.traction[node] = 0.0
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
@@ -345,10 +289,6 @@ class StickSlip:
         columns[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
         return columns
 
-    def add_multipliers(self, node: Ints, increments: Floats) -> None:
-        """Add increments of the tangential multipliers, see `Friction.add_multipliers`."""
-        self.traction[node] += increments
-
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""
         state, old, node, slip = self._state, self._state.history, pairs.node, pairs.slip
@@ -379,4 +319,4 @@ def friction_of(state: PairState, search: LocalSearch, stiffness: Floats) -> Fri
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
     """
     law = state.pair.friction
-    return NoFriction(state) if law is None else StickSlip(state, law, search, stiffness)
+    return Friction(state) if law is None else StickSlip(state, law, search, stiffness)

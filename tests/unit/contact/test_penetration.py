@@ -57,12 +57,13 @@ def step_of(facets, before, after, held):
         segment=segment,
         gap=gap,
     )
+    mesh = SimpleNamespace(comm=MPI.COMM_SELF)
+    surface = SimpleNamespace(V=SimpleNamespace(mesh=mesh))
     return SimpleNamespace(
         candidates=candidates,
-        state=SimpleNamespace(history=history),
+        state=SimpleNamespace(history=history, nodes=surface),
         search=search,
         normal=SimpleNamespace(active=np.array(held[1:])),
-        comm=MPI.COMM_SELF,
         x=x,
     )
 
