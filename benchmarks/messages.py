@@ -72,13 +72,13 @@ def count(n: int, h: float, skip: int, steps: int, comm: MPI.Comm) -> dict[str, 
     for step in range(skip + steps):
         if step == skip:
             counter.counts.clear()
-            start, newton, krylov = counter.now(), 0, stepper._solver.num_iterations
-            exchanges = stepper.contacts[0].search.exchanges
+            start, newton, krylov = counter.now(), 0, stepper.statistics.solver.num_iterations
+            exchanges = stepper.contacts[0].search.num_searches
         newton += stepper.advance().newton_iterations
     total = counter.now() - start
     contact = sum((counter.counts.get(name, np.zeros(4)) for name in CONTACT), np.zeros(4))
-    krylov = stepper._solver.num_iterations - krylov
-    exchanges = stepper.contacts[0].search.exchanges - exchanges
+    krylov = stepper.statistics.solver.num_iterations - krylov
+    exchanges = stepper.contacts[0].search.num_searches - exchanges
     index_map = stepper.u.function_space.dofmap.index_map
     row = {
         "n": n,

@@ -196,3 +196,44 @@ def test_package_does_not_print(module):
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             assert node.func.id != "print", f"{module}.py:{node.lineno}"
+
+
+# Most public members of a class, and most attributes that it sets on its objects.
+MEMBERS, ATTRIBUTES = 15, 12
+
+
+def members(node: ast.ClassDef) -> tuple[set[str], set[str]]:
+    """Public members that a class defines, and attributes that its methods set."""
+    functions = {n.name for n in node.body if isinstance(n, ast.FunctionDef)}
+    declared = {
+        n.target.id
+        for n in node.body
+        if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)
+    }
+    stored = {
+        n.attr
+        for n in ast.walk(node)
+        if isinstance(n, ast.Attribute)
+        and isinstance(n.ctx, ast.Store)
+        and ast.unparse(n.value) == "self"
+    }
+    attributes = stored - functions
+    return {n for n in functions | declared | attributes if not n.startswith("_")}, attributes
+
+
+def test_classes_are_small():
+    nodes = {
+        node.name: node
+        for module in PATHS
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.ClassDef)
+    }
+
+    def inherited(node: ast.ClassDef) -> set[str]:
+        bases = [nodes[ast.unparse(b)] for b in node.bases if ast.unparse(b) in nodes]
+        return set().union(*(members(b)[0] | members(b)[1] | inherited(b) for b in bases))
+
+    for name, node in nodes.items():
+        public, attributes = (found - inherited(node) for found in members(node))
+        assert len(public) <= MEMBERS, f"{name}: {sorted(public)}"
+        assert len(attributes) <= ATTRIBUTES, f"{name}: {sorted(attributes)}"

@@ -227,6 +227,9 @@ class CentralDifference(Stepper):
         momentum: Floats = self.mass[:, None] * self._arrays.v
         return momentum
 
+    def _work_of_solvers(self) -> tuple[int, None]:
+        return self._bulk.internal.num_assemblies, None
+
     def longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
         return self.stable_step / (1 + 1e-5)

@@ -43,6 +43,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
@@ -251,9 +252,8 @@ class ImplicitStepper(Stepper):
         )
         return steps, solution
 
-    def describe(self) -> list[str]:
-        """Lines on the pairs and on the work of the linear solver. Local."""
-        return [*super().describe(), f"linear solver: {self._solver.statistics}"]
+    def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
+        return self._bulk.num_residuals, self._solver.statistics
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm of values on the owned dofs. Collective."""

@@ -22,6 +22,7 @@ from dolfinx_nts.contact.start import check_start
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State
+from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.integrators.time_loop import run_controlled, run_evenly
 from dolfinx_nts.model.bodies import Body, check_bodies
@@ -30,6 +31,7 @@ from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed, end_together
+from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["Stepper"]
 
@@ -104,9 +106,18 @@ class Stepper(State):
     def _step(self) -> StepReport:
         """Solve a step from u_n, v to u, v and accept the contact."""
 
-    def describe(self) -> list[str]:
-        """Lines on the pairs, with numbers that were derived. Local."""
-        return [f"pair {number}: {contact}" for number, contact in enumerate(self.contacts, 1)]
+    @property
+    def statistics(self) -> StepperStatistics:
+        """What has been done so far, in numbers. Local."""
+        return StepperStatistics(
+            tuple(map(str, self.contacts)),
+            tuple(contact.search.num_searches for contact in self.contacts),
+            *self._work_of_solvers(),
+        )
+
+    @abstractmethod
+    def _work_of_solvers(self) -> tuple[int, SolverStatistics | None]:
+        """Evaluations of internal forces, and the work of the linear solver."""
 
     def __repr__(self) -> str:
         """Time, steps, and what is advanced, one line. Local."""

@@ -50,7 +50,7 @@ class Summary:
             [
                 f"{self._name}: {ledger.num_steps} steps {time_span}",
                 ledger.iterations(),
-                *self._stepper.describe(),
+                *str(self._stepper.statistics).splitlines(),
                 *ledger.drifts(),
                 *(
                     f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"

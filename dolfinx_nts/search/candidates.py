@@ -157,7 +157,13 @@ class Candidates(Protocol):
 
 
 class Search(Protocol):
-    """Finds the candidates of a pair of surfaces. Collective, as all its methods."""
+    """Finds the candidates of a pair of surfaces. Collective, as all its methods.
+
+    Attributes:
+        num_searches: How often they were searched.
+    """
+
+    num_searches: int
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
         """Candidates among which is everything within reach of a point.

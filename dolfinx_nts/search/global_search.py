@@ -33,7 +33,7 @@ class GlobalSearch:
         segments: Surface that offers segments.
 
     Attributes:
-        exchanges: How often segments were sent around.
+        num_searches: How often segments were sent around.
     """
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
@@ -47,7 +47,7 @@ class GlobalSearch:
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self._covered: tuple[Floats, Floats, float] | None = None
         self._candidates: SegmentCandidates | None = None
-        self.exchanges = 0
+        self.num_searches = 0
 
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
         """SegmentCandidates that holds every segment within reach of a node.
@@ -72,7 +72,7 @@ class GlobalSearch:
         reach *= 3
         self._covered = (*self.positions(x), reach)
         self._candidates = self._find(x, reach)
-        self.exchanges += 1
+        self.num_searches += 1
         return self._candidates, True
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:

@@ -129,7 +129,10 @@ class ObstacleSearch:
 
     Attributes:
         candidates: The facets, always the same.
+        num_searches: 0.
     """
+
+    num_searches = 0
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Make the candidates."""

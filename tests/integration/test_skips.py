@@ -25,7 +25,7 @@ def ball_plate(comm, law, monkeypatch=None):
 
 def num_cells(scene):
     """Cells that a residual goes over, on all ranks."""
-    return scene.comm.allreduce(scene.stepper._bulk.num_cells)
+    return scene.comm.allreduce(scene.stepper.statistics.solver.num_cells)
 
 
 @laws

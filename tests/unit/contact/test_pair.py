@@ -403,3 +403,15 @@ def test_steppers_that_share_their_pairs_do_not_disturb_each_other(comm, agree, 
         assert agree(np.array_equal(one.v.x.array, other.v.x.array))
         for contact, twin in zip(one.contacts, other.contacts, strict=True):
             assert agree(same(contact.history, copy(twin.history)))
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, nts.CentralDifference])
+def test_contact_goes_with_its_stepper(comm, agree, scheme):
+    # Without a collection of garbage: nothing in a stepper refers back to it.
+    enforcement = nts.Penalty() if scheme is nts.CentralDifference else None
+    scene = scenes.blocks(comm, scheme, enforcement, dt=1e-3)
+    scene.stepper.advance()
+    (pair,), bodies = scene.stepper.pairs, scene.stepper.bodies
+    del scene
+    other = scheme(bodies, [pair], dt=1e-3)
+    assert agree(pair.history is other.contacts[0].history)

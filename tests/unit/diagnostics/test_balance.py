@@ -168,7 +168,7 @@ def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, 
         stepper.advance()
         looked.clear()
     # What surrounds the nodes is found once.
-    assert [c._far_search.exchanges for c in stepper.contacts[:3]] == [1, 1, 1]
+    assert [c._far_search.num_searches for c in stepper.contacts[:3]] == [1, 1, 1]
 
 
 def test_min_gap_is_nan_where_nothing_faces_and_without_pairs(comm):

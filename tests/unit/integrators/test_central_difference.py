@@ -398,8 +398,8 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
     num_steps = 100
     for _ in range(num_steps):
         stepper.advance()
-    assert stepper._bulk.internal.num_assemblies == num_steps + 1
-    assert stepper.contacts[0].search.exchanges <= num_steps / 10
+    assert stepper.statistics.num_forces == num_steps + 1
+    assert stepper.contacts[0].search.num_searches <= num_steps / 10
 
 
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):

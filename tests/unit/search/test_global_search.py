@@ -121,14 +121,14 @@ def test_segments_are_sent_again_only_after_enough_movement(comm):
     again, new = search.update(x, reach)
     assert not new
     assert again is first
-    assert search.exchanges == 1
+    assert search.num_searches == 1
     x[:, 2] += 0.2 * reach
     _, new = search.update(x, reach)
     assert new
-    assert search.exchanges == 2
+    assert search.num_searches == 2
     _, new = search.update(x, 3.1 * reach)
     assert new
-    assert search.exchanges == 3
+    assert search.num_searches == 3
 
 
 def test_movement_on_one_rank_alone_sends_the_segments_on_all(comm):
@@ -157,7 +157,7 @@ def test_candidates_that_are_used_again_still_contains_every_segment_within_reac
         distance = sampled_distance(x[pair.nodes.nodes], segments)
         missing += len(np.setdiff1d(key[(distance <= reach).any(axis=0)], here.key))
     assert comm.allreduce(missing) == 0
-    assert 1 < search.exchanges < 8
+    assert 1 < search.num_searches < 8
 
 
 def test_rank_without_nodes_or_segments_takes_part(comm):

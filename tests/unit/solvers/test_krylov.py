@@ -70,7 +70,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
             monkeypatch.setattr("dolfinx_nts.solvers.krylov.Coupling.of", lambda self, pairs: True)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
-        assert (scene.stepper._solver.num_direct > 0) == direct
+        assert (scene.stepper.statistics.solver.num_direct > 0) == direct
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-10)
     # Newton's method sees the same multipliers and tractions.
     assert np.all(np.abs(np.subtract(*iterations)) <= 1)
@@ -82,7 +82,7 @@ def test_one_preconditioner_lasts_for_many_steps(comm):
     for _ in range(15):
         stepper.advance()
     assert comm.allreduce(int(stepper.pairs[0].history.active.sum())) > 3
-    work = stepper._solver.statistics
+    work = stepper.statistics.solver
     # One assembly for the stiffness of the nodes, one for each build.
     assert work.num_builds <= 3 and work.num_tangents <= 4
 

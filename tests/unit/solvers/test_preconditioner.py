@@ -57,7 +57,7 @@ def default():
     stepper = scenes.blocks(scenes.MPI.COMM_WORLD).stepper
     for _ in range(NUM_STEPS):
         stepper.advance()
-    return positions(stepper), stepper._solver.statistics.num_iterations
+    return positions(stepper), stepper.statistics.solver.num_iterations
 
 
 @pytest.mark.parametrize("name", OPTIONS)
@@ -65,7 +65,7 @@ def test_every_preconditioner_of_petsc_gives_the_same_steps(comm, default, name)
     stepper = with_options(scenes.blocks(comm), OPTIONS[name])
     for _ in range(NUM_STEPS):
         stepper.advance()
-    work = stepper._solver.statistics
+    work = stepper.statistics.solver
     expected, iterations = default
     np.testing.assert_allclose(positions(stepper), expected, atol=AGREEMENT)
     assert work.preconditioner == OPTIONS[name]["pc_type"].upper()
@@ -91,7 +91,7 @@ def test_options_may_choose_another_krylov_method(comm, default):
     for _ in range(NUM_STEPS):
         stepper.advance()
     assert stepper._solver._krylov._ksp.getType() == "gmres"
-    assert "single precision" in stepper._solver.statistics.preconditioner
+    assert "single precision" in stepper.statistics.solver.preconditioner
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
 
 
@@ -129,11 +129,11 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
     stepper = with_options(scenes.blocks(comm), {"pc_type": "jacobi"})
     for _ in range(NUM_STEPS // 2):
         stepper.advance()
-    assert stepper._solver.statistics.preconditioner == "JACOBI" and not caplog.records
+    assert stepper.statistics.solver.preconditioner == "JACOBI" and not caplog.records
     monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 3)
     for _ in range(NUM_STEPS // 2):
         stepper.advance()
-    assert stepper._solver.statistics.preconditioner == "LU"
+    assert stepper.statistics.solver.preconditioner == "LU"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
     text = "JACOBI of petsc_options fails, stronger factors take its place"
     assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
@@ -153,7 +153,7 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 1)
     for _ in range(8):
         limited.stepper.advance()
-    work = limited.stepper._solver.statistics
+    work = limited.stepper.statistics.solver
     assert work.is_strong and work.num_direct > 0
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
@@ -176,7 +176,7 @@ def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(c
         stepper = with_options(scenes.ball_plate(comm, shift=scenes.NO_TIES), options)
         for _ in range(10):
             stepper.advance()
-        work = stepper._solver.statistics
+        work = stepper.statistics.solver
         assert work.preconditioner == "GAMG" and work.num_direct == 0
         return positions(stepper), work.num_iterations
 
@@ -204,7 +204,7 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
 
     monkeypatch.setattr(_kernels.IncompleteFactors, "factorise", factorise)
     singular.stepper.advance()
-    work = singular.stepper._solver.statistics
+    work = singular.stepper.statistics.solver
     assert agree(work.is_strong and work.num_builds == 1)
     np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
 
