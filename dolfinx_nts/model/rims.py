@@ -1,0 +1,38 @@
+"""Rims of surfaces: edges that belong to one facet only."""
+
+import numpy as np
+from basix import CellType, topology
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+
+__all__ = ["is_nearest_a_rim"]
+
+# Vertices at the ends of each edge, by the number of vertices of a facet.
+_EDGES = {
+    len(topology(cell)[0]): topology(cell)[1]
+    for cell in (CellType.triangle, CellType.quadrilateral)
+}
+
+
+def is_nearest_a_rim(points: Floats, x: Floats, facets: Ints, facet: Ints) -> Flags:
+    """Whether the edge of a facet that is nearest to a point is a rim of the surface. Local.
+
+    Args:
+        points: The points, shape ``(m, 3)`` [m].
+        x: Positions of the vertices, shape ``(l, 3)`` [m].
+        facets: Vertices of all facets in Basix order, shape ``(s, k)``.
+        facet: Facet of each point, shape ``(m,)``.
+
+    Returns:
+        Flags, shape ``(m,)``.
+    """
+    edges = facets[:, _EDGES[facets.shape[1]]]
+    begin, end = np.moveaxis(x[edges[facet]], 2, 0)
+    along, r = end - begin, points[:, None] - begin
+    square = np.einsum("mei,mei->me", along, along)
+    part = np.einsum("mei,mei->me", r, along) / np.where(square > 0, square, 1)
+    distance = np.linalg.norm(r - np.clip(part, 0, 1)[..., None] * along, axis=2)
+    nearest = np.sort(edges[facet, distance.argmin(axis=1)])
+    count = (np.sort(edges.reshape(-1, 2))[:, None] == nearest).all(axis=2).sum(axis=0)
+    rim: Flags = count == 1
+    return rim
