@@ -42,12 +42,7 @@ class PairKinematics:
     slip: Slip
 
     def __init__(
-        self,
-        node: Ints,
-        segment: Ints,
-        dofs: Ints,
-        free: Floats | None,
-        contact: ContactKinematics,
+        self, node: Ints, segment: Ints, dofs: Ints, free: Floats | None, contact: ContactKinematics
     ) -> None:
         """Fill the normal parts; the tangential ones are zero."""
         self.node, self.segment, self.dofs, self._free = node, segment, dofs, free
