@@ -1,4 +1,4 @@
-"""What one stepper remembers of a contact pair."""
+"""The contact that one stepper remembers of a pair, from step to step."""
 
 import logging
 from collections.abc import Callable
@@ -28,18 +28,18 @@ _logger = logging.getLogger("dolfinx_nts")
 
 
 class PairState:
-    """Contact of one pair in one stepper: search, springs and accepted contact.
+    """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
 
-    Only an accepted step replaces its `history`. Collective.
+    Only an accepted step replaces its `history`.
 
     Args:
         pair: The pair.
 
     Attributes:
-        pair: The pair.
+        pair: The argument.
         search: Finds the candidates of steps.
-        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
-            the first step on; None without.
+        eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
+            None without.
         eps_T: The same of the tangential springs.
     """
 
@@ -58,12 +58,12 @@ class PairState:
 
     @property
     def nodes(self) -> Surface:
-        """Surface whose nodes may touch."""
+        """Surface whose nodes may touch. Local."""
         return self.pair.nodes
 
     @property
     def segments(self) -> Surface | Obstacle:
-        """Surface whose segments are touched, or a rigid obstacle."""
+        """Surface whose segments are touched, or a rigid obstacle. Local."""
         return self.pair.segments
 
     @property
@@ -84,12 +84,11 @@ class PairState:
     def derive_penalty(self, stiffness: Floats) -> None:
         """Choose the stiffness of springs that the user left open, once. Collective.
 
-        It is that of the softer side: a stiff node cannot press harder than
-        soft segments, and stiffer springs only spoil Newton's method.
+        It is that of the softer side: a stiff node cannot press harder than soft segments, and
+        stiffer springs only spoil Newton's method.
 
         Args:
-            stiffness: Stiffness of all owned nodes of the space, ``(n,)``
-                [N/m].
+            stiffness: Stiffness of all owned nodes of the space, shape ``(n,)`` [N/m].
         """
         if self._ranges is not None:
             return
@@ -104,8 +103,7 @@ class PairState:
         """Choose the stiffness of springs, once, and log it. Collective.
 
         Args:
-            stiffness: What is taken for that of the contact nodes, ``(n,)``
-                [N/m].
+            stiffness: What counts as stiffness of the contact nodes, shape ``(n,)`` [N/m].
         """
         if self._ranges is not None:
             return
@@ -124,10 +122,10 @@ class PairState:
             _logger.info("%s", self)
 
     def slip_energy(self, traction: Floats) -> Floats:
-        """Energy of the tangential springs, shape ``(n,)`` [J]; 0 without. Local.
+        """Compute the energy of the tangential springs, shape ``(n,)`` [J]; 0 without. Local.
 
         Args:
-            traction: Of all nodes, shape ``(n, 3)`` [N].
+            traction: Traction of all nodes, shape ``(n, 3)`` [N].
         """
         if self.eps_T is None:
             return np.zeros(len(traction))
@@ -136,29 +134,22 @@ class PairState:
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa].
-
-        Collective, see `Surface.per_area`.
-        """
+        """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
         return self.pair.nodes.per_area(-self.history.lambda_N)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Gap of every node, see `ContactPair.gap`. Collective."""
+        """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         candidates, _ = self._far_search.update(x, np.inf)
         current = candidates.find(self.history.key)
         points = NodalPoints(self.pair.nodes.nodes)
         return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
-        """Nodes that elastic impact holds at a distance, or inside. Collective.
+        """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
 
         Args:
-            x: Positions of the local nodes of the space, owned and
-                ghost, shape ``(l, 3)`` [m].
-            gap_tol: Distance that counts [m].
-
-        Returns:
-            Nodes further than that, held or inside; shape ``(n,)``.
+            x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
+            gap_tol: Distance above which a node counts [m].
         """
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
@@ -170,10 +161,10 @@ class PairState:
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the accepted contact. Collective.
+        """Serialize the accepted contact, springs and search. Collective.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Takes the values or gives them.
             name: First part of the names of the values.
         """
         ids = self.pair.nodes.node_ids
@@ -197,13 +188,13 @@ class PairState:
         self.search.serialize(archive, f"{name}/search")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
-        """Least and greatest value on all ranks."""
+        """Least and greatest value on all ranks. Collective."""
         comm = self.pair.nodes.V.mesh.comm
         least = reductions.least(comm, float(stiffness.min(initial=np.inf)))
         return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))
 
     def __str__(self) -> str:
-        """Laws and the stiffness of springs, as used from the first step on. Local."""
+        """Laws, and the stiffness of springs as used from the first step on. Local."""
         text = self.pair.describe()
         for name, (least, greatest) in (self._ranges or {}).items():
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
@@ -212,7 +203,7 @@ class PairState:
 
 
 def _search(pair: ContactPair) -> Search:
-    """Search for what the nodes of a pair may touch. Collective."""
+    """Make the search for what the nodes of a pair may touch. Collective."""
     if isinstance(pair.segments, Obstacle):
         return ObstacleSearch(pair.segments, pair.nodes)
     search = SelfContactSearch if pair.touches_itself else GlobalSearch

@@ -25,8 +25,6 @@ __all__ = ["GlobalSearch"]
 # Reach of a search relative to the one asked for [-]: the margin saves exchanges between
 # ranks and costs a few segments.
 _COVERED = 3
-# Arrays of `FoundSegments` that arrive in the order of ranks.
-_SORTED = ("orientation", "key", "size", "thickness")
 
 
 class GlobalSearch(Search):
@@ -111,8 +109,11 @@ class GlobalSearch(Search):
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
         scatter = NodalScatter(space, is_local=comm.size == 1)
+        orientation, key, size, thickness = (
+            values[order] for values in (orientation, key, size, thickness)
+        )
         found = FoundSegments(scatter, local.astype(np.int32), orientation, key, size, thickness)
-        return self._make(found._replace(**{n: getattr(found, n)[order] for n in _SORTED}))
+        return self._make(found)
 
     def _make(self, found: FoundSegments) -> SegmentCandidates:
         """Make the candidates of the segments that were found."""

@@ -31,20 +31,18 @@ _USED = 0.75
 
 
 class NeighbourList:
-    """Nodes that may touch before the list is rebuilt. Collective, as its methods.
+    """Nodes that may touch before the list is rebuilt. Collective, as are its methods.
 
     Args:
-        state: State of the contact pair, whose springs have been chosen at
-            the first update.
+        state: State of the contact pair, whose springs have been chosen at the first update.
 
     Attributes:
         candidates: Candidates in reach.
-        number: The nodes by their positions in the surface's, shape ``(c,)``.
-        nodes: The same by their numbers, shape ``(c,)``.
-        stiffness: Of their springs, shape ``(c,)`` [N/m].
-        current: Their last segments or -1, shape ``(c,)``; set by who
-            pairs them.
-        is_idle: Whether there are none on any rank.
+        number: Listed nodes by their positions in the surface's nodes, shape ``(c,)``.
+        nodes: The same by their local numbers, shape ``(c,)``.
+        stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
+        current: Their last segments or -1, shape ``(c,)``; set by whoever pairs them.
+        is_idle: Whether no node is listed on any rank.
     """
 
     candidates: Candidates
@@ -55,7 +53,7 @@ class NeighbourList:
     is_idle = False
 
     def __init__(self, state: PairState) -> None:
-        """Build the list at the first update."""
+        """Leave it to the first update to build the list."""
         self._state = state
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices when the list was built.
@@ -63,12 +61,12 @@ class NeighbourList:
         self.forget()
 
     def forget(self) -> None:
-        """Rebuild the list at the next update, as the state was set."""
+        """Rebuild the list at the next update, as the state was set. Local."""
         self._travelled = np.inf
 
     @property
     def reach(self) -> float:
-        """Distance at which nodes are paired [m]."""
+        """Gap up to which nodes are paired [m]. Local."""
         return _REACH * self._state.pair.segment_size
 
     def update(self, x: Floats, step: float) -> None:
@@ -76,8 +74,7 @@ class NeighbourList:
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
-            step: Largest motion of any node since the last update, the
-                same on all ranks [m].
+            step: Largest motion of any node since the last update, the same on all ranks [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size
@@ -93,7 +90,7 @@ class NeighbourList:
         """Serialize the list, after the state of the pair.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Takes the values or gives them.
             name: Name of the values.
             x: As of `update`.
         """
@@ -136,13 +133,7 @@ class NeighbourList:
         return segment
 
     def _choose(self, candidates: Candidates, number: Ints, current: Ints) -> None:
-        """Put nodes on the list.
-
-        Args:
-            candidates: Candidates in reach.
-            number: Positions of the nodes in the surface's, shape ``(c,)``.
-            current: Last segment of each node of the surface or -1.
-        """
+        """Put nodes of the surface on the list, by ``number``, with their last segments or -1."""
         state = self._state
         assert state.eps_N is not None
         self.candidates, self.number, self.current = candidates, number, current[number]

@@ -1,7 +1,7 @@
-"""Which nodes are in contact: active set of multipliers, and pivoting.
+"""Which nodes are in contact: the active set of multipliers, and block pivoting.
 
-Contact or none, and stick or slip, are decided node by node, but each decision
-changes what all other nodes see.
+Contact or none, and stick or slip, are decided node by node, but each decision changes what all
+other nodes see.
 """
 
 from mpi4py import MPI
@@ -27,34 +27,33 @@ _PERIOD = 3
 
 
 class BlockPivoting:
-    """Block pivoting (Judice, Pires 1994) within Newton's method.
+    """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violators change while they become fewer; Murty's rule, only the
-    lowest, ends cycles. The rule knows linear problems: between its changes
-    an iteration without any brings the iterate near to equilibrium, where
-    decisions are to be trusted.
+    All violators change while they become fewer. Murty's rule, by which only the lowest
+    changes, ends cycles. It is made for linear problems: between its changes an iteration
+    without any brings the iterate near to equilibrium, where decisions can be trusted.
 
     Args:
         comm: Communicator.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Start with nothing known."""
+        """Begin with any number of violators."""
         self._comm = comm
         self._fewest: float = np.inf
         self._last: float = np.inf
         self._patience = _PATIENCE
 
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
-        """Which nodes change. Collective.
+        """Choose the nodes that change their state, shape ``(m,)``. Collective.
 
         Args:
-            violates: Nodes whose state contradicts its condition, ``(m,)``.
-            ids: Their global numbers, shape ``(m,)``.
+            violates: Nodes whose state contradicts its condition, shape ``(m,)``.
+            ids: Their numbers on any partition, shape ``(m,)``.
             iteration: Number of the Newton iteration.
 
         Returns:
-            Flags, shape ``(m,)``; and the violators on this rank.
+            Flags of the nodes, and the number of violators on this rank.
         """
         num_violators = int(np.count_nonzero(violates))
         count = reductions.total(self._comm, num_violators)
@@ -77,7 +76,7 @@ class ActiveSet:
 
     Args:
         pair: The contact pair.
-        law: Its enforcement.
+        law: Enforcement of the pair.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
         comm: Communicator of the mesh.
     """
@@ -85,7 +84,7 @@ class ActiveSet:
     def __init__(
         self, pair: ContactPair, law: LagrangeMultiplier, stiffness: Floats, comm: MPI.Comm
     ) -> None:
-        """Start with nothing known."""
+        """Begin without any decision."""
         self._law, self._stiffness = law, stiffness
         self._ids, self._size = pair.nodes.node_ids, pair.segment_size
         self._pivoting = BlockPivoting(comm)
@@ -93,7 +92,7 @@ class ActiveSet:
     def update(
         self, pairs: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
-        """Decide. Collective.
+        """Decide which pairs are active. Collective.
 
         Args:
             pairs: The pairs.
@@ -102,7 +101,8 @@ class ActiveSet:
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
-            Whether they are active now; and how many of this rank do not fit.
+            Whether they are active now, ``(m,)``; and how many of this rank contradict their
+            state.
         """
         excess = pairs.excess[:, 0]
         if iteration == 0:
