@@ -24,7 +24,8 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Power of the stiffness in the order of bodies: a hundred times is twice.
+# Power of the stiffness by which the coarseness of bodies is multiplied [-]: a body a hundred
+# times as stiff counts as twice as coarse.
 _BY_STIFFNESS = 0.15
 
 
@@ -112,7 +113,7 @@ def all_pairs(
 
     def coarseness(group: Sequence[Body]) -> float:
         weight = max(stiffness[body] for body in group) ** power
-        # Rounded, so that equal bodies stay in order.
+        # Rounded, so that equal bodies stay in the order in which they are given.
         return float(f"{surface(*group).size * weight:.6g}")
 
     groups = sorted(_groups(bodies), key=coarseness)

@@ -15,11 +15,11 @@ from dolfinx_nts.common.arrays import Flags, Floats
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
 
-# An active node stays eligible while its gap is below this part of the
-# segment's size.
+# Gap, relative to the segment's size [-], below which an active node stays eligible: round-off
+# and small overshoot must not release it.
 _NEAR = 1e-2
-# A gap below this part of the segment's size is none: round-off of positions
-# must not decide whether a node that lies on a segment may be held.
+# Gap, relative to the segment's size [-], that counts as none: round-off of positions must
+# not decide whether a node that lies on a segment may be held.
 _TOUCHES = 1e-9
 
 
@@ -69,7 +69,7 @@ class LagrangeMultiplier:
             size: Diameter of the node's segment, shape ``(n,)`` [m].
             active: Whether the node was active in the last step, shape ``(n,)``.
         """
-        # Nearer to the surface before than after the step: stop before.
+        # Such a node is nearer to the surface before the step than after it: it stops before.
         passes = (gap_n > 0) & (gap_trial < -gap_n)
         flags: Flags = (gap_n <= _TOUCHES * size) | passes | (active & (gap_n < _NEAR * size))
         return flags
@@ -132,7 +132,7 @@ class Penalty:
         return half
 
     def energy(self, gap: Floats, eps_N: Floats) -> Floats:
-        """Energy of springs, ``(m,)`` [J], which are loaded where the gap [m] is negative. Local."""
+        """Energy of springs, ``(m,)`` [J], loaded where the gap, ``(m,)`` [m], is negative."""
         energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
         return energy
 
@@ -149,8 +149,8 @@ class Penalty:
         """
         below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
         both = (gap_n < 0) & (gap < 0)
-        # With both ends in the spring the quotient is its mean force; it
-        # is formed only where one end is outside, so never 0/0.
+        # With both ends in the spring the quotient is its mean force; the quotient is formed
+        # only where one end is outside, so that it is never 0/0.
         rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
         quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
         slope = (eps_N * below - quotient) / rise

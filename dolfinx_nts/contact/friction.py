@@ -17,9 +17,12 @@ from dolfinx_nts.common.arrays import Flags, Floats
 __all__ = ["Coulomb", "TractionModel", "transport"]
 
 
-# Bound on the stiffness against a change of the direction of slip, relative
-# to the weight: a tighter one would slow Newton's method where slip is small.
+# Bound on the stiffness against a change of the direction of slip, relative to the weight [-]:
+# a tighter one would slow Newton's method where slip is small.
 _STIFFEST_DIRECTION = 1e4
+# Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0
+# where a normal is reversed, and there no rotation is the smallest.
+_REVERSED = 1e-12
 
 
 class TractionModel(NamedTuple):
@@ -106,12 +109,9 @@ class Coulomb:
         """Map trial tractions of tangential springs back to Coulomb's limit. Local.
 
         A node that slides although its trial traction points backwards has the direction of
-        before, which is no solution yet.
-
-        Args:
-            trial, p, heading: As of `slides`.
-            eps_T: Stiffness, shape ``(m,)`` [N/m].
-            sliding: Whether the node slides now, shape ``(m,)``.
+        before, which is no solution yet. ``trial`` is t_n + eps_T g, with the stiffness
+        ``eps_T`` of the springs, shape ``(m,)`` [N/m]; ``sliding`` tells whether a node slides
+        now; the others are as of `slides`.
         """
         turns = np.einsum("mi,mi->m", heading, trial) >= 0
         size, s, across = _polar(np.where((sliding & ~turns)[:, None], heading, trial))
@@ -138,8 +138,10 @@ class Coulomb:
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
+            p: Pressing force, shape ``(m,)`` [N].
             c: Weight, part of the stiffness of the node, shape ``(m,)`` [N/m].
-            p, heading, sliding: As of `spring`.
+            heading: Direction of the traction, of any length, shape ``(m, 2)``.
+            sliding: Whether the node slides now, shape ``(m,)``.
         """
         limit = self.mu * np.maximum(p, 0.0)
         turns = sliding & (limit > 0) & (np.einsum("mi,mi->m", heading, slip) >= 0)
@@ -169,7 +171,7 @@ def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floa
     """
     along = np.einsum("mi,mi->m", traction, normal)
     cosine = np.einsum("mi,mi->m", normal_from, normal)
-    factor = along / np.maximum(1.0 + cosine, 1e-12)
+    factor = along / np.maximum(1.0 + cosine, _REVERSED)
     rotated = traction - factor[:, None] * (normal_from + normal)
     components: Floats = np.einsum("mij,mj->mi", frame, rotated)
     return components

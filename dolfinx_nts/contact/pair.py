@@ -23,7 +23,7 @@ __all__ = ["AcceptedContact", "ContactPair"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Sine of the angle at a corner of a segment below which rounding decides its normal.
+# Sine of the angle at a corner of a segment [-] below which round-off decides its normal.
 _SHARP = 1e-8
 
 
@@ -119,7 +119,7 @@ class ContactPair:
             nodes=nodes,
             segments=segments,
             enforcement=enforcement,
-            # Without friction there is no slip to follow.
+            # With mu = 0 there is no slip to follow.
             friction=friction if friction is not None and friction.mu > 0 else None,
             touches_itself=isinstance(segments, Surface) and _check_surfaces(nodes, segments),
             _states=WeakSet(),
@@ -194,13 +194,8 @@ class ContactPair:
 
     def __repr__(self) -> str:
         """Arguments in one line. Local."""
-        return as_call(
-            self,
-            nodes=self.nodes,
-            segments=self.segments,
-            enforcement=self.enforcement,
-            friction=self.friction,
-        )
+        names = ("nodes", "segments", "enforcement", "friction")
+        return as_call(self, **{name: getattr(self, name) for name in names})
 
     def __str__(self) -> str:
         """Laws and, while one stepper has the pair, the stiffness of springs. Local."""

@@ -26,6 +26,10 @@ __all__ = ["PairState"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Stiffness of a normal spring that is left open, relative to that of its node [-]: nodes
+# sink in by about a tenth of the displacement that the contact force causes elsewhere.
+_STIFFER = 10
+
 
 class PairState:
     """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
@@ -46,7 +50,7 @@ class PairState:
     def __init__(self, pair: ContactPair) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         self.pair = pair
-        # Gaps are asked for at any distance, which must not disturb the steps.
+        # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -74,11 +78,7 @@ class PairState:
         return self._history
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
-        """Remember the contact of a step that is accepted. Local.
-
-        Args:
-            history: The contact; or a function that makes it if it is asked for.
-        """
+        """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
         self._history = history
 
     def derive_penalty(self, stiffness: Floats) -> None:
@@ -100,18 +100,14 @@ class PairState:
         self.choose_penalty(softer)
 
     def choose_penalty(self, stiffness: Floats) -> None:
-        """Choose the stiffness of springs, once, and log it. Collective.
-
-        Args:
-            stiffness: What counts as stiffness of the contact nodes, shape ``(n,)`` [N/m].
-        """
+        """Choose and log the stiffness of springs, once, by that of the nodes. Collective."""
         if self._ranges is not None:
             return
         self._ranges, share, pair = {}, 1.0, self.pair
         if isinstance(pair.enforcement, Penalty):
             given, share = pair.enforcement.eps_N, pair.enforcement.share
             self.eps_N = share * (
-                10 * stiffness if given is None else np.full_like(stiffness, given)
+                _STIFFER * stiffness if given is None else np.full_like(stiffness, given)
             )
             self._ranges["eps_N"] = self._range(self.eps_N)
         if pair.friction is not None and pair.has_slip_spring:
@@ -122,11 +118,7 @@ class PairState:
             _logger.info("%s", self)
 
     def slip_energy(self, traction: Floats) -> Floats:
-        """Compute the energy of the tangential springs, shape ``(n,)`` [J]; 0 without. Local.
-
-        Args:
-            traction: Traction of all nodes, shape ``(n, 3)`` [N].
-        """
+        """Energy of tangential springs, ``(n,)`` [J], by tractions, ``(n, 3)`` [N]. Local."""
         if self.eps_T is None:
             return np.zeros(len(traction))
         energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.eps_T)
@@ -155,7 +147,7 @@ class PairState:
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
         gap = self.gap(x)
-        # A node deeper than that belongs to another side.
+        # A node deeper than that belongs to another side of the body.
         inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
         flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
         return flags

@@ -13,8 +13,8 @@ __all__ = ["check_start"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depth that is reported, relative to the size of a segment: meshes of curved surfaces
-# overlap by less, and a body and a rigid obstacle not at all but for rounding.
+# Depths that are reported, relative to the size of a segment [-]: meshes of curved surfaces
+# overlap by less, and a body and a rigid obstacle not at all but for round-off.
 _OVERLAP, _OVERLAP_RIGID = 0.02, 1e-6
 
 

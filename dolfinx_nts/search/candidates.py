@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from mpi4py import MPI
 
 from dolfinx_nts import _kernels
+from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -53,7 +54,7 @@ class Candidates(ABC):
         x: Floats,
         current: Ints,
         reach: float,
-        slack: float = _kernels.HYSTERESIS,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         """Choose a candidate for each point, see `cpp/nts/search/local_search.h`.
 
@@ -113,23 +114,16 @@ class Candidates(ABC):
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of pairs in a step; arguments as of `contact`.
 
-        Args:
-            law: Measure of slip: ``"objective"`` or ``"convective"``.
-            points, x_n, x, segment: As of `contact`.
+        ``law`` is the measure of slip: ``"objective"`` or ``"convective"``.
         """
 
     @abstractmethod
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
         """Tell at all nodes of the map which displacements are unknown. Collective.
 
-        Args:
-            points: The points.
-            free: 1 where the displacement of an owned node is unknown, otherwise 0,
-                shape ``(n, 3)``.
-
-        Returns:
-            The same with ghosts, shape ``(l, 3)``; None if all displacements of the points
-            and of the candidates on this rank are unknown.
+        ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, shape
+        ``(n, 3)``. Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements
+        of the points and of the candidates on this rank are unknown.
         """
 
     @abstractmethod
@@ -187,19 +181,13 @@ class Search(ABC):
         """
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
-        """Positions of this rank's nodes and vertices, for `approach`. Local.
-
-        Args:
-            x: As of `update`.
-        """
+        """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
         return x[self._nodes.nodes], x[self._vertices]
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """Bound on how much any node has come nearer to a candidate [m]. Collective.
 
-        Args:
-            x: As of `update`.
-            before: `positions` from which the motion counts.
+        ``before`` are the `positions` from which the motion counts, ``x`` is as of `update`.
         """
         ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
@@ -208,9 +196,4 @@ class Search(ABC):
 
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the candidates were found. Collective.
-
-        Args:
-            archive: Takes the values or gives them.
-            name: Name of the values.
-        """
+        """Serialize where the candidates were found, under a name. Collective."""

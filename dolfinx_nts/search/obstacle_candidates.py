@@ -3,6 +3,7 @@
 import numpy as np
 
 from dolfinx_nts import _kernels, compat
+from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -47,7 +48,7 @@ class ObstacleCandidates(Candidates):
         x: Floats,
         current: Ints,
         reach: float,
-        slack: float = _kernels.HYSTERESIS,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         """Choose a facet for each point, see `Candidates.pair`."""
         found, gap = self._obstacle.find(points.of(x), current, slack, reach)

@@ -23,24 +23,15 @@ class ContactPoints(Protocol):
     """
 
     def of(self, values: Floats) -> Floats:
-        """Evaluate a nodal field at the points, shape ``(p, 3)``.
-
-        Args:
-            values: Positions, displacements or normals at the local nodes, shape ``(l, 3)``.
-        """
+        """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
-        """Select the points of some of the nodes with multipliers.
-
-        Args:
-            nodes: Positions among these nodes, shape ``(m,)``.
-        """
+        """Select the points of some nodes, by their positions among those with multipliers."""
 
     def dofs(self, vertices: Ints) -> Ints:
         """Local nodes of each constraint, ``(n, ...)``; that with the multiplier comes first.
 
-        Args:
-            vertices: Vertices of the segments of the points, shape ``(p, k)``.
+        ``vertices`` are those of the segments of the points, shape ``(p, k)``.
         """
 
     def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:

@@ -44,14 +44,9 @@ class NodalScatter:
         return np.asarray(self.index_map.local_to_global(nodes.ravel())).reshape(nodes.shape)
 
     def forward(self, values: Floats) -> Floats:
-        """Send values of the owned nodes to the ghosts.
+        """Send values of the owned nodes, the first rows of ``values``, to the ghosts.
 
-        Args:
-            values: Values whose first rows are those of the owned nodes, shape ``(n, 3)`` or
-                longer.
-
-        Returns:
-            Values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
+        Returns values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
         """
         owned = values[: self.index_map.size_local]
         if self.is_local:
@@ -62,11 +57,7 @@ class NodalScatter:
         return everywhere
 
     def reverse(self, values: Floats) -> Floats:
-        """Sum at the owned nodes what all ranks have for them, shape ``(n, 3)``.
-
-        Args:
-            values: Values at all nodes of the map, shape ``(l, 3)``.
-        """
+        """Sum at owned nodes, ``(n, 3)``, what all ranks have at nodes of the map, ``(l, 3)``."""
         if self.is_local:
             return values
         self.vector.array[:] = values.ravel()
@@ -77,10 +68,8 @@ class NodalScatter:
     def add(self, total: Floats, nodes: Ints, values: Floats) -> None:
         """Add values of some nodes, also of other ranks, to those of the owned nodes.
 
-        Args:
-            total: Values at the owned nodes, shape ``(n, 3)``, changed.
-            nodes: Nodes of the map, of any shape.
-            values: What is added at each, shape ``(*nodes.shape, 3)``.
+        ``total`` are the values at the owned nodes, shape ``(n, 3)``, changed; ``nodes`` are
+        nodes of the map, of any shape, and values have the shape ``(*nodes.shape, 3)``.
         """
         if self.is_local:
             _kernels.add_rows(total, nodes, values)

@@ -6,6 +6,7 @@ import numpy as np
 from basix import CellType, topology
 
 from dolfinx_nts import _kernels
+from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.search.candidates import Candidates
@@ -66,7 +67,7 @@ class SegmentCandidates(Candidates):
         x: Floats,
         current: Ints,
         reach: float,
-        slack: float = _kernels.HYSTERESIS,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         """Choose a segment for each point, see `Candidates.pair`."""
         found = self._choose(points, x, current, reach, slack)
@@ -76,8 +77,8 @@ class SegmentCandidates(Candidates):
         self, nodes: Ints, x: Floats, current: Ints, reach: float, numbers: Ints, stiffness: Floats
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Load the springs of nodes inside, see `Candidates.penalty_forces`."""
-        points, slack = NodalPoints(nodes), _kernels.HYSTERESIS
-        segment, xi, gap, normal = self._choose(points, x, current, reach, slack)
+        points = NodalPoints(nodes)
+        segment, xi, gap, normal = self._choose(points, x, current, reach, HYSTERESIS)
         springs = _kernels.penalty_forces(
             numbers, nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
         )

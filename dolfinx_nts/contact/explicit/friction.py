@@ -11,7 +11,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
 
-__all__ = ["Friction", "SpringFriction", "friction_of"]
+__all__ = ["Friction", "SpringFriction"]
 
 
 class Friction:
@@ -96,13 +96,3 @@ class SpringFriction(Friction):
         history = self._state.history
         lost = self._state.slip_energy(history.traction)
         return {"slip": history.slip.copy(), "dissipation": lost}
-
-
-def friction_of(state: PairState) -> Friction:
-    """Make the friction of a pair by its law. Local.
-
-    Args:
-        state: State of the contact pair.
-    """
-    law = state.pair.friction
-    return Friction() if law is None else SpringFriction(state, law)

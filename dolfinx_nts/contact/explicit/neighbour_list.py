@@ -20,13 +20,12 @@ from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["NeighbourList"]
 
-# Distances relative to the size of a segment: a node this far from it, or this deep
-# in it, is paired with it.
+# Gap, relative to the size of a segment [-], up to which a node is paired with it.
 _REACH = 0.5
-# A node may come nearer by this much before the list is rebuilt. It is no less than
-# the reach, or nodes deep inside would not be in the list.
+# By how much a node may come nearer before the list is rebuilt, relative to the size of a
+# segment [-]. It is no less than the reach, or nodes deep inside would not be in the list.
 _MARGIN = 0.5
-# Part of the margin after which the list is rebuilt.
+# Part of the margin [-] after which the list is rebuilt, so that the next step is covered.
 _USED = 0.75
 
 
@@ -80,20 +79,14 @@ class NeighbourList:
         margin = _MARGIN * self._state.pair.segment_size
         if self._travelled <= margin:
             return
-        # The bound is crude, as most bodies fly the same way.
+        # The sum of motions is a crude bound, as most nodes move the same way.
         if np.isfinite(self._travelled):
             self._travelled = self._state.search.approach(x, self._positions)
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
-        """Serialize the list, after the state of the pair.
-
-        Args:
-            archive: Takes the values or gives them.
-            name: Name of the values.
-            x: As of `update`.
-        """
+        """Serialize the list, after the state of the pair, see `PairState.serialize`."""
         arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
             arrays = [self.number, np.array([self._travelled, self.is_idle]), *self._positions]

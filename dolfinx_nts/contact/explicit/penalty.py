@@ -16,7 +16,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.friction import friction_of
+from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
@@ -26,6 +26,10 @@ from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
+
+# Stiffness of a node by which a `PairState` derives springs, relative to the penalty [-]: the
+# state makes the normal spring ten times as stiff, and the tangential spring as stiff.
+_SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
@@ -65,10 +69,6 @@ class SpringForces(NamedTuple):
         """Energy of all springs on this rank [J]. Local."""
         return float(self.springs.energy.sum())
 
-    def displacement(self, du: Floats) -> Floats:
-        """Displacement with ghosts, ``(l, 3)`` [m], from that of the owned nodes. Collective."""
-        return du if self.scatter is None else self.scatter.forward(du)
-
 
 class ContactSprings:
     """Springs of one contact pair by penalty, for explicit steps. Collective.
@@ -89,7 +89,8 @@ class ContactSprings:
                 "expected contact by Penalty for an explicit step, "
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
-        self._state, self._friction = state, friction_of(state)
+        self._state, law = state, pair.friction
+        self._friction = Friction() if law is None else SpringFriction(state, law)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
@@ -100,7 +101,7 @@ class ContactSprings:
             lightest = mass[pair.segments.nodes].min(initial=np.inf)
             lightest = reductions.least(self._comm, lightest)
             compliance += max(1.0, counts[0] / counts[1]) / lightest
-        # Where both sides are nodes, there are springs from both.
+        # Where nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
@@ -114,16 +115,10 @@ class ContactSprings:
     ) -> SpringForces:
         """Serialize the last evaluation and the nodes that are looked at. Collective.
 
-        Call it after the state of the pair has been serialized.
-
-        Args:
-            archive: Takes the values or gives them.
-            name: Name of the values.
-            forces: The last evaluation, if there is one; not needed while the archive gives.
-            x: Positions of the local nodes in it, shape ``(l, 3)`` [m].
-
-        Returns:
-            The evaluation.
+        Call it after the state of the pair has been serialized, see `PairState.serialize`.
+        ``forces`` is the last evaluation, if there is one, not needed while the archive gives;
+        ``x`` are the positions of the local nodes in it, shape ``(l, 3)`` [m]. Returns the
+        evaluation.
         """
         state, neighbours = self._state, self._neighbours
         neighbours.serialize(archive, f"{name}/neighbours", x)
@@ -173,8 +168,7 @@ class ContactSprings:
         penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        # The tangential spring; a pair makes its penalty ten times as stiff.
-        self._state.choose_penalty((0.1 / self._share) * penalty)
+        self._state.choose_penalty((_SOFTER / self._share) * penalty)
 
     @property
     def num_segments(self) -> int:
@@ -226,13 +220,12 @@ class ContactSprings:
     def work(self, old: SpringForces, new: SpringForces, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
 
-        Args:
-            old: Springs at the start of the step.
-            new: Springs at its end.
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
+        ``du`` is the displacement of the owned nodes between both, shape ``(n, 3)`` [m].
         """
         if old.scatter is None and new.scatter is None:
             return _NO_WORK
-        du_old = old.displacement(du)
-        du_new = du_old if new.scatter is old.scatter else new.displacement(du)
+        du_old = du if old.scatter is None else old.scatter.forward(du)
+        du_new = du_old
+        if new.scatter is not old.scatter:
+            du_new = du if new.scatter is None else new.scatter.forward(du)
         return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)

@@ -16,13 +16,13 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ActiveSet", "BlockPivoting"]
 
-# A force, or a gap times the stiffness k of its node, is none up to this part of k h,
-# where h is the size of a segment: that is the round-off of the residual.
+# Force, or gap times the stiffness k of its node, that counts as none, relative to k h, where
+# h is the size of a segment [-]: it is the round-off of the residual.
 _ROUNDING = 16 * np.finfo(np.float64).eps
-# Iterations without fewer violators after which only one node changes at a time.
+# Number of iterations without fewer violators, after which only one node changes at a time.
 _PATIENCE = 3
-# From then on a node changes in one of so many iterations, so that Newton's method
-# comes near to equilibrium in between.
+# Number of iterations from one such change to the next, so that Newton's method comes near to
+# equilibrium in between.
 _PERIOD = 3
 
 
@@ -47,13 +47,9 @@ class BlockPivoting:
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
 
-        Args:
-            violates: Nodes whose state contradicts its condition, shape ``(m,)``.
-            ids: Their numbers on any partition, shape ``(m,)``.
-            iteration: Number of the Newton iteration.
-
-        Returns:
-            Flags of the nodes, and the number of violators on this rank.
+        ``violates`` tells whose state contradicts its condition, ``ids`` are numbers of the
+        nodes on any partition, both of shape ``(m,)``. Returns flags, and the violators on this
+        rank.
         """
         num_violators = int(np.count_nonzero(violates))
         count = reductions.total(self._comm, num_violators)
@@ -94,15 +90,10 @@ class ActiveSet:
     ) -> tuple[Flags, int]:
         """Decide which pairs are active. Collective.
 
-        Args:
-            pairs: The pairs.
-            before: Whether they were active, shape ``(m,)``.
-            lambda_N: Their multipliers, shape ``(m,)`` [N].
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            Whether they are active now, ``(m,)``; and how many of this rank contradict their
-            state.
+        ``before`` tells whether they were active, shape ``(m,)``; ``lambda_N`` are their
+        multipliers, shape ``(m,)`` [N]; ``iteration`` counts the Newton iterations of the step
+        from 0. Returns whether they are active now, and how many of this rank contradict their
+        state.
         """
         excess = pairs.excess[:, 0]
         if iteration == 0:
@@ -111,8 +102,8 @@ class ActiveSet:
             stiffness = self._stiffness[pairs.node]
             wrong = self._law.active(lambda_N, excess, stiffness) != before
             if wrong.any():
-                # Vertices of triangles of degree 2 carry nothing under a uniform
-                # pressure: rounding must not decide again and again.
+                # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
+                # round-off must not decide on them again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= _ROUNDING * stiffness * self._size)
         changes, violators = self._pivoting.select(wrong, self._ids[pairs.node], iteration)

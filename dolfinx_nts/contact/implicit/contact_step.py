@@ -19,14 +19,14 @@ from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction, friction_of
+from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
 __all__ = ["ContactStep", "contact_residual"]
 
-# Changes of state after which a node is named if the step fails.
+# Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
 
 
@@ -73,11 +73,14 @@ class ContactStep:
         self._free = None if free is None else search.candidates.restrict(search.points, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
-        self.friction: Friction = friction_of(state, search, nodal_stiffness)
+        law = state.pair.friction
+        self.friction = (
+            Friction(state) if law is None else StickSlip(state, law, search, nodal_stiffness)
+        )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         self.num_active, self.touched = 0, False
-        self._pairs: PairKinematics  # of the last evaluation
+        self._pairs: PairKinematics  # those of the last evaluation
 
     @property
     def candidates(self) -> Candidates:
@@ -113,22 +116,12 @@ class ContactStep:
         return self.search.reproject(self.x, self.normal.nodes)
 
     def close_gaps(self, x: Floats, u: Floats) -> None:
-        """Move nodes to where their multipliers want them, see `NormalContact.close_gaps`.
-
-        Args:
-            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            u: Their displacements, shape ``(n, 3)`` [m], changed.
-        """
+        """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`."""
         if self.num_active:
             self.normal.close_gaps(self._pairs, x, u, self.friction)
 
     def add_multipliers(self, contribution: ContactContribution, increments: Floats) -> None:
-        """Add increments of the multipliers. Local.
-
-        Args:
-            contribution: The pairs.
-            increments: One for each constraint, in the order of the pairs [N].
-        """
+        """Add increments of the multipliers [N], one for each constraint of the pairs. Local."""
         node, rows = contribution.pairs.node, np.arange(3) < contribution.rank[:, None]
         values = np.zeros(rows.shape)
         values[rows] = increments
@@ -145,8 +138,7 @@ class ContactStep:
     def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
         """What is to become the history of the pair, and the energy that the step gave.
 
-        Args:
-            contribution: The last evaluation.
+        ``contribution`` is the last evaluation. Collective.
         """
         history = self._history(contribution)
         return history, self._work(contribution, history)
@@ -178,7 +170,7 @@ class ContactStep:
         dx = self.x.take(pairs.dofs, axis=0) - self.search.x_n.take(pairs.dofs, axis=0)
         F = pairs.contact.force
         work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
-        # Only what springs do not account for.
+        # What springs account for is not counted twice.
         work += self.normal.stored(pairs)
         before = old.active[pairs.node]
         same = old.key[pairs.node] == self.candidates.key[pairs.segment]
@@ -224,16 +216,9 @@ class ContactStep:
         columns = self.friction.add_to(pairs, active, force, tangent)
         residual = pairs.restrict(force, tangent)
         self.normal.add_slope(pairs, columns, tangent)
+        failed = pairs.failures(active)
         return ContactContribution(
-            pairs=pairs,
-            active=active,
-            rank=rank,
-            columns=columns,
-            residual=residual,
-            tangent=tangent,
-            force=force,
-            changed=changed,
-            failed=pairs.failures(active),
+            pairs, active, rank, columns, residual, tangent, force, changed, failed
         )
 
 
@@ -252,10 +237,7 @@ def contact_residual(
 ) -> Floats:
     """Sum of the contact forces on the owned dofs, shape ``(num_owned,)`` [N]. Collective.
 
-    Args:
-        steps: Attempts at the step, one for each pair.
-        contributions: Their last evaluations.
-        num_owned: Number of owned scalar dofs.
+    ``contributions`` are the last evaluations of the attempts, one for each pair.
     """
     total: Floats = np.zeros((num_owned // 3, 3))
     for step, contribution in zip(steps, contributions, strict=True):

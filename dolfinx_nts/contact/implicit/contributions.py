@@ -13,6 +13,9 @@ from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["ContactContribution", "PairKinematics"]
 
+# Length of the free part of a unit normal [-] above which a node can move along it.
+_FREE_NORMAL = 0.5
+
 
 class PairKinematics:
     """Kinematics of pairs, before multipliers are known.
@@ -56,7 +59,7 @@ class PairKinematics:
             self.normal *= free[:, :3]
             length = np.linalg.norm(self.normal, axis=1)
             self.normal /= np.where(length > 0, length, 1.0)[:, None]
-            self.fixed = ~(length > 0.5)
+            self.fixed = ~(length > _FREE_NORMAL)
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
@@ -71,11 +74,9 @@ class PairKinematics:
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Force without entries of given displacements; the tangent loses them too.
+        """Force, ``(m, d)`` [N], without entries of given displacements.
 
-        Args:
-            force: Force of the pairs, shape ``(m, d)`` [N].
-            tangent: Its derivative, shape ``(m, d, d)`` [N/m], overwritten.
+        The tangent, shape ``(m, d, d)`` [N/m], loses its rows and columns of them in place.
         """
         if self._free is None:
             return force
@@ -83,12 +84,8 @@ class PairKinematics:
         return force * self._free
 
     def failures(self, active: Flags) -> int:
-        """Number of pairs without a gap, and of active ones turned by more than 90 degrees.
-
-        Args:
-            active: Whether a pair transmits force, shape ``(m,)``.
-        """
-        valid = self.contact.turn >= 0  # not if it is NaN
+        """Number of pairs without a gap, and of ``active`` ones turned by more than 90 degrees."""
+        valid = self.contact.turn >= 0  # false where it is NaN
         if valid.all():
             return 0
         return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))

@@ -14,8 +14,11 @@ from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["Approach", "LocalSearch"]
 
-# A node that changed its segment this often in a step stays with it.
+# How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
+# Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
+# iterates overshoot.
+_WAYS = 3
 
 
 class Approach(NamedTuple):
@@ -59,9 +62,8 @@ class LocalSearch:
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
         self.way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
-        # Both surfaces may move, Newton iterates overshoot, and nodes up to
-        # some depth still belong to their segments.
-        self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
+        # Nodes down to some depth still belong to their segments.
+        self.reach = _WAYS * self.way + _kernels.DEEPEST * pair.segment_size
         self.candidates, _ = candidates, _ = state.search.update(x_n, self.reach)
         self.points = points = NodalPoints(pair.nodes.nodes)
         self.x_n = candidates.scatter.forward(x_n)

@@ -16,7 +16,8 @@ from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["MultiplierContact"]
 
-# Gaps up to this part of a segment's size are closed between Newton iterations.
+# Gap, relative to the size of a segment [-], up to which nodes are moved along their normals
+# between Newton iterations.
 _CLOSE = 0.01
 
 
@@ -115,7 +116,7 @@ class MultiplierContact(NormalContact):
         gap = candidates.gap(points, candidates.scatter.forward(x), pairs.segment)
         if self._holds:
             gap -= pairs.contact.gap_n
-        # Nodes far from where the normals hold are left to the linear system.
+        # Nodes far from where the normals were computed are left to the linear system.
         farthest = _CLOSE * self._state.pair.segment_size
         nodes = pairs.dofs[:, 0]
         _kernels.close_gaps(nodes, held, gap, pairs.normal, pairs.gradients, farthest, u)

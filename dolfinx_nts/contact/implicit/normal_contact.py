@@ -55,14 +55,9 @@ class NormalContact(ABC):
     ) -> int:
         """Decide which pairs transmit force and compute it, with friction. Collective.
 
-        Args:
-            pairs, x, friction: See the class.
-            R: Residual without contact at the owned nodes, shape ``(n, 3)`` [N]; None:
-                multipliers stay as they are.
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            How many pairs of this rank contradict their state, or did.
+        ``R`` is the residual without contact at the owned nodes, shape ``(n, 3)`` [N]; with
+        None multipliers stay as they are. ``iteration`` counts the Newton iterations of the
+        step from 0. Returns how many pairs of this rank contradict their state, or did.
         """
 
     def close_gaps(  # noqa: B027 (springs want no gap)
@@ -70,11 +65,8 @@ class NormalContact(ABC):
     ) -> None:
         """Move nodes to where constraints want them. Collective.
 
-        Args:
-            pairs, friction: See the class.
-            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            u: Their displacements, shape ``(n, 3)`` [m], changed; these have more digits than
-                positions.
+        ``x`` are the positions of the owned nodes only, shape ``(n, 3)`` [m], ``u`` their
+        displacements, which are changed, as they have more digits than positions.
         """
 
     @abstractmethod

@@ -27,7 +27,7 @@ class PenaltyContact(NormalContact):
         assert state.eps_N is not None
         super().__init__(state, search, search.approach.segment >= 0)
         self._law, self._eps_N = law, state.eps_N
-        self._slope: Floats = np.empty(0)  # of lambda_N by the gap [N/m]
+        self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
@@ -35,7 +35,7 @@ class PenaltyContact(NormalContact):
         """Compute the forces of the springs; with convective friction half-way."""
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
-            # As everything else in (60)-(64).
+            # As everything else in eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
             points, half = self._search.points.take(node), (self._search.x_n + x) / 2
             gap = self._search.candidates.gap(points, half, pairs.segment)
             pairs.gradients[:, 0] = pairs.columns[:, 0]
@@ -65,7 +65,7 @@ class PenaltyContact(NormalContact):
         offset = self._offset(pairs)
         gap = pairs.contact.gap - offset
         energy = self._law.energy(gap, self._eps_N[pairs.node])
-        # An open node forgets; one still inside must not gain energy.
+        # An open node forgets its offset; one that is still inside must not gain energy.
         return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
 
     def stored(self, pairs: PairKinematics) -> Floats:

@@ -12,11 +12,14 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["check_penetration"]
 
-# Lengths relative to the size of a segment.
-_DEEP = 0.1  # from this depth on, a pressing node does not just slide off the rim
-_DEEPER = 0.05  # another segment must not make a node deeper by more than this
-_PART = 0.25  # the path of a node is looked at in parts of this length
-_MOST_PARTS = 100
+# Depth, relative to the size of a segment [-], from which on a pressing node does not merely
+# slide off the rim.
+_DEEP = 0.1
+# By how much another segment may make a node deeper, relative to the size of a segment [-].
+_DEEPER = 0.05
+# Length of the parts in which the path of a node is looked at, relative to the size of a
+# segment [-], so that no body is jumped over; and the greatest number of parts.
+_PART, _MOST_PARTS = 0.25, 100
 
 
 def check_penetration(step: ContactStep) -> str:

@@ -13,18 +13,19 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["Friction", "StickSlip", "friction_of"]
+__all__ = ["Friction", "StickSlip"]
 
-# Weight of slip in the test for stick, relative to the stiffness of a node.
+# Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
+# path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.3
 
 
 class Friction:
     """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
 
-    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n`` nodes of the surface, ``node``
-    their positions among these, shape ``(m,)``, and ``active`` tells which pairs transmit
-    force, shape ``(m,)``.
+    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
+    nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
+    tells which pairs transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.
@@ -51,12 +52,7 @@ class Friction:
         self.traction[node] = 0.0
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Release nodes that are not held any more, and let those slide that are held now.
-
-        Args:
-            node, active: See the class.
-            before: Whether the nodes were active, shape ``(m,)``.
-        """
+        """Release nodes that were active only ``before``, ``(m,)``; let those slide that are now."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
@@ -65,27 +61,18 @@ class Friction:
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction. Collective.
 
-        Args:
-            pairs, active: See the class.
-            p: Pressing force, shape ``(m,)`` [N].
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            How many pairs of this rank contradict their state.
+        ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
+        iterations of the step from 0. Returns how many pairs of this rank contradict their
+        state.
         """
         return 0
 
     def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
         """What the normal multipliers have to balance at the nodes, and their columns.
 
-        Args:
-            pairs, active: See the class.
-            R: Residual at the nodes of the pairs, shape ``(m, 3)`` [N].
-
-        Returns:
-            Residual with the tractions that do not scale with the pressing force, shape
-            ``(m, 3)``; force per multiplier with those that do, at the node in the first of the
-            rows, shape ``(m, ..., 3 or more)``.
+        ``R`` is the residual at the nodes of the pairs, shape ``(m, 3)`` [N]. Returns it with
+        the tractions that do not scale with the pressing force; and force per multiplier with
+        those that do, at the node in the first of the rows, shape ``(m, ..., 3 or more)``.
         """
         return R, pairs.columns
 
@@ -94,38 +81,28 @@ class Friction:
     ) -> Floats:
         """Set the tractions that go with normal multipliers; return these, of sticking nodes too.
 
-        Args:
-            pairs, active: See the class.
-            reduced: The residual that `reduced` gives.
-            lambda_N: Normal multipliers of sliding nodes, shape ``(m,)`` [N].
+        ``reduced`` is the residual that the method gives, ``lambda_N`` are the normal
+        multipliers of sliding nodes, shape ``(m,)`` [N].
         """
         return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set tractions of sliding nodes by normal multipliers that were solved for, ``(m,)`` [N]."""
+        """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> Floats:
-        """Add tractions to forces and tangents of pairs.
+        """Add tractions to forces, ``(m, d)`` [N], and tangents of pairs, ``(m, d, d)`` [N/m].
 
-        Args:
-            pairs, active: See the class.
-            force: Forces, shape ``(m, d)`` [N], changed.
-            tangent: Tangents, shape ``(m, d, d)`` [N/m], changed.
-
-        Returns:
-            Force per multiplier, shape ``(m, 3, d)``, that of the normal with the friction
-            which scales with it.
+        Returns the force per multiplier, shape ``(m, 3, d)``, that of the normal with the
+        friction which scales with it.
         """
         return pairs.columns
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
 
-        Args:
-            pairs: See the class.
-            x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+        ``x`` are the positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
         """
         return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}
 
@@ -199,7 +176,7 @@ class StickSlip(Friction):
         if eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
         else:
-            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
+            known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
         self.sliding[node], self._slip[node] = sliding, slip.value
         self.flips[node] += before != sliding
@@ -287,15 +264,3 @@ class StickSlip(Friction):
         energy = state.slip_energy(parts["traction"])
         parts["dissipation"] -= energy - state.slip_energy(old.traction)
         return energy, parts
-
-
-def friction_of(state: PairState, search: LocalSearch, stiffness: Floats) -> Friction:
-    """Make the friction of a pair by its law. Local.
-
-    Args:
-        state: State of the contact pair.
-        search: Segments of the nodes.
-        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-    """
-    law = state.pair.friction
-    return Friction(state) if law is None else StickSlip(state, law, search, stiffness)
