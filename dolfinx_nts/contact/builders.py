@@ -176,7 +176,7 @@ def two_half_passes(
     Example:
         >>> pairs = nts.two_half_passes(top, bottom, nts.Penalty(eps_N=1.0e5))
         >>> pairs[0].nodes is pairs[1].segments, pairs[0].enforcement
-        (True, Penalty(eps_N=100000.0, share=0.5))
+        (True, Penalty(eps_N=100000, share=0.5))
     """
     enforcement = Penalty() if enforcement is None else enforcement
     if not isinstance(enforcement, Penalty):

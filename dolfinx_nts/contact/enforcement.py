@@ -15,8 +15,8 @@ from dolfinx_nts.common.arrays import Flags, Floats
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
 
-# Gap, relative to the segment's size [-], below which an active node stays eligible: round-off
-# and small overshoot must not release it.
+# Gap, relative to the segment's size [-], below which an active node stays eligible, as
+# elastic impact holds it at the gap with which it came.
 _NEAR = 1e-2
 # Gap, relative to the segment's size [-], that counts as none: round-off of positions must
 # not decide whether a node that lies on a segment may be held.

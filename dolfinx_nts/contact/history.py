@@ -47,10 +47,8 @@ class ContactHistory:
     def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
         """Make the contact of some of n nodes, with no contact at the others. Local.
 
-        Args:
-            n: Number of nodes.
-            node: Positions among the nodes, shape ``(m,)``.
-            **values: Attributes by name, of these nodes, shape ``(m, ...)``.
+        ``node`` are positions among the nodes, shape ``(m,)``, and ``values`` attributes of
+        these by name, shape ``(m, ...)``.
         """
         history = cls.none(n)
         for name, value in values.items():

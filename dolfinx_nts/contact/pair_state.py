@@ -26,8 +26,8 @@ __all__ = ["PairState"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Stiffness of a normal spring that is left open, relative to that of its node [-]: nodes
-# sink in by about a tenth of the displacement that the contact force causes elsewhere.
+# Stiffness of a normal spring that is left open, relative to that of its node [-]: a
+# softer one lets nodes sink in, a stiffer one spoils Newton's method.
 _STIFFER = 10
 
 
@@ -85,10 +85,8 @@ class PairState:
         """Choose the stiffness of springs that the user left open, once. Collective.
 
         It is that of the softer side: a stiff node cannot press harder than soft segments, and
-        stiffer springs only spoil Newton's method.
-
-        Args:
-            stiffness: Stiffness of all owned nodes of the space, shape ``(n,)`` [N/m].
+        stiffer springs only spoil Newton's method. ``stiffness`` is that of all owned nodes of
+        the space, shape ``(n,)`` [N/m].
         """
         if self._ranges is not None:
             return
@@ -100,7 +98,7 @@ class PairState:
         self.choose_penalty(softer)
 
     def choose_penalty(self, stiffness: Floats) -> None:
-        """Choose and log the stiffness of springs, once, by that of the nodes. Collective."""
+        """Choose and log the stiffness of springs, once, from that of the nodes. Collective."""
         if self._ranges is not None:
             return
         self._ranges, share, pair = {}, 1.0, self.pair
@@ -137,11 +135,9 @@ class PairState:
         return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
-        """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
+        """Find nodes held by elastic impact farther than ``gap_tol`` [m] apart, or inside. Collective.
 
-        Args:
-            x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
-            gap_tol: Distance above which a node counts [m].
+        ``x`` are positions of the local nodes of the space, shape ``(l, 3)`` [m].
         """
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):

@@ -94,5 +94,5 @@ class SpringFriction(Friction):
     def without_contact(self) -> dict[str, Any]:
         """The slip so far; the energy of springs that no node loads any more is dissipated."""
         history = self._state.history
-        lost = self._state.slip_energy(history.traction)
-        return {"slip": history.slip.copy(), "dissipation": lost}
+        released = self._state.slip_energy(history.traction)
+        return {"slip": history.slip.copy(), "dissipation": released}

@@ -71,9 +71,8 @@ class NeighbourList:
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if nodes outside of it may touch.
 
-        Args:
-            x: Positions of the local nodes, shape ``(l, 3)`` [m].
-            step: Largest motion of any node since the last update, the same on all ranks [m].
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m], ``step`` is the largest
+        motion of any node since the last update, the same on all ranks [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size

@@ -161,9 +161,8 @@ class ContactSprings:
     def choose_penalty(self, squared_frequency: float) -> None:
         """Choose the stiffness of springs that the user left open. Collective.
 
-        Args:
-            squared_frequency: Squared frequency of the normal springs with the reduced mass of
-                a node and a segment's vertex, if the penalty is open [1/s^2].
+        ``squared_frequency`` is that of the normal springs with the reduced mass of a node and
+        a vertex of a segment, if the penalty is open [1/s^2].
         """
         penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:

@@ -93,15 +93,9 @@ class LocalSearch:
 
         What iterates would choose depends on how the linear systems were solved, and with it on
         the partition: nodes stay with the segments of the start, continued beyond their edges,
-        until equilibrium (`reproject`).
-
-        Args:
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-            node: Positions among the surface's nodes, shape ``(m,)``.
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            Segment or -1, and whether it is another than before, both of shape ``(m,)``.
+        until equilibrium (`reproject`). ``x`` are positions with ghosts, shape ``(l, 3)`` [m],
+        ``node`` positions among the surface's nodes, shape ``(m,)``, ``iteration`` counts
+        Newton iterations from 0. Returns segments, -1 without, and flags.
         """
         segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:

@@ -18,7 +18,7 @@ _DEEP = 0.1
 # By how much another segment may make a node deeper, relative to the size of a segment [-].
 _DEEPER = 0.05
 # Length of the parts in which the path of a node is looked at, relative to the size of a
-# segment [-], so that no body is jumped over; and the greatest number of parts.
+# segment [-], less than the depth at which it has one; and the greatest number of parts.
 _PART, _MOST_PARTS = 0.25, 100
 
 

@@ -52,7 +52,7 @@ class Friction:
         self.traction[node] = 0.0
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Release nodes that were active only ``before``, ``(m,)``; let those slide that are now."""
+        """Release nodes active only ``before``, shape ``(m,)``; let those slide that are now."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""

@@ -18,10 +18,11 @@ struct Contact
   PairVector<S> force;    ///< contact force per multiplier
   PairVector<S> gradient; ///< gradient of `gap` at q_{n+1}
   PairMatrix<S> tangent;  ///< d force / d q_{n+1}
-  double turn;            ///< n_n . n_{n+1}
+  double turn;            ///< n_n . n_{n+1}, cosine of the angle
   bool valid;             ///< false: nothing else is to be used
 };
 
+/// @brief Mean of two states of a pair.
 template <class S>
 Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
 {
@@ -32,7 +33,7 @@ Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
   return m;
 }
 
-/// @brief What every scheme tells of both ends: gaps, gradient, turn.
+/// @brief Set what every scheme tells of both ends: gaps, gradient, turn.
 template <class S>
 void set_ends(const Projection<S>& p_n, const Projection<S>& p,
               Contact<S>& contact) noexcept
@@ -307,7 +308,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
       for (std::size_t l = 1; l < 6; ++l)
         for (std::size_t j = 0; j < dofs; ++j)
           row[j] += forces[l][b][i] * dLambda[l - 1][j];
-      // As `nodal_forces`.
+      // Rows of forces go to the nodes as in `nodal_forces`.
       contact.tangent[3 * (b == 0 ? 0 : b + 1) + i] = row;
       for (std::size_t j = 0; j < dofs; ++j)
         contact.tangent[3 + i][j] -= row[j];
