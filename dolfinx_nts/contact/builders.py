@@ -36,8 +36,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
         *bodies: Bodies of one space. Facets between two bodies that share nodes are not on the
             boundary.
         where: Function of the reference positions, shape ``(3, n)`` [m], that returns booleans,
-            shape ``(n,)``. The surface has the facets at all vertices of which it holds; None:
-            all.
+            shape ``(n,)``. Facets belong to the surface if it holds at all their vertices.
 
     Returns:
         The surface.

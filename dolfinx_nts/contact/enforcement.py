@@ -14,7 +14,6 @@ from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
-
 # Gap, relative to the segment's size [-], below which an active node stays eligible, as
 # elastic impact holds it at the gap with which it came.
 _NEAR = 1e-2

@@ -16,7 +16,6 @@ from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["Coulomb", "TractionModel", "transport"]
 
-
 # Bound on the stiffness against a change of the direction of slip, relative to the weight [-]:
 # a tighter one would slow Newton's method where slip is small.
 _STIFFEST_DIRECTION = 1e4
@@ -40,7 +39,7 @@ class TractionModel(NamedTuple):
 
 
 class Coulomb:
-    """Coulomb's law of friction: a node sticks until the traction exceeds mu times the pressure.
+    """Coulomb's law of friction: a node sticks until the traction exceeds mu times the normal force.
 
     Args:
         mu: Coefficient of friction [-].

@@ -135,9 +135,10 @@ class PairState:
         return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
-        """Find nodes held by elastic impact farther than ``gap_tol`` [m] apart, or inside. Collective.
+        """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
 
-        ``x`` are positions of the local nodes of the space, shape ``(l, 3)`` [m].
+        ``gap_tol`` is the distance from which on a node counts [m], ``x`` are positions of the
+        local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
         """
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):

@@ -1,7 +1,7 @@
 """Neighbour list of explicit steps: the nodes of a pair that may touch soon.
 
-As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes
-and segments may have approached each other by most of it.
+As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes and segments
+may have approached each other by most of it.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,8 @@ _REACH = 0.5
 # By how much a node may come nearer before the list is rebuilt, relative to the size of a
 # segment [-]. It is no less than the reach, or nodes deep inside would not be in the list.
 _MARGIN = 0.5
-# Part of the margin [-] after which the list is rebuilt, so that the next step is covered.
+# Part of the margin [-] after which the list is rebuilt, as the motion of all nodes would have
+# to be measured in each of the next steps.
 _USED = 0.75
 
 
@@ -78,7 +79,7 @@ class NeighbourList:
         margin = _MARGIN * self._state.pair.segment_size
         if self._travelled <= margin:
             return
-        # The sum of motions is a crude bound, as most nodes move the same way.
+        # The sum of steps is a crude bound, as most nodes move the same way.
         if np.isfinite(self._travelled):
             self._travelled = self._state.search.approach(x, self._positions)
         if self._travelled > _USED * margin:
