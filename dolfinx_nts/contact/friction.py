@@ -39,7 +39,7 @@ class TractionModel(NamedTuple):
 
 
 class Coulomb:
-    """Coulomb's law of friction: a node sticks until the traction exceeds mu times the normal force.
+    """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:
         mu: Coefficient of friction [-].
