@@ -107,7 +107,7 @@ void for_each_gauss_point(const typename Invariants<S>::Values& pi_n,
   }
 }
 
-/// @brief The averaged constraint gradient W.
+/// @brief Compute the averaged constraint gradient W.
 template <class S>
 ConstraintGradient<S>
 average_gradient(const typename Invariants<S>::Values& pi_n,
@@ -126,8 +126,8 @@ average_gradient(const typename Invariants<S>::Values& pi_n,
   return W;
 }
 
-/// @brief D pi(z)^T theta in the vectors: row a is sum_b (theta_ab +
-/// theta_ba) E_b.
+/// @brief Compute D pi(z)^T theta for the vectors: row a is
+/// sum_b (theta_ab + theta_ba) E_b.
 template <class S>
 std::array<Vec3, S::vertices + 1>
 vector_forces(const Augmented<S>& z,
@@ -144,7 +144,7 @@ vector_forces(const Augmented<S>& z,
   return forces;
 }
 
-/// @brief Forces on the vectors E_0..E_{k-1} as forces on x_s, x_1..x_k.
+/// @brief Turn forces on the vectors E_0..E_{k-1} into those on x_s, x_1..x_k.
 template <class S>
 PairVector<S>
 nodal_forces(const std::array<Vec3, S::vertices + 1>& forces) noexcept
