@@ -30,22 +30,15 @@ pytestmark = pytest.mark.serial
 WITHOUT_EXAMPLE = {
     "Balance",
     "CentralDifference",
-    "ContactPair",
     "ConvergenceError",
-    "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
     "GeneralizedAlpha",
-    "LagrangeMultiplier",
     "Midpoint",
-    "Penalty",
     "QuasiStatic",
     "Recorder",
     "StepControl",
     "StepReport",
-    "all_pairs",
-    "boundary_of",
-    "two_half_passes",
 }
 
 # A mesh, and table and fields of a run of three states.

@@ -1,1 +1,1 @@
-"""Contact: what is declared, what is remembered, and the forces of a step."""
+"""Contact pairs: what is declared, what is remembered, and the forces of a step."""

@@ -1,7 +1,4 @@
-"""Scenes: surfaces and contact pairs of whole bodies.
-
-For scenes in which anything may touch anything, without naming surfaces.
-"""
+"""Surfaces and contact pairs of whole bodies: scenes without named surfaces."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -27,19 +24,19 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Power of the stiffness in the order of bodies: a hundred times is twice.
+# Power of the stiffness by which the coarseness of bodies is multiplied [-]: a body a hundred
+# times as stiff counts as twice as coarse.
 _BY_STIFFNESS = 0.15
 
 
 def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Surface:
-    """Boundary of one or several bodies, or a part of it. Collective.
+    """Make a surface of the boundary of one or several bodies, or of a part of it. Collective.
 
     Args:
-        *bodies: Bodies of one space. Facets between two bodies that
-            share nodes are not on the boundary.
-        where: Function of the reference positions, shape ``(3, n)``,
-            that returns ``(n,)`` booleans; facets are kept if it holds
-            at all their vertices.
+        *bodies: Bodies of one space. Facets between two bodies that share nodes are not on the
+            boundary.
+        where: Function of the reference positions, shape ``(3, n)`` [m], that returns booleans,
+            shape ``(n,)``. Facets belong to the surface if it holds at all their vertices.
 
     Returns:
         The surface.
@@ -47,6 +44,11 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     Raises:
         TypeError: Something is no body.
         ValueError: No bodies, several spaces, or no facet is left.
+
+    Example:
+        >>> top = nts.boundary_of(body, where=lambda x: x[2] > 0.49)
+        >>> round(float(top.area.sum()), 3)  # m^2
+        1.0
     """
     V = common_space(bodies)
     topology = V.mesh.topology
@@ -68,17 +70,15 @@ def all_pairs(
     enforcement: LagrangeMultiplier | Penalty | None = None,
     friction: Coulomb | None = None,
 ) -> list[ContactPair]:
-    """Contact pairs by which any body may touch any other. Collective.
+    """Make the contact pairs by which any body may touch any other. Collective.
 
-    Bodies that share nodes count as one. One pair is that of the nodes
-    of the finer half of the bodies with the segments of the coarser
-    half, by the longest facet of each; and so on within the halves:
-    n - 1 pairs for n bodies. A body a hundred times as stiff as another
-    counts as twice as coarse: among similar meshes nodes are those of
-    the softer body, into which the vertices of the stiffer one would
-    sink between its nodes. Each obstacle makes a pair with all, each
-    body that may touch itself one with its own boundary. The log tells
-    what was built.
+    n bodies need n - 1 pairs. They are sorted by their longest facets. The first pair is that
+    of the nodes of the finer half with the segments of the coarser half; the next ones are
+    found in the same way within each half. A body a hundred times as stiff as another counts as
+    twice as coarse: among similar meshes nodes are those of the softer body, into which the
+    vertices of the stiffer one would sink between its nodes. Bodies that share nodes count as
+    one. Each obstacle makes a pair with all bodies, each body that may touch itself one with
+    its own boundary. The log tells what was built.
 
     Args:
         bodies: Bodies of one space.
@@ -92,8 +92,13 @@ def all_pairs(
 
     Raises:
         TypeError: Something is no body, or no obstacle.
-        ValueError: No bodies, several spaces, or self contact of a body
-            that is not among them.
+        ValueError: No bodies, several spaces, or self contact of a body that is not among them.
+
+    Example:
+        >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
+        >>> pairs = nts.all_pairs([body, other], obstacles=[floor], friction=nts.Coulomb(mu=0.3))
+        >>> [type(pair.segments).__name__ for pair in pairs]
+        ['Surface', 'RigidPlane']
     """
     bodies, self_contact = instances(Body, bodies), instances(Body, self_contact)
     common_space([*bodies, *self_contact])
@@ -107,7 +112,7 @@ def all_pairs(
 
     def coarseness(group: Sequence[Body]) -> float:
         weight = max(stiffness[body] for body in group) ** power
-        # Rounded, so that equal bodies stay in order.
+        # Rounded, so that equal bodies stay in the order in which they are given.
         return float(f"{surface(*group).size * weight:.6g}")
 
     groups = sorted(_groups(bodies), key=coarseness)
@@ -147,26 +152,30 @@ def two_half_passes(
     enforcement: Penalty | None = None,
     friction: Coulomb | None = None,
 ) -> list[ContactPair]:
-    """Both sides as contact nodes, each with springs of half the stiffness.
+    """Make two pairs of two surfaces, so that both sides are contact nodes. Collective.
 
-    Collective. No side is preferred, and nodes of neither sink into the
-    other: for surfaces of similar meshes, or of unknown which is finer.
+    Each pair has springs of half the stiffness. No side is preferred, and nodes of neither sink
+    into the other: for surfaces of similar meshes, or where it is unknown which is finer.
 
     Args:
         first: Surface of one body.
         second: Surface of another one.
-        enforcement: Springs; half of their stiffness, given or derived,
-            goes to each pair. With multipliers each side would hold the
-            nodes of the other: more constraints than there is room for.
+        enforcement: Springs; half of their stiffness, given or derived, goes to each pair. With
+            multipliers each side would hold the nodes of the other: more constraints than there
+            is room for.
         friction: Law of friction; None: none.
 
     Returns:
         Nodes of the first against segments of the second, and the reverse.
 
     Raises:
-        TypeError: Enforcement by something else than `Penalty`, or as in
-            `ContactPair`.
+        TypeError: Enforcement by something else than `Penalty`, or as in `ContactPair`.
         ValueError: As in `ContactPair`.
+
+    Example:
+        >>> pairs = nts.two_half_passes(top, bottom, nts.Penalty(eps_N=1.0e5))
+        >>> pairs[0].nodes is pairs[1].segments, pairs[0].enforcement
+        (True, Penalty(eps_N=100000, share=0.5))
     """
     enforcement = Penalty() if enforcement is None else enforcement
     if not isinstance(enforcement, Penalty):
@@ -180,7 +189,7 @@ def two_half_passes(
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
-    """Halves of a list, halves of its halves, ...; each two items once."""
+    """Halves of a list, halves of its halves, and so on: each two items are apart once."""
     if len(items) > 1:
         middle = len(items) // 2
         yield items[:middle], items[middle:]
@@ -189,7 +198,7 @@ def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]
 
 
 def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
-    """Bodies that share nodes, together. Collective."""
+    """Groups of bodies that are connected by shared nodes. Collective."""
     index_map = bodies[0].V.dofmap.index_map
     last = np.full(index_map.size_local, -1)  # last body of each owned node
     touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)

@@ -1,8 +1,8 @@
-"""Enforcement of normal contact: which nodes may touch, gap and force.
+"""Enforcement of normal contact: which nodes may touch, and gap and force of those that do.
 
-Pure functions of arrays over nodes. The gap is positive when open, the
-multiplier lambda_N is not positive in contact (Wriggers' convention; Laursen
-uses the opposite signs).
+Methods of the laws are pure functions of arrays over nodes. The gap is positive when open, and
+the multiplier lambda_N is not positive in contact, as in Wriggers' book; Laursen uses the
+opposite signs.
 """
 
 from typing import Literal
@@ -14,34 +14,39 @@ from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["LagrangeMultiplier", "Penalty"]
 
-
-# An active node stays eligible while its gap is below this part of the
-# segment's size.
+# Gap, relative to the segment's size [-], below which an active node stays eligible, as
+# elastic impact holds it at the gap with which it came.
 _NEAR = 1e-2
-# A gap below this part of the segment's size is none: round-off of positions
-# must not decide whether a node that lies on a segment may be held.
+# Gap, relative to the segment's size [-], that counts as none: round-off of positions must
+# not decide whether a node that lies on a segment may be held.
 _TOUCHES = 1e-9
 
 
 class LagrangeMultiplier:
-    r"""Exact contact: one multiplier for each active node.
+    r"""Exact contact by a multiplier at each active node, which holds the gap of the node.
 
     The complementarity of a step on the segment used in it is
 
     .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
 
     Args:
-        impact: What a node does that meets a segment. ``"elastic"``: it
-            keeps the gap with which it came, g_ref = g_n, so that
-            contact does no work in any step (persistency, after Laursen
-            and Chawla 1997) and the energy-momentum scheme conserves
-            the total energy exactly; only nodes that touch, or would
-            pass through within the step, are eligible. ``"plastic"``:
-            g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58); the node
-            loses its impact energy.
+        impact: What a node does that meets a segment. ``"elastic"``: it holds the gap with
+            which it came, g_ref = g_n, so that contact does no work in any step (persistency,
+            after Laursen and Chawla 1997) and the energy-momentum scheme conserves the total
+            energy exactly; only nodes that touch, or would pass through within the step, are
+            eligible. ``"plastic"``: g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58), by which
+            the impact energy of the node dissipates.
+
+    Attributes:
+        impact: The argument.
 
     Raises:
         ValueError: Another ``impact``.
+
+    Example:
+        >>> law = nts.LagrangeMultiplier(impact="plastic")
+        >>> print(nts.ContactPair(bottom, top, enforcement=law))
+        contact by LagrangeMultiplier
     """
 
     def __init__(self, impact: Literal["elastic", "plastic"] = "elastic") -> None:
@@ -51,58 +56,60 @@ class LagrangeMultiplier:
         self.impact = impact
 
     def __repr__(self) -> str:
-        """Kind of impact. Local."""
+        """Kind of impact in one line. Local."""
         return as_call(self, impact=self.impact)
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
-        """Nodes that elastic impact may hold; decided once per step.
+        """Decide once per step which nodes elastic impact may hold, shape ``(n,)``. Local.
 
         Args:
             gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
-            gap_trial: Gap of the ballistic state x_n + h v_n [m].
-            size: Diameter of the node's segment [m].
-            active: Whether the node was active in the last step.
-
-        Returns:
-            Flags, shape ``(n,)``.
+            gap_trial: Gap of the ballistic state x_n + h v_n, shape ``(n,)`` [m].
+            size: Diameter of the node's segment, shape ``(n,)`` [m].
+            active: Whether the node was active in the last step, shape ``(n,)``.
         """
-        # Nearer to the surface before than after the step: stop before.
+        # Such a node is nearer to the surface before the step than after it: it stops before.
         passes = (gap_n > 0) & (gap_trial < -gap_n)
         flags: Flags = (gap_n <= _TOUCHES * size) | passes | (active & (gap_n < _NEAR * size))
         return flags
 
     def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:
-        """Primal-dual active set.
+        """Decide by the primal-dual test which nodes are active, shape ``(n,)``. Local.
 
         Args:
-            lambda_N: Multiplier [N].
-            excess: Gap minus reference gap [m].
-            stiffness: Positive weight [N/m]; changes the path of
-                Newton's method, not its solution.
+            lambda_N: Multiplier, shape ``(n,)`` [N].
+            excess: Gap minus reference gap, shape ``(n,)`` [m].
+            stiffness: Positive weight, shape ``(n,)`` [N/m]; it changes the path of Newton's
+                method, not the solution.
         """
         flags: Flags = lambda_N + stiffness * excess < 0
         return flags
 
 
 class Penalty:
-    r"""Contact by nodal springs, with energy-consistent force.
+    r"""Contact by nodal springs, whose force in a step is consistent with their energy.
 
-    The spring's energy is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its
-    force in a step the difference quotient
-    :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`, so that the
-    energy-momentum scheme conserves the energy of bodies and springs.
+    The energy of a spring is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its force in a
+    step the difference quotient :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`, so that
+    the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]; None: ten times
-            the stiffness of the node itself, mass included, or of the
-            stiffest vertex of the segments if that is less.
+        eps_N: Stiffness of the spring at a node [N/m]; None: ten times the stiffness of the
+            node itself, mass included, or of the stiffest vertex of the segments if that is
+            less.
 
     Attributes:
-        share: Part of the stiffness that a spring has, and that of
-            friction with it: 1, or what `halved` left of it.
+        eps_N: The argument.
+        share: Part of the stiffness that a spring has, and that of friction with it [-]: 1, or
+            what `halved` left of it.
 
     Raises:
         ValueError: ``eps_N`` is not positive.
+
+    Example:
+        >>> springs = nts.Penalty(eps_N=1.0e6)  # N/m
+        >>> print(nts.ContactPair(bottom, top, enforcement=springs))
+        contact by Penalty
     """
 
     def __init__(self, eps_N: float | None = None) -> None:
@@ -118,36 +125,31 @@ class Penalty:
         return as_call(self, eps_N=self.eps_N, **share)
 
     def halved(self) -> "Penalty":
-        """The same law with springs of half the stiffness."""
+        """Make the same law with springs of half the stiffness. Local."""
         half = Penalty(self.eps_N)
         half.share = self.share / 2
         return half
 
     def energy(self, gap: Floats, eps_N: Floats) -> Floats:
-        """Energy of the springs [J].
-
-        Args:
-            gap: Gap from which the spring counts [m].
-            eps_N: Stiffness [N/m].
-        """
+        """Energy of springs, ``(m,)`` [J], loaded where the gap, ``(m,)`` [m], is negative."""
         energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
         return energy
 
     def force(self, gap_n: Floats, gap: Floats, eps_N: Floats) -> tuple[Floats, Floats]:
-        """Multiplier of a step and its derivative by the gap at its end.
+        """Compute the multiplier of a step and its derivative by the gap at the end. Local.
 
         Args:
-            gap_n: Gap at t_n [m].
-            gap: Gap at t_{n+1} [m].
-            eps_N: Stiffness [N/m].
+            gap_n: Gap at t_n, shape ``(m,)`` [m].
+            gap: Gap at t_{n+1}, shape ``(m,)`` [m].
+            eps_N: Stiffness, shape ``(m,)`` [N/m].
 
         Returns:
-            lambda_N [N, <= 0] and d lambda_N / d gap [N/m].
+            lambda_N [N, <= 0] and d lambda_N / d gap [N/m], both of shape ``(m,)``.
         """
         below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
         both = (gap_n < 0) & (gap < 0)
-        # With both ends in the spring the quotient is its mean force; it
-        # is formed only where one end is outside, so never 0/0.
+        # With both ends in the spring the quotient is its mean force; the quotient is formed
+        # only where one end is outside, so that it is never 0/0.
         rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
         quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
         slope = (eps_N * below - quotient) / rise

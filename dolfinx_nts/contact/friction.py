@@ -1,8 +1,8 @@
 r"""Coulomb friction: the traction of a node that slips on its segment.
 
-Pure functions of arrays over pairs. The slip g_T of a step has two
-components in an orthonormal frame of the segment (`cpp/nts/contact/slip.h`); the
-traction t is a nodal force that opposes it, with
+Functions are pure, of arrays over ``m`` pairs. The slip g_T of a step has two components in an
+orthonormal frame of the segment (`cpp/nts/contact/slip.h`). The traction t is a nodal force
+that opposes it, with
 
 .. math:: |t| \le \mu p, \qquad p = -\lambda_N.
 """
@@ -16,19 +16,21 @@ from dolfinx_nts.common.arrays import Flags, Floats
 
 __all__ = ["Coulomb", "TractionModel", "transport"]
 
-
-# Bound on the stiffness against a change of the direction of slip, relative
-# to the weight: a tighter one would slow Newton's method where slip is small.
+# Bound on the stiffness against a change of the direction of slip, relative to the weight [-]:
+# a tighter one would slow Newton's method where slip is small.
 _STIFFEST_DIRECTION = 1e4
+# Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0
+# where a normal is reversed, and there no rotation is the smallest.
+_REVERSED = 1e-12
 
 
 class TractionModel(NamedTuple):
-    """Linear model of the traction, t = explicit + p direction + stiffness dg.
+    """Linear model of the traction for Newton's method, t = explicit + p direction + stiffness dg.
 
     Attributes:
-        explicit: Part that does not scale with p, shape ``(m, 2)`` [N].
+        explicit: Part that does not scale with the pressing force p, shape ``(m, 2)`` [N].
         direction: Factor of p, shape ``(m, 2)`` [-].
-        stiffness: Derivative by the slip at fixed p, ``(m, 2, 2)`` [N/m].
+        stiffness: Derivative by the slip at fixed p, shape ``(m, 2, 2)`` [N/m].
     """
 
     explicit: Floats
@@ -37,25 +39,29 @@ class TractionModel(NamedTuple):
 
 
 class Coulomb:
-    """Coulomb's law of friction.
+    """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:
         mu: Coefficient of friction [-].
-        eps_T: Stiffness of the tangential spring at a node [N/m], whose
-            elastic slip is stored and given back. None: no spring; a
-            sticking node does not move at all (multipliers), unless the
-            normal contact is by penalty, which needs a spring: then the
+        eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is stored
+            and given back. None: no spring, so that a sticking node does not move at all
+            (multipliers); but normal contact by penalty needs a spring, which then has the
             stiffness of the node itself.
-        law: How slip is measured. ``"objective"``: by an increment that is
-            quadratic in the positions, so that dissipation is exact
-            (`cpp/nts/contact/slip.h`). ``"convective"``: by the convective
-            coordinates on the segment, as Franke, Hesch and Betsch
-            (2011), eqs. 60-64; for comparison, with `Midpoint`,
-            `Penalty` and a deformable counterpart only.
+        law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
+            positions, so that dissipation is exact (`cpp/nts/contact/slip.h`).
+            ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
+            Betsch 2011, eqs. 60-64); for comparison, with `Midpoint`, `Penalty` and a
+            deformable counterpart only.
+
+    Attributes:
+        mu, eps_T, law: The arguments.
 
     Raises:
-        ValueError: ``mu`` is negative, ``eps_T`` not positive, or there
-            is no such ``law``.
+        ValueError: ``mu`` is negative, ``eps_T`` not positive, or there is no such ``law``.
+
+    Example:
+        >>> print(nts.ContactPair(bottom, top, friction=nts.Coulomb(mu=0.3)))
+        contact by LagrangeMultiplier, Coulomb friction with mu = 0.3
     """
 
     def __init__(
@@ -64,7 +70,7 @@ class Coulomb:
         eps_T: float | None = None,
         law: Literal["objective", "convective"] = "objective",
     ) -> None:
-        """Check the numbers."""
+        """Check the coefficient, the stiffness and the name of the law."""
         nonnegative("a coefficient of friction mu", mu)
         if eps_T is not None:
             positive("a tangential stiffness eps_T", eps_T)
@@ -73,22 +79,22 @@ class Coulomb:
         self.mu, self.eps_T, self.law = float(mu), eps_T, law
 
     def __repr__(self) -> str:
-        """Numbers as given, eps_T in N/m. Local."""
+        """Arguments in one line, eps_T in N/m. Local."""
         return as_call(self, mu=self.mu, eps_T=self.eps_T, law=self.law)
 
     def slides(
         self, trial: Floats, way: Floats, p: Floats, heading: Floats, sliding: Flags
     ) -> Flags:
-        """Whether nodes slide, by what is known now.
+        """Decide which nodes slide, shape ``(m,)``, by what is known now. Local.
 
         Args:
-            trial: Traction if the node stuck, t_n + eps_T g with a spring,
-                t + c g without, shape ``(m, 2)`` [N].
-            way: Where the node goes: the trial traction with a spring,
-                the slip without, shape ``(m, 2)``.
+            trial: Traction if the node stuck, shape ``(m, 2)`` [N]: t_n + eps_T g with a
+                spring, t + c g without.
+            way: Where the node goes: the trial traction with a spring [N], the slip without
+                [m], shape ``(m, 2)``.
             p: Pressing force, shape ``(m,)`` [N].
-            heading: Direction of the traction, any length, ``(m, 2)``.
-            sliding: Whether a node slid in the last iteration; then it
+            heading: Direction of the traction, of any length, shape ``(m, 2)``.
+            sliding: Whether a node slid in the last iteration, shape ``(m,)``; such a node
                 sticks before it slides the other way.
         """
         size = np.linalg.norm(trial, axis=1)
@@ -99,17 +105,12 @@ class Coulomb:
     def spring(
         self, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags
     ) -> TractionModel:
-        """Return mapping with a tangential spring.
+        """Map trial tractions of tangential springs back to Coulomb's limit. Local.
 
-        A node that slides although its trial traction points backwards
-        keeps its direction; that is no solution.
-
-        Args:
-            trial: t_n + eps_T g, shape ``(m, 2)`` [N].
-            p: Pressing force, shape ``(m,)`` [N].
-            eps_T: Stiffness, shape ``(m,)`` [N/m].
-            heading: Direction of the traction, any length, ``(m, 2)``.
-            sliding: Whether the node slides now, shape ``(m,)``.
+        A node that slides although its trial traction points backwards has the direction of
+        before, which is no solution yet. ``trial`` is t_n + eps_T g, with the stiffness
+        ``eps_T`` of the springs, shape ``(m,)`` [N/m]; ``sliding`` tells whether a node slides
+        now; the others are as of `slides`.
         """
         turns = np.einsum("mi,mi->m", heading, trial) >= 0
         size, s, across = _polar(np.where((sliding & ~turns)[:, None], heading, trial))
@@ -125,22 +126,20 @@ class Coulomb:
     def exact(
         self, t: Floats, slip: Floats, p: Floats, c: Floats, heading: Floats, sliding: Flags
     ) -> TractionModel:
-        """Stick and slip without a spring, one semismooth Newton iteration.
+        """Model stick and slip without a spring, for one semismooth Newton iteration. Local.
 
-        The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the
-        solutions g = 0 with |t| <= mu p (stick) and t = mu p g/|g|
-        (slip); the weight c changes the path, not the solution. For a
-        sliding node it is linearised and solved for t, so that a slip
-        whose direction is not yet that of the traction turns it. Where
-        there is no such slip, because it points backwards or nothing
-        presses the node, the direction stays.
+        The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the solutions g = 0 with |t|
+        <= mu p (stick) and t = mu p g/|g| (slip); the weight c changes the path, not the
+        solution. For a sliding node it is linearised and solved for t, so that a slip whose
+        direction is not yet that of the traction turns it. The direction stays where there is
+        no such slip, because it points backwards or nothing presses the node.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].
             slip: Slip of the step, shape ``(m, 2)`` [m].
             p: Pressing force, shape ``(m,)`` [N].
-            c: Weight, part of the stiffness of the node, ``(m,)`` [N/m].
-            heading: Direction of the traction, any length, ``(m, 2)``.
+            c: Weight, part of the stiffness of the node, shape ``(m,)`` [N/m].
+            heading: Direction of the traction, of any length, shape ``(m, 2)``.
             sliding: Whether the node slides now, shape ``(m,)``.
         """
         limit = self.mu * np.maximum(p, 0.0)
@@ -158,27 +157,27 @@ class Coulomb:
 
 
 def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floats) -> Floats:
-    """Components of tractions after the smallest rotation between normals.
+    """Turn tractions by the smallest rotation between two normals. Local.
 
     Args:
-        traction: Cartesian vectors in the old tangent planes, ``(m, 3)``.
+        traction: Cartesian vectors in the old tangent planes, shape ``(m, 3)`` [N].
         normal_from: Old unit normals, shape ``(m, 3)``.
         frame: New orthonormal frames, shape ``(m, 2, 3)``.
         normal: New unit normals, shape ``(m, 3)``.
 
     Returns:
-        Components in the new frames, shape ``(m, 2)``; the length is kept.
+        Components in the new frames, shape ``(m, 2)`` [N]; lengths do not change.
     """
     along = np.einsum("mi,mi->m", traction, normal)
     cosine = np.einsum("mi,mi->m", normal_from, normal)
-    factor = along / np.maximum(1.0 + cosine, 1e-12)
+    factor = along / np.maximum(1.0 + cosine, _REVERSED)
     rotated = traction - factor[:, None] * (normal_from + normal)
     components: Floats = np.einsum("mij,mj->mi", frame, rotated)
     return components
 
 
 def _polar(t: Floats) -> tuple[Floats, Floats, Floats]:
-    """Length, direction (0 for zero vectors) and projector across it."""
+    """Length of vectors, their direction, 0 for zero vectors, and the projector across it."""
     size: Floats = np.linalg.norm(t, axis=1)
     s = t / np.where(size > 0, size, 1.0)[:, None]
     across: Any = np.eye(2) - s[:, :, None] * s[:, None, :]

@@ -1,4 +1,4 @@
-"""What an accepted step leaves of contact: state of the nodes, energy by cause."""
+"""What an accepted step leaves of contact: the state of the nodes, and energies by cause."""
 
 import operator
 from dataclasses import dataclass
@@ -16,19 +16,18 @@ class ContactHistory:
     """Accepted contact of the owned nodes of a pair at t_n.
 
     Attributes:
-        key: Segment of each node, -1 without, shape ``(n,)``.
+        key: Key of the segment of each node, -1 without one, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         sliding: Whether an active node slides, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
-        force: Contact force on the node in it, shape ``(n, 3)`` [N].
-        gap: Gap to the segment, NaN without, shape ``(n,)`` [m].
-        offset: Gap at which a penalty spring starts, ``(n,)`` [m].
-        normal: Normal of the segment, shape ``(n, 3)``.
-        traction: StickSlip part that friction remembers, Cartesian,
-            against the motion, shape ``(n, 3)`` [N].
+        force: Contact force on the node in the last step, shape ``(n, 3)`` [N].
+        gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
+        offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
+        normal: Unit normal of the segment, with friction only, shape ``(n, 3)``.
+        traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].
         slip: Accumulated length of slip, shape ``(n,)`` [m].
-        energy: Stored in the node's springs, shape ``(n,)`` [J].
-        dissipation: Lost by friction in the last step, ``(n,)`` [J].
+        energy: Energy of the node's springs, shape ``(n,)`` [J].
+        dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
     """
 
     key: GlobalInts
@@ -46,12 +45,10 @@ class ContactHistory:
 
     @classmethod
     def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
-        """Contact of some of n nodes; no contact at the others.
+        """Make the contact of some of n nodes, with no contact at the others. Local.
 
-        Args:
-            n: Number of nodes.
-            node: Positions among the nodes, shape ``(m,)``.
-            **values: Attributes by name, of these nodes, ``(m, ...)``.
+        ``node`` are positions among the nodes, shape ``(m,)``, and ``values`` attributes of
+        these by name, shape ``(m, ...)``.
         """
         history = cls.none(n)
         for name, value in values.items():
@@ -60,7 +57,7 @@ class ContactHistory:
 
     @classmethod
     def none(cls, n: int) -> "ContactHistory":
-        """No contact at n nodes."""
+        """Make the history of n nodes without contact. Local."""
         return cls(
             key=np.full(n, -1, dtype=np.int64),
             active=np.zeros(n, dtype=bool),
@@ -81,11 +78,11 @@ class ContactWork(NamedTuple):
     """Energy that contact gave to the bodies in a step, by cause [J].
 
     Attributes:
-        persistent: Nodes that were active on the same segment before.
-        activation: Nodes that were not active before.
-        facet_change: Nodes that were active on another segment.
+        persistent: By nodes that were active on the same segment before.
+        activation: By nodes that were not active before.
+        facet_change: By nodes that were active on another segment.
         springs: Taken from penalty and friction springs.
-        friction: Minus the dissipation.
+        friction: Minus the dissipation by friction.
     """
 
     persistent: float = 0.0
@@ -95,5 +92,5 @@ class ContactWork(NamedTuple):
     friction: float = 0.0
 
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
-        """Sum by cause."""
+        """Add energies cause by cause. Local."""
         return ContactWork(*map(operator.add, self, other))

@@ -1,7 +1,7 @@
 """Contact pairs: which nodes may touch what, and by which laws.
 
-A `ContactPair` is a declaration and never changes. Each stepper makes a
-`PairState` of it, which holds all that contact remembers from step to step.
+A `ContactPair` is a declaration and never changes. Each stepper makes a `PairState` of it,
+which holds all that contact remembers from step to step.
 """
 
 import logging
@@ -23,57 +23,61 @@ __all__ = ["AcceptedContact", "ContactPair"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Sine of the angle at a corner of a segment below which rounding decides its normal.
+# Sine of the angle at a corner of a segment [-] below which round-off decides its normal.
 _SHARP = 1e-8
 
 
 class AcceptedContact(Protocol):
-    """What a stepper knows of a pair, see `PairState`."""
+    """What a stepper knows of a pair and tells in the name of the pair, see `PairState`."""
 
     @property
     def history(self) -> ContactHistory:
-        """Contact of the last accepted step."""
+        """Contact of the last accepted step. Local."""
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure at the nodes [Pa]."""
+        """Contact pressure at the nodes, shape ``(n,)`` [Pa]. Collective."""
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Gap of every node [m]."""
+        """Gap of every node [m], see `ContactPair.gap`. Collective."""
 
 
 class ContactPair:
-    """Nodes of one surface against segments of another, or a rigid obstacle.
+    """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
 
-    A surface may be both: then it touches itself. A node touches segments
-    that face it, but no neighbours on the mesh, nor the other side of its own
-    wall (`cpp/nts/search/self_contact.h`); it must not move by more than a
-    cell of the wall in a step. Springs act from both sides; multipliers go to
-    nodes of which none is a vertex of the segment of another.
+    Collective. A surface may be both: then it touches itself. A node then touches segments that
+    face it, but neither neighbours on the mesh nor the other side of its own wall
+    (`cpp/nts/search/self_contact.h`), and must not move by more than a cell of the wall in a
+    step. Springs act from both sides; multipliers go to nodes of which none is a vertex of the
+    segment of another.
 
     A pair may be given to several steppers, which do not disturb each other:
-    ``stepper.contacts`` has what each of them remembers. As long as there is
-    one, `history`, `pressure`, `gap` and ``str`` of the pair are of this stepper.
-
-    Collective. ``str`` tells the laws and, after the first step, the least
-    and the greatest stiffness of springs, given or derived.
+    ``stepper.contacts`` has what each of them remembers. As long as one stepper has the pair,
+    `history`, `pressure`, `gap` and ``str`` of the pair are those of this stepper. ``str``
+    tells the laws and, after the first step, least and greatest stiffness of springs, given or
+    derived.
 
     Args:
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments are touched, or a rigid obstacle.
-        enforcement: How contact is enforced; by default multipliers
-            with elastic impact.
+        enforcement: How contact is enforced; None: by multipliers with elastic impact.
         friction: Law of friction; None: none.
 
     Attributes:
         nodes, segments, enforcement: The arguments.
         friction: Law of friction; None if its coefficient is 0.
-        touches_itself: Whether both are the same surface.
+        touches_itself: Whether nodes and segments are the same surface.
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: The surfaces belong to different spaces, or share
-            some of their nodes; convective friction without what it needs.
+        ValueError: The surfaces belong to different spaces, or share some of their nodes;
+            convective friction without what it needs.
+
+    Example:
+        >>> pair = nts.ContactPair(nodes=bottom, segments=top)
+        >>> stepper = nts.EnergyMomentum([body, other], [pair], dt=0.01)
+        >>> round(float(np.nanmin(pair.gap(stepper.x))), 3)  # m
+        0.01
     """
 
     nodes: Surface
@@ -90,7 +94,7 @@ class ContactPair:
         enforcement: LagrangeMultiplier | Penalty | None = None,
         friction: Coulomb | None = None,
     ) -> None:
-        """Check the surfaces and the laws."""
+        """Check types, surfaces and that the laws suit each other."""
         if not isinstance(nodes, Surface):
             raise TypeError(f"expected a Surface as nodes, given {type(nodes).__name__}")
         if not isinstance(segments, Surface | Obstacle):
@@ -115,18 +119,18 @@ class ContactPair:
             nodes=nodes,
             segments=segments,
             enforcement=enforcement,
-            # Without friction there is no slip to follow.
+            # With mu = 0 there is no slip to follow.
             friction=friction if friction is not None and friction.mu > 0 else None,
             touches_itself=isinstance(segments, Surface) and _check_surfaces(nodes, segments),
             _states=WeakSet(),
         )
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse, as several steppers may rely on the pair."""
+        """Refuse to change the pair, as several steppers may rely on it."""
         raise AttributeError(f"expected a new ContactPair, as none changes its {name}")
 
     def attach(self, state: AcceptedContact) -> None:
-        """Let a pair answer for the contact of a stepper, as long as it lives. Local."""
+        """Let the contact of a stepper answer for the pair, as long as it lives. Local."""
         self._states.add(state)
 
     @property
@@ -134,35 +138,35 @@ class ContactPair:
         """Contact of the last step in the one stepper that has the pair. Local.
 
         Raises:
-            ValueError: No stepper has the pair, or several have it; so do
-                `pressure` and `gap`.
+            ValueError: No stepper has the pair, or several have it; so do `pressure` and `gap`.
         """
         return self._only().history
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa].
+        """Contact pressure of the last step at the nodes, shape ``(n,)`` [Pa, >= 0].
 
         Collective, see `history` and `Surface.per_area`.
         """
         return self._only().pressure
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Gap of every node, NaN where it faces no segment. Collective.
+        """Compute the gap of every node, NaN where it faces no segment. Collective.
 
         Args:
-            x: Positions of the local nodes of the space, owned and
-                ghost, shape ``(l, 3)`` [m].
-            reach: Distance to segments up to which they are looked for
-                [m].
+            x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
+            reach: Distance up to which a node looks for segments [m].
 
         Returns:
             Gap, shape ``(n,)`` [m], > 0 open.
+
+        Raises:
+            ValueError: As of `history`.
         """
         return self._only().gap(x, reach)
 
     def _only(self) -> AcceptedContact:
-        """The contact of the one stepper that has the pair."""
+        """Contact in the one stepper that has the pair."""
         if len(self._states) != 1:
             raise ValueError(
                 f"expected a contact pair of one stepper, given one of {len(self._states)}: "
@@ -173,30 +177,25 @@ class ContactPair:
 
     @property
     def segment_size(self) -> float:
-        """Longest segment [m]; for an obstacle, of the nodes' surface."""
+        """Longest segment [m]; with an obstacle, longest facet of the nodes' surface. Local."""
         return (self.segments if isinstance(self.segments, Surface) else self.nodes).size
 
     @property
     def has_slip_spring(self) -> bool:
-        """Whether friction stores elastic slip."""
+        """Whether friction stores elastic slip. Local."""
         return self.friction is not None and (
             self.friction.eps_T is not None or isinstance(self.enforcement, Penalty)
         )
 
     @property
     def is_convective(self) -> bool:
-        """Whether slip is measured by convective coordinates."""
+        """Whether slip is measured by convective coordinates. Local."""
         return self.friction is not None and self.friction.law == "convective"
 
     def __repr__(self) -> str:
-        """Arguments, one line. Local."""
-        return as_call(
-            self,
-            nodes=self.nodes,
-            segments=self.segments,
-            enforcement=self.enforcement,
-            friction=self.friction,
-        )
+        """Arguments in one line. Local."""
+        names = ("nodes", "segments", "enforcement", "friction")
+        return as_call(self, **{name: getattr(self, name) for name in names})
 
     def __str__(self) -> str:
         """Laws and, while one stepper has the pair, the stiffness of springs. Local."""
@@ -205,7 +204,7 @@ class ContactPair:
         return self.describe()
 
     def describe(self) -> str:
-        """Laws of contact and friction. Local."""
+        """Laws of contact and friction in words. Local."""
         text = f"contact by {type(self.enforcement).__name__}"
         if self.friction is not None:
             text += f", Coulomb friction with mu = {self.friction.mu:g}"
@@ -215,7 +214,7 @@ class ContactPair:
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     """Whether they are the same; raises unless they can make a pair. Collective.
 
-    Segments that are bad but usable are logged.
+    Segments with corners that have no reliable normal are logged.
     """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")

@@ -1,4 +1,4 @@
-"""What one stepper remembers of a contact pair."""
+"""The contact that one stepper remembers of a pair, from step to step."""
 
 import logging
 from collections.abc import Callable
@@ -26,27 +26,31 @@ __all__ = ["PairState"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Stiffness of a normal spring that is left open, relative to that of its node [-]: a
+# softer one lets nodes sink in, a stiffer one spoils Newton's method.
+_STIFFER = 10
+
 
 class PairState:
-    """Contact of one pair in one stepper: search, springs and accepted contact.
+    """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
 
-    Only an accepted step replaces its `history`. Collective.
+    Only an accepted step replaces its `history`.
 
     Args:
         pair: The pair.
 
     Attributes:
-        pair: The pair.
+        pair: The argument.
         search: Finds the candidates of steps.
-        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m], from
-            the first step on; None without.
+        eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
+            None without.
         eps_T: The same of the tangential springs.
     """
 
     def __init__(self, pair: ContactPair) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         self.pair = pair
-        # Gaps are asked for at any distance, which must not disturb the steps.
+        # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -58,12 +62,12 @@ class PairState:
 
     @property
     def nodes(self) -> Surface:
-        """Surface whose nodes may touch."""
+        """Surface whose nodes may touch. Local."""
         return self.pair.nodes
 
     @property
     def segments(self) -> Surface | Obstacle:
-        """Surface whose segments are touched, or a rigid obstacle."""
+        """Surface whose segments are touched, or a rigid obstacle. Local."""
         return self.pair.segments
 
     @property
@@ -74,22 +78,15 @@ class PairState:
         return self._history
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
-        """Remember the contact of a step that is accepted. Local.
-
-        Args:
-            history: The contact; or a function that makes it if it is asked for.
-        """
+        """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
         self._history = history
 
     def derive_penalty(self, stiffness: Floats) -> None:
         """Choose the stiffness of springs that the user left open, once. Collective.
 
-        It is that of the softer side: a stiff node cannot press harder than
-        soft segments, and stiffer springs only spoil Newton's method.
-
-        Args:
-            stiffness: Stiffness of all owned nodes of the space, ``(n,)``
-                [N/m].
+        It is that of the softer side: a stiff node cannot press harder than soft segments, and
+        stiffer springs only spoil Newton's method. ``stiffness`` is that of all owned nodes of
+        the space, shape ``(n,)`` [N/m].
         """
         if self._ranges is not None:
             return
@@ -101,19 +98,14 @@ class PairState:
         self.choose_penalty(softer)
 
     def choose_penalty(self, stiffness: Floats) -> None:
-        """Choose the stiffness of springs, once, and log it. Collective.
-
-        Args:
-            stiffness: What is taken for that of the contact nodes, ``(n,)``
-                [N/m].
-        """
+        """Choose and log the stiffness of springs, once, from that of the nodes. Collective."""
         if self._ranges is not None:
             return
         self._ranges, share, pair = {}, 1.0, self.pair
         if isinstance(pair.enforcement, Penalty):
             given, share = pair.enforcement.eps_N, pair.enforcement.share
             self.eps_N = share * (
-                10 * stiffness if given is None else np.full_like(stiffness, given)
+                _STIFFER * stiffness if given is None else np.full_like(stiffness, given)
             )
             self._ranges["eps_N"] = self._range(self.eps_N)
         if pair.friction is not None and pair.has_slip_spring:
@@ -124,11 +116,7 @@ class PairState:
             _logger.info("%s", self)
 
     def slip_energy(self, traction: Floats) -> Floats:
-        """Energy of the tangential springs, shape ``(n,)`` [J]; 0 without. Local.
-
-        Args:
-            traction: Of all nodes, shape ``(n, 3)`` [N].
-        """
+        """Energy of tangential springs, ``(n,)`` [J], by tractions, ``(n, 3)`` [N]. Local."""
         if self.eps_T is None:
             return np.zeros(len(traction))
         energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.eps_T)
@@ -136,44 +124,36 @@ class PairState:
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure of the last step at the nodes, ``(n,)`` [Pa].
-
-        Collective, see `Surface.per_area`.
-        """
+        """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
         return self.pair.nodes.per_area(-self.history.lambda_N)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Gap of every node, see `ContactPair.gap`. Collective."""
+        """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         candidates, _ = self._far_search.update(x, np.inf)
         current = candidates.find(self.history.key)
         points = NodalPoints(self.pair.nodes.nodes)
         return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
-        """Nodes that elastic impact holds at a distance, or inside. Collective.
+        """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
 
-        Args:
-            x: Positions of the local nodes of the space, owned and
-                ghost, shape ``(l, 3)`` [m].
-            gap_tol: Distance that counts [m].
-
-        Returns:
-            Nodes further than that, held or inside; shape ``(n,)``.
+        ``gap_tol`` is the distance from which on a node counts [m], ``x`` are positions of the
+        local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
         """
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
         gap = self.gap(x)
-        # A node deeper than that belongs to another side.
+        # A node deeper than that belongs to another side of the body.
         inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
         flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the accepted contact. Collective.
+        """Serialize the accepted contact, springs and search. Collective.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Takes the values or gives them.
             name: First part of the names of the values.
         """
         ids = self.pair.nodes.node_ids
@@ -197,13 +177,13 @@ class PairState:
         self.search.serialize(archive, f"{name}/search")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
-        """Least and greatest value on all ranks."""
+        """Least and greatest value on all ranks. Collective."""
         comm = self.pair.nodes.V.mesh.comm
         least = reductions.least(comm, float(stiffness.min(initial=np.inf)))
         return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))
 
     def __str__(self) -> str:
-        """Laws and the stiffness of springs, as used from the first step on. Local."""
+        """Laws, and the stiffness of springs as used from the first step on. Local."""
         text = self.pair.describe()
         for name, (least, greatest) in (self._ranges or {}).items():
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
@@ -212,7 +192,7 @@ class PairState:
 
 
 def _search(pair: ContactPair) -> Search:
-    """Search for what the nodes of a pair may touch. Collective."""
+    """Make the search for what the nodes of a pair may touch. Collective."""
     if isinstance(pair.segments, Obstacle):
         return ObstacleSearch(pair.segments, pair.nodes)
     search = SelfContactSearch if pair.touches_itself else GlobalSearch

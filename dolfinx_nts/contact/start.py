@@ -13,24 +13,23 @@ __all__ = ["check_start"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depth that is reported, relative to the size of a segment: meshes of curved surfaces
-# overlap by less, and a body and a rigid obstacle not at all but for rounding.
+# Depths that are reported, relative to the size of a segment [-]: meshes of curved surfaces
+# overlap by less, and a body and a rigid obstacle not at all but for round-off.
 _OVERLAP, _OVERLAP_RIGID = 0.02, 1e-6
 
 
 def check_start(state: PairState, x: Floats) -> None:
-    """Raise on all ranks if nodes lie inside a rigid obstacle.
+    """Raise on all ranks if nodes lie inside a rigid obstacle. Collective.
 
-    Inside another body they may start, which is only logged: elastic impact
-    keeps their depth, plastic impact and springs push them out. Collective.
+    Inside another deformable body they may start, which is only logged: elastic impact holds
+    their depth, plastic impact and springs push them out.
 
     Args:
         state: State of the contact pair.
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
 
     Raises:
-        ValueError: Nodes are deeper than a millionth of the size of the
-            surface's facets.
+        ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
     """
     pair, depth = state.pair, -state.gap(x)
     rigid = isinstance(pair.segments, Obstacle)

@@ -1,196 +1,199 @@
 """Candidates of contact: what contact points may touch, and the search for it.
 
-The global search finds the segments, or facets of a rigid obstacle, that the
-points of a rank can reach within a step. The local search chooses one of these
-candidates for each point. Contact asks candidates for gap, force and slip of
-the pairs, and never what they are.
+The global search finds the segments, or facets of a rigid obstacle, that the points of a
+rank can reach within a step. The local search chooses one of these candidates for each
+point. Contact asks candidates for gap, force and slip of the pairs, and never what they are.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+
+from mpi4py import MPI
 
 from dolfinx_nts import _kernels
+from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["Candidates", "Search"]
 
 
-class Candidates(Protocol):
-    """Segments or facets within reach of the contact points of a rank. Local.
+class Candidates(ABC):
+    """Base of what the contact points of a rank may touch: segments or rigid facets.
 
-    ``x`` stands for positions of the nodes of the scatter's map, owned and
-    ghost, shape ``(l, 3)`` [m]; ``segment`` for the numbers of chosen
-    candidates, one a point, or -1.
+    Methods are local unless they say otherwise. In their arguments ``x`` stands for current
+    positions of the nodes of the scatter's map, owned and ghost, shape ``(l, 3)`` [m], and
+    ``segment`` for the number of a candidate for each of ``m`` points, shape ``(m,)``.
+
+    Attributes:
+        scatter: Brings values to the vertices of the candidates, and forces back.
+        segments: Vertices of each candidate, nodes of the map, shape ``(s, k)``; a rigid
+            facet has none.
+        key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
+        size: Length to which gaps are compared, shape ``(s,)`` [m].
     """
 
-    @property
-    def scatter(self) -> NodalScatter:
-        """Brings values to the vertices of the candidates, and forces back."""
+    scatter: NodalScatter
+    segments: Ints
+    key: GlobalInts
+    size: Floats
 
-    @property
-    def segments(self) -> Ints:
-        """Vertices of each candidate, nodes of the map, shape ``(s, k)``."""
-
-    @property
-    def key(self) -> GlobalInts:
-        """Number of each candidate on any partition of the mesh, ``(s,)``."""
-
-    @property
-    def size(self) -> Floats:
-        """Length with which gaps are compared, shape ``(s,)`` [m]."""
-
+    @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
-        """Candidate of each key or -1, of the same shape."""
+        """Find the candidate of each key, or -1, of the same shape."""
 
+    @abstractmethod
     def pair(
         self,
         points: ContactPoints,
         x: Floats,
         current: Ints,
         reach: float,
-        slack: float = _kernels.HYSTERESIS,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         """Choose a candidate for each point, see `cpp/nts/search/local_search.h`.
 
         Args:
-            points: The points.
+            points: The ``p`` points.
             x: Positions.
             current: Candidates of the last choice or -1, shape ``(p,)``.
             reach: Largest gap of interest [m].
-            slack: By how much a point may be beside its current candidate
-                and stays with it, relative to half a quadrilateral, or to
-                a triangle.
+            slack: How far beside its current candidate a point may be and still stays with
+                it, in coordinates of the reference segment.
 
         Returns:
-            Candidate or -1, shape ``(p,)``, and gap [m], NaN without.
+            Candidate or -1, shape ``(p,)``, and gap, NaN without one, ``(p,)`` [m].
         """
 
+    @abstractmethod
     def penalty_forces(
-        self,
-        nodes: Ints,
-        x: Floats,
-        current: Ints,
-        reach: float,
-        numbers: Ints,
-        stiffness: Floats,
+        self, nodes: Ints, x: Floats, current: Ints, reach: float, numbers: Ints, stiffness: Floats
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Springs of nodes that `pair` finds inside, see `cpp/nts/contact/springs.h`.
+        """Pair nodes and load the springs of those inside, see `cpp/nts/contact/springs.h`.
 
         Args:
             nodes: The nodes, shape ``(c,)``.
-            x: As of `pair`, and so are ``current`` and ``reach``.
-            current: Shape ``(c,)``.
-            reach: [m].
-            numbers: By which the springs call the nodes, shape ``(c,)``.
-            stiffness: Of each spring, shape ``(c,)`` [N/m].
+            x: Positions.
+            current: Candidates of the last choice or -1, shape ``(c,)``.
+            reach: Largest gap of interest [m].
+            numbers: Numbers of the nodes by which the springs name them, shape ``(c,)``.
+            stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
 
         Returns:
-            Candidate and gap, shape ``(c,)``; springs of nodes with gap < 0.
+            Candidate and gap as of `pair`, ``(c,)``; and springs of the nodes with gap < 0.
         """
 
+    @abstractmethod
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Positions of the points that are within reach of a candidate, at least."""
+        """Find the points within reach [m] of a candidate, and perhaps some others."""
 
+    @abstractmethod
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Gap of points to given candidates, shape ``(m,)`` [m]."""
+        """Compute the gap of points to given candidates, shape ``(m,)`` [m]."""
 
+    @abstractmethod
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Gap and force of pairs between two states.
+        """Evaluate gap and force of pairs in a step.
 
         Args:
             scheme: Kernel: ``"conserving"``, ``"midpoint"`` or ``"static"``.
             points: The points.
             x_n: Positions at t_n.
             x: Positions at t_{n+1}.
-            segment: Candidate of each point, shape ``(m,)``.
+            segment: Candidate of each point.
         """
 
+    @abstractmethod
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Slip of pairs between two states.
+        """Evaluate the slip of pairs in a step; arguments as of `contact`.
 
-        Args:
-            law: Measure of slip: ``"objective"`` or ``"convective"``.
-            points: As of `contact`, and so are the others.
-            x_n: Positions at t_n.
-            x: Positions at t_{n+1}.
-            segment: Shape ``(m,)``.
+        ``law`` is the measure of slip: ``"objective"`` or ``"convective"``.
         """
 
+    @abstractmethod
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
-        """Which displacements are unknown, at the nodes of the map. Collective.
+        """Tell at all nodes of the map which displacements are unknown. Collective.
 
-        Args:
-            points: The points.
-            free: 1 where the displacement of an owned node is unknown,
-                otherwise 0, shape ``(n, 3)``.
-
-        Returns:
-            The same at all nodes of the map, shape ``(l, 3)``; None if all
-            of the points and the candidates are unknown.
+        ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, shape
+        ``(n, 3)``. Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements
+        of the points and of the candidates on this rank are unknown.
         """
 
+    @abstractmethod
     def beside(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points have left their candidates sideways, over a rim of the surface."""
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
-        """Nodes that may have multipliers at the same time. Collective.
+        """Choose the nodes that may have multipliers at the same time. Collective.
 
         Args:
             surface: The surface of the nodes.
             segment: Candidate of each node or -1, shape ``(n,)``.
-            eligible: Nodes that have a candidate and might be held, ``(n,)``.
-            urgency: Nodes with a greater one are taken first, ``(n,)``.
+            eligible: Nodes that have a candidate and might be held, shape ``(n,)``.
+            urgency: Nodes with a greater one are taken first, shape ``(n,)``.
 
         Returns:
-            Flags, shape ``(n,)``: all eligible nodes, unless they are also
-            vertices of the segments of others.
+            Flags, shape ``(n,)``: all eligible nodes, unless nodes are also vertices of the
+            segments of others.
         """
+        return eligible
 
 
-class Search(Protocol):
-    """Finds the candidates of a pair of surfaces. Collective, as all its methods.
+class Search(ABC):
+    """Base of the searches that find the candidates of a pair. Collective.
+
+    Args:
+        nodes: Surface whose nodes look for candidates.
+        vertices: Vertices of the candidates that this rank offers, local nodes of the space.
 
     Attributes:
-        num_searches: How often they were searched.
+        candidates: The candidates of the last update.
+        num_searches: How often candidates were sent between ranks.
     """
 
-    num_searches: int
+    candidates: Candidates
+    num_searches = 0
 
+    def __init__(self, nodes: Surface, vertices: Ints) -> None:
+        """Remember whose motion matters."""
+        self._nodes, self._vertices = nodes, vertices
+        self._comm: MPI.Comm = nodes.V.mesh.comm
+
+    @abstractmethod
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
-        """Candidates among which is everything within reach of a point.
+        """Find candidates among which is everything within reach of a node. Collective.
 
         Args:
-            x: Positions of the local nodes of the space, owned and ghost,
-                shape ``(l, 3)`` [m].
-            reach: Distance from a point that is covered [m].
+            x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+            reach: Distance from a node that is covered [m].
 
         Returns:
             The candidates, and whether they are others than last time.
         """
 
-    @property
-    def candidates(self) -> Candidates:
-        """The candidates of the last update. Local."""
-
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
-        """Positions of this rank's nodes and vertices, for `approach`. Local."""
+        """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
+        return x[self._nodes.nodes], x[self._vertices]
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
-        """By how much any point may be closer to a candidate than it was [m].
+        """Bound on how much any node has come nearer to a candidate [m]. Collective.
 
-        Args:
-            x: As of `update`.
-            before: `positions` then.
+        ``before`` are the `positions` from which the motion counts, ``x`` is as of `update`.
         """
+        ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
+        moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
+        # A node and a vertex of different ranks may approach each other.
+        return sum(reductions.largest(self._comm, moved))
 
+    @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the candidates were found."""
+        """Serialize where the candidates were found, under a name. Collective."""

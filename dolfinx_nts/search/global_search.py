@@ -1,128 +1,91 @@
 """Global search: the segments that the nodes of this rank can reach.
 
-Every rank owns some nodes of one surface and some segments of the other.
-Before a step, ranks send each other the segments that come near the
-bounding box of their nodes; the vertices of what arrived become ghosts of
-an index map, which then carries positions to the contacts and forces back.
+Every rank owns some nodes of one surface and some segments of the other. Before a step, ranks
+send each other the segments that come near the bounding box of their nodes. The vertices of
+what arrived become ghosts of an index map, which then carries positions to the contacts and
+forces back.
 """
-
-from collections.abc import Sequence
 
 from mpi4py import MPI
 
 import numpy as np
 from dolfinx import common
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface, diameters
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
+from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.segment_candidates import SegmentCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
 __all__ = ["GlobalSearch"]
 
+# Reach of a search relative to the one asked for [-]: the margin saves exchanges between
+# ranks and costs a few segments.
+_COVERED = 3
 
-class GlobalSearch:
-    """Finds the segments that nodes of another surface can reach, see `Search`.
+
+class GlobalSearch(Search):
+    """Finds the segments that nodes of another surface can reach, see `Search`. Collective.
 
     Args:
         nodes: Surface whose nodes look for segments.
         segments: Surface that offers segments.
-
-    Attributes:
-        num_searches: How often segments were sent around.
     """
 
+    candidates: SegmentCandidates
+
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Start without a candidates."""
-        self._nodes, self._segments = nodes, segments
-        self._vertices = np.unique(segments.segments)
+        """Prepare what is sent of the segments of this rank."""
+        super().__init__(nodes, np.unique(segments.segments))
+        self._segments = segments
         space, vertices = segments.V.dofmap.index_map, segments.segments
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
-        owners = _owners(space, segments.V.mesh.comm)[vertices]
+        owners = _owners(space, self._comm)[vertices]
         # What is sent of a segment, but for its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
+        # Where nodes and vertices were at the last search, and the reach it covered.
         self._covered: tuple[Floats, Floats, float] | None = None
-        self._candidates: SegmentCandidates | None = None
-        self.num_searches = 0
 
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
-        """SegmentCandidates that holds every segment within reach of a node.
+        """Find every segment within reach of a node, see `Search.update`. Collective.
 
-        Collective. The last one is kept while nothing has moved more
-        than the margin with which it was made; for ever if it reaches
-        everywhere.
-
-        Args:
-            x: Current positions of the local nodes of the space, owned
-                and ghost, shape ``(n, 3)`` [m].
-            reach: Distance from a node to be covered [m].
-
-        Returns:
-            The candidates, and whether it is a new one.
+        The last candidates stay while nothing has moved by more than the margin with which
+        they were found, and forever if they reach everywhere.
         """
-        if self._candidates is not None and self._covered is not None:
+        if self._covered is not None:
             *before, covered = self._covered
             if np.isinf(covered) or self.approach(x, before) + reach <= covered:
-                return self._candidates, False
-        # Three times as much saves exchanges and costs a few segments.
-        reach *= 3
+                return self.candidates, False
+        reach *= _COVERED
+        self.candidates = self._find(x, reach)
         self._covered = (*self.positions(x), reach)
-        self._candidates = self._find(x, reach)
         self.num_searches += 1
-        return self._candidates, True
-
-    def positions(self, x: Floats) -> tuple[Floats, Floats]:
-        """Positions of this rank's nodes and vertices, for `approach`. Local.
-
-        Args:
-            x: As of `update`.
-        """
-        return x[self._nodes.nodes], x[self._vertices]
-
-    def approach(self, x: Floats, before: Sequence[Floats]) -> float:
-        """By how much any node and segment may be closer than they were [m]. Collective.
-
-        Args:
-            x: As of `update`.
-            before: `positions` then.
-        """
-        ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
-        moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
-        # A node and a vertex of different ranks may approach each other.
-        return sum(reductions.largest(self._nodes.V.mesh.comm, moved))
-
-    @property
-    def candidates(self) -> SegmentCandidates:
-        """The last candidates."""
-        assert self._candidates is not None
-        return self._candidates
+        return self.candidates, True
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the candidates was made. Collective."""
+        """Serialize where the candidates were found, see `Search.serialize`. Collective."""
         covered = self._covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
         stored = archive.local(name, arrays)
         if not archive.giving:
             return
-        self._covered = self._candidates = None
+        self._covered = None
         if stored is not None:
             x_nodes, x_vertices, reach = stored
             self._covered = (x_nodes, x_vertices, float(reach))
             x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
-            self._candidates = self._find(x, float(reach))
+            self.candidates = self._find(x, float(reach))
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map
-        comm = self._segments.V.mesh.comm
-        vertices = self._segments.segments
+        comm, vertices = self._comm, self._segments.segments
 
         box = _box(x[self._nodes.nodes], reach)
-        # One rank has nobody to ask, and asking itself takes as long as all the rest.
+        # One rank has nobody to ask, and asking itself would take half of the time.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
         x_vertex = x[vertices.T]  # reduced along the first axis, which is faster
         lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
@@ -145,30 +108,20 @@ class GlobalSearch:
             ghost_owners[place] = owners[remote]
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
-        return self._make(
-            NodalScatter(space, is_local=comm.size == 1),
-            local.astype(np.int32),
-            orientation[order],
-            key[order],
-            size[order],
-            thickness[order],
+        scatter = NodalScatter(space, is_local=comm.size == 1)
+        orientation, key, size, thickness = (
+            values[order] for values in (orientation, key, size, thickness)
         )
+        found = FoundSegments(scatter, local.astype(np.int32), orientation, key, size, thickness)
+        return self._make(found)
 
-    def _make(
-        self,
-        scatter: NodalScatter,
-        segments: Ints,
-        orientation: Floats,
-        key: GlobalInts,
-        size: Floats,
-        thickness: Floats,
-    ) -> SegmentCandidates:
-        """Make the candidates of segments that were found."""
-        return SegmentCandidates(scatter, segments, orientation, key, size)
+    def _make(self, found: FoundSegments) -> SegmentCandidates:
+        """Make the candidates of the segments that were found."""
+        return SegmentCandidates(found)
 
 
 def _box(x: Floats, reach: float) -> Floats:
-    """Inflated bounding box (2, 3) of points; empty if there is no point."""
+    """Bounding box of points, inflated by reach, shape (2, 3) [m]; empty if there is no point."""
     if len(x) == 0:
         return np.repeat([[np.inf], [-np.inf]], 3, axis=1)
     return np.array([x.min(axis=0) - reach, x.max(axis=0) + reach])

@@ -1,9 +1,9 @@
 """Contact points: the material points of a surface that look for segments.
 
-The position of a contact point is a constant linear combination of nodal
-positions. Node-to-segment contact has one point at each node, with weight one.
-Kernels see points and segments only; what they return is then aggregated to the
-nodes that carry the multipliers. Other methods bring points of their own.
+The position of a contact point is a constant linear combination of nodal positions.
+Node-to-segment contact has one point at each node, with weight one. Kernels see points and
+segments only; what they return is then aggregated to the nodes that carry the multipliers.
+Other methods bring points of their own.
 """
 
 from typing import Protocol
@@ -23,41 +23,29 @@ class ContactPoints(Protocol):
     """
 
     def of(self, values: Floats) -> Floats:
-        """Values at the points, shape ``(p, 3)``.
-
-        Args:
-            values: Values at the local nodes, shape ``(l, 3)``: positions,
-                displacements or normals.
-        """
+        """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
-        """The points of some of the nodes with multipliers.
-
-        Args:
-            nodes: Positions among these nodes, shape ``(m,)``.
-        """
+        """Select the points of some nodes, by their positions among those with multipliers."""
 
     def dofs(self, vertices: Ints) -> Ints:
-        """Local nodes on which each constraint depends, shape ``(n, ...)``.
+        """Local nodes of each constraint, ``(n, ...)``; that with the multiplier comes first.
 
-        The node that carries the multiplier comes first.
-
-        Args:
-            vertices: Vertices of the segments of the points, ``(p, k)``.
+        ``vertices`` are those of the segments of the points, shape ``(p, k)``.
         """
 
     def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
-        """Kinematics of the constraints, from those of the pairs of points."""
+        """Turn kinematics of the pairs of points into those of the constraints."""
 
 
 class NodalPoints:
-    """One contact point at each node: node-to-segment contact. Local.
+    """One contact point at each node: node-to-segment contact, see `ContactPoints`. Local.
 
     Args:
         nodes: Local nodes, shape ``(n,)``.
 
     Attributes:
-        nodes: The nodes.
+        nodes: The argument.
     """
 
     def __init__(self, nodes: Ints) -> None:
@@ -65,19 +53,19 @@ class NodalPoints:
         self.nodes = nodes
 
     def of(self, values: Floats) -> Floats:
-        """Values at the nodes, see `ContactPoints.of`."""
+        """Take the values at the nodes, see `ContactPoints.of`."""
         return values.take(self.nodes, axis=0)
 
     def take(self, nodes: Ints) -> "NodalPoints":
-        """Some of the nodes, see `ContactPoints.take`."""
+        """Select some of the nodes, see `ContactPoints.take`."""
         return NodalPoints(self.nodes[nodes])
 
     def dofs(self, vertices: Ints) -> Ints:
-        """The node and the vertices of its segment, shape ``(n, 1+k)``."""
+        """The node and the vertices of its segment, ``(n, 1+k)``, see `ContactPoints.dofs`."""
         dofs = np.empty((len(vertices), 1 + vertices.shape[1]), dtype=np.int32)
         dofs[:, 0], dofs[:, 1:] = self.nodes, vertices
         return dofs
 
     def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
-        """The same, as every node is its own point."""
+        """Return the argument, as every node is its own point."""
         return kinematics

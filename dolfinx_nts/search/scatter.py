@@ -1,4 +1,4 @@
-"""Values of nodes on their way between the ranks, for one contact search."""
+"""Carries values of nodes between the ranks, for the candidates of one search."""
 
 from typing import Any
 
@@ -14,17 +14,14 @@ __all__ = ["NodalScatter"]
 class NodalScatter:
     """Sends values of nodes from owners to ghosts and back.
 
-    Collective, unless `is_local`.
+    Methods are collective, and local if `is_local`.
 
     Args:
-        index_map: Owned nodes of the space, then the ghosts that segments
-            on this rank need.
-        is_local: Whether no rank needs anything of another: all methods
-            are local then.
+        index_map: Owned nodes of the space, then the ghosts that segments on this rank need.
+        is_local: Whether no rank needs anything of another.
 
     Attributes:
-        index_map: The index map.
-        is_local: As given.
+        index_map, is_local: The arguments.
         vector: Carries values of nodes between ranks, shape ``(3 l,)``.
         shared: Owned nodes that are ghosts of other ranks.
     """
@@ -37,7 +34,7 @@ class NodalScatter:
 
     @property
     def num_local(self) -> int:
-        """Number of owned nodes and ghosts."""
+        """Number of owned nodes and ghosts. Local."""
         return int(self.index_map.size_local + self.index_map.num_ghosts)
 
     def global_nodes(self, nodes: Ints) -> Any:
@@ -47,15 +44,9 @@ class NodalScatter:
         return np.asarray(self.index_map.local_to_global(nodes.ravel())).reshape(nodes.shape)
 
     def forward(self, values: Floats) -> Floats:
-        """Values of the owned nodes, then those of the ghosts.
+        """Send values of the owned nodes, the first rows of ``values``, to the ghosts.
 
-        Args:
-            values: Values whose first rows are those of the owned nodes,
-                shape ``(n, 3)`` or longer.
-
-        Returns:
-            Values at all nodes of the map, shape ``(l, 3)``; a view if
-            there are no ghosts on any rank.
+        Returns values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
         """
         owned = values[: self.index_map.size_local]
         if self.is_local:
@@ -66,14 +57,7 @@ class NodalScatter:
         return everywhere
 
     def reverse(self, values: Floats) -> Floats:
-        """Sums at the owned nodes of what all ranks have for them.
-
-        Args:
-            values: Values at all nodes of the map, shape ``(l, 3)``.
-
-        Returns:
-            Sums at the owned nodes, shape ``(n, 3)``.
-        """
+        """Sum at owned nodes, ``(n, 3)``, what all ranks have at nodes of the map, ``(l, 3)``."""
         if self.is_local:
             return values
         self.vector.array[:] = values.ravel()
@@ -82,12 +66,10 @@ class NodalScatter:
         return sums
 
     def add(self, total: Floats, nodes: Ints, values: Floats) -> None:
-        """Add values of some nodes to those of the owned nodes.
+        """Add values of some nodes, also of other ranks, to those of the owned nodes.
 
-        Args:
-            total: Values at the owned nodes, shape ``(n, 3)``.
-            nodes: Nodes of the map, of any shape.
-            values: What is added at each, shape ``(*nodes.shape, 3)``.
+        ``total`` are the values at the owned nodes, shape ``(n, 3)``, changed; ``nodes`` are
+        nodes of the map, of any shape, and values have the shape ``(*nodes.shape, 3)``.
         """
         if self.is_local:
             _kernels.add_rows(total, nodes, values)

@@ -1,13 +1,12 @@
 """Contact of a surface with itself: candidates without neighbours on the mesh.
 
-What a node may touch is decided by normals, by the thickness of the cells and by
-the reference positions, see `cpp/nts/search/self_contact.h`.
+What a node may touch is decided by normals, by the thickness of the cells and by the reference
+positions, see `cpp/nts/search/self_contact.h`.
 
-Where both sides touch with their nodes there would be twice as many constraints as
-there is room for, and a node that gives up its displacement would be asked for it
-by another. So no node that may have a multiplier is a vertex of the segment of
-another one. All others are held by these: a segment on which they are, or their
-own, has a vertex with a multiplier.
+Where both sides touch with their nodes there would be twice as many constraints as there is
+room for, and a node that gives up its displacement would be asked for it by another. So no node
+that may have a multiplier is a vertex of the segment of another one. These hold all other
+nodes: the segment that such a node touches, or one around it, has a vertex with a multiplier.
 """
 
 import numpy as np
@@ -16,51 +15,34 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import ContactPoints
-from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.segment_candidates import SegmentCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
 __all__ = ["SelfContactCandidates", "SelfContactSearch"]
 
 
 class SelfContactCandidates(SegmentCandidates):
-    """Segments of a surface within reach of its own nodes. Collective.
+    """Segments of a surface within reach of its own nodes, see `Candidates`. Collective.
 
     Args:
-        scatter: As of `SegmentCandidates`, and so are ``segments``,
-            ``orientation``, ``key`` and ``size``; all segments around the
-            nodes of this rank are among them.
-        segments: Shape ``(s, k)``.
-        orientation: Shape ``(s,)``.
-        key: Shape ``(s,)``.
-        size: Shape ``(s,)`` [m].
-        thickness: Height of the cells under them, ``(s,)`` [m, reference].
+        found: The segments; all around the nodes of this rank are among them.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
     """
 
-    def __init__(
-        self,
-        scatter: NodalScatter,
-        segments: Ints,
-        orientation: Floats,
-        key: GlobalInts,
-        size: Floats,
-        thickness: Floats,
-        X: Floats,
-    ) -> None:
-        """Fetch reference positions and compute the normals there."""
-        super().__init__(scatter, segments, orientation, key, size)
-        self._thickness = thickness
-        self._X = scatter.forward(X)
+    def __init__(self, found: FoundSegments, X: Floats) -> None:
+        """Fetch the reference positions of ghosts and compute the reference normals."""
+        super().__init__(found)
+        self._thickness = found.thickness
+        self._X = self.scatter.forward(X)
         self._N = self._normals(self._X)
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
-        """Nodes of which none is a vertex of the segment of another. Collective.
+        """Choose nodes of which none is a vertex of the segment of another. Collective.
 
-        Each in turn is taken unless one of those before forbids it: the
-        most urgent first, of these the lowest number in the mesh, so that
-        the choice does not depend on the partition.
+        Each node in turn is taken unless one of those before forbids it: the most urgent first,
+        and among these the lowest number in the mesh, so that the choice does not depend on the
+        partition. See `Candidates.independent`.
         """
         node = np.flatnonzero(eligible)
         vertices = self.segments.take(segment[node], axis=0)
@@ -82,21 +64,11 @@ class SelfContactCandidates(SegmentCandidates):
         self, points: ContactPoints, x: Floats, current: Ints, reach: float, slack: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
-        return self._kernel.pair_own(
-            points.of(x),
-            current,
-            slack,
-            reach,
-            x,
-            points.of(self._normals(x)),
-            points.of(self._X),
-            points.of(self._N),
-            self._X,
-            self._thickness,
-        )
+        own = (points.of(self._normals(x)), points.of(self._X), points.of(self._N), self._X)
+        return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self._thickness)
 
     def _normals(self, x: Floats) -> Floats:
-        """Normals of the surface, of any length; right at owned nodes."""
+        """Normals of the surface, of any length; right at owned nodes only, shape ``(l, 3)``."""
         normals = np.zeros_like(x)
         areas = area_vectors(x[self.segments], self.orientation)
         for vertex in self.segments.T:
@@ -105,17 +77,8 @@ class SelfContactCandidates(SegmentCandidates):
 
 
 class SelfContactSearch(GlobalSearch):
-    """Finds the segments that nodes of the same surface can reach, see `Search`."""
+    """Finds segments that nodes of the same surface can reach, see `GlobalSearch`. Collective."""
 
-    def _make(
-        self,
-        scatter: NodalScatter,
-        segments: Ints,
-        orientation: Floats,
-        key: GlobalInts,
-        size: Floats,
-        thickness: Floats,
-    ) -> SelfContactCandidates:
-        """Make the candidates, with the reference positions of the nodes."""
-        X = self._nodes.V.tabulate_dof_coordinates()[: scatter.index_map.size_local]
-        return SelfContactCandidates(scatter, segments, orientation, key, size, thickness, X)
+    def _make(self, found: FoundSegments) -> SelfContactCandidates:
+        X = self._nodes.V.tabulate_dof_coordinates()[: found.scatter.index_map.size_local]
+        return SelfContactCandidates(found, X)

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
 
-__all__ = ["Friction", "SpringFriction", "friction_of"]
+__all__ = ["Friction", "SpringFriction"]
 
 
 class Friction:
@@ -26,23 +26,20 @@ class Friction:
         segment: Ints,
         p: Floats,
     ) -> dict[str, Any]:
-        """Add friction to force and energy of normal springs.
+        """Add friction to force and energy of normal springs; return what the history remembers.
 
         Args:
-            springs: The normal springs of ``m`` nodes; changed.
+            springs: The normal springs of ``m`` nodes; force and energy are changed.
             candidates: Candidates in reach.
-            x_n: Positions of the owned nodes at t_n, ``(n, 3)`` [m].
-            x: Positions with ghosts at the end of the step, ``(l, 3)`` [m].
-            segment: Segments of the nodes, shape ``(m,)``.
+            x_n: Positions of the owned nodes at t_n, shape ``(n, 3)`` [m].
+            x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+            segment: Candidate of each node, shape ``(m,)``.
             p: Pressing force, shape ``(m,)`` [N].
-
-        Returns:
-            What the history remembers, by its names.
         """
         return {}
 
-    def lost(self) -> dict[str, Any]:
-        """What the history remembers where no node touches, by its names."""
+    def without_contact(self) -> dict[str, Any]:
+        """What the history remembers where no node touches, as keywords of `ContactHistory`."""
         return {}
 
 
@@ -51,11 +48,11 @@ class SpringFriction(Friction):
 
     Args:
         state: State of the contact pair.
-        law: Its law of friction.
+        law: Law of friction of the pair.
     """
 
     def __init__(self, state: PairState, law: Coulomb) -> None:
-        """Use the springs of the pair, which are chosen later."""
+        """Remember the state, whose springs are chosen later."""
         self._state, self._law = state, law
 
     def add_to(
@@ -83,7 +80,7 @@ class SpringFriction(Friction):
         lasting = slip.value - (t - t_n) / eps_T[:, None]
         energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
         parts: dict[str, Any] = {
-            **self.lost(),
+            **self.without_contact(),
             "sliding": np.zeros(len(old.slip), dtype=bool),
             "normal": np.zeros_like(old.normal),
             "traction": np.zeros_like(old.traction),
@@ -94,18 +91,8 @@ class SpringFriction(Friction):
         parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
         return parts
 
-    def lost(self) -> dict[str, Any]:
-        """The slip so far; springs that no node loads any more lose their energy."""
+    def without_contact(self) -> dict[str, Any]:
+        """The slip so far; the energy of springs that no node loads any more is dissipated."""
         history = self._state.history
-        lost = self._state.slip_energy(history.traction)
-        return {"slip": history.slip.copy(), "dissipation": lost}
-
-
-def friction_of(state: PairState) -> Friction:
-    """Friction of a pair, by its law. Local.
-
-    Args:
-        state: State of the contact pair.
-    """
-    law = state.pair.friction
-    return Friction() if law is None else SpringFriction(state, law)
+        released = self._state.slip_energy(history.traction)
+        return {"slip": history.slip.copy(), "dissipation": released}

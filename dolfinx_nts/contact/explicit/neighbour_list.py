@@ -1,7 +1,7 @@
 """Neighbour list of explicit steps: the nodes of a pair that may touch soon.
 
-As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes
-and segments may have approached each other by most of it.
+As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes and segments
+may have approached each other by most of it.
 """
 
 from collections.abc import Sequence
@@ -20,31 +20,29 @@ from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["NeighbourList"]
 
-# Distances relative to the size of a segment: a node this far from it, or this deep
-# in it, is paired with it.
+# Gap, relative to the size of a segment [-], up to which a node is paired with it.
 _REACH = 0.5
-# A node may come nearer by this much before the list is rebuilt. It is no less than
-# the reach, or nodes deep inside would not be in the list.
+# By how much a node may come nearer before the list is rebuilt, relative to the size of a
+# segment [-]. It is no less than the reach, or nodes deep inside would not be in the list.
 _MARGIN = 0.5
-# Part of the margin after which the list is rebuilt.
+# Part of the margin [-] after which the list is rebuilt, as the motion of all nodes would have
+# to be measured in each of the next steps.
 _USED = 0.75
 
 
 class NeighbourList:
-    """Nodes that may touch before the list is rebuilt. Collective, as its methods.
+    """Nodes that may touch before the list is rebuilt. Collective, as are its methods.
 
     Args:
-        state: State of the contact pair, whose springs have been chosen at
-            the first update.
+        state: State of the contact pair, whose springs have been chosen at the first update.
 
     Attributes:
         candidates: Candidates in reach.
-        number: The nodes by their positions in the surface's, shape ``(c,)``.
-        nodes: The same by their numbers, shape ``(c,)``.
-        stiffness: Of their springs, shape ``(c,)`` [N/m].
-        current: Their last segments or -1, shape ``(c,)``; set by who
-            pairs them.
-        is_idle: Whether there are none on any rank.
+        number: Listed nodes by their positions in the surface's nodes, shape ``(c,)``.
+        nodes: The same by their local numbers, shape ``(c,)``.
+        stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
+        current: Their last segments or -1, shape ``(c,)``; set by whoever pairs them.
+        is_idle: Whether no node is listed on any rank.
     """
 
     candidates: Candidates
@@ -55,7 +53,7 @@ class NeighbourList:
     is_idle = False
 
     def __init__(self, state: PairState) -> None:
-        """Build the list at the first update."""
+        """Leave it to the first update to build the list."""
         self._state = state
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices when the list was built.
@@ -63,40 +61,32 @@ class NeighbourList:
         self.forget()
 
     def forget(self) -> None:
-        """Rebuild the list at the next update, as the state was set."""
+        """Rebuild the list at the next update, as the state was set. Local."""
         self._travelled = np.inf
 
     @property
     def reach(self) -> float:
-        """Distance at which nodes are paired [m]."""
+        """Gap up to which nodes are paired [m]. Local."""
         return _REACH * self._state.pair.segment_size
 
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if nodes outside of it may touch.
 
-        Args:
-            x: Positions of the local nodes, shape ``(l, 3)`` [m].
-            step: Largest motion of any node since the last update, the
-                same on all ranks [m].
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m], ``step`` is the largest
+        motion of any node since the last update, the same on all ranks [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size
         if self._travelled <= margin:
             return
-        # The bound is crude, as most bodies fly the same way.
+        # The sum of steps is a crude bound, as most nodes move the same way.
         if np.isfinite(self._travelled):
             self._travelled = self._state.search.approach(x, self._positions)
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
-        """Serialize the list, after the state of the pair.
-
-        Args:
-            archive: Takes it or gives it.
-            name: Name of the values.
-            x: As of `update`.
-        """
+        """Serialize the list, after the state of the pair, see `PairState.serialize`."""
         arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
             arrays = [self.number, np.array([self._travelled, self.is_idle]), *self._positions]
@@ -136,13 +126,7 @@ class NeighbourList:
         return segment
 
     def _choose(self, candidates: Candidates, number: Ints, current: Ints) -> None:
-        """Put nodes on the list.
-
-        Args:
-            candidates: Candidates in reach.
-            number: Positions of the nodes in the surface's, shape ``(c,)``.
-            current: Last segment of each node of the surface or -1.
-        """
+        """Put nodes of the surface on the list, by ``number``, with their last segments or -1."""
         state = self._state
         assert state.eps_N is not None
         self.candidates, self.number, self.current = candidates, number, current[number]

@@ -1,7 +1,7 @@
 """Contact by springs, evaluated at one state: for explicit steps.
 
-The force is minus the gradient of the springs' energy at that state, so that
-every evaluation leaves both momenta alone. Nothing is iterated.
+The force is minus the gradient of the springs' energy at that state, so that every evaluation
+conserves both momenta. Nothing is iterated.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.friction import friction_of
+from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
@@ -26,6 +26,10 @@ from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
+
+# Stiffness of a node by which a `PairState` derives springs, relative to the penalty [-]: the
+# state makes the normal spring ten times as stiff, and the tangential spring as stiff.
+_SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 5
@@ -42,12 +46,11 @@ class SpringForces(NamedTuple):
     """Forces of the springs of a pair at one state.
 
     Attributes:
-        scatter: Brings the forces to their owners; None where no rank has
-            a node near a segment.
-        springs: Springs of the active nodes, by their positions in the
-            surface's nodes.
-        dissipation: Lost by friction in the step at all nodes of the surface,
-            ``(n,)`` [J]; empty without friction.
+        scatter: Brings the forces to their owners; None where no rank has a node near a
+            segment.
+        springs: Springs of the active nodes, by their positions in the surface's nodes.
+        dissipation: Energy dissipated by friction in the step at all nodes of the surface,
+            shape ``(n,)`` [J]; empty without friction.
         history: Makes what is remembered of the state.
     """
 
@@ -57,30 +60,18 @@ class SpringForces(NamedTuple):
     history: Callable[[], ContactHistory]
 
     def add_to(self, total: Floats) -> None:
-        """Add the forces to those of the owned nodes. Collective.
-
-        Args:
-            total: Shape ``(n, 3)`` [N].
-        """
+        """Add the forces to those of the owned nodes, shape ``(n, 3)`` [N]. Collective."""
         if self.scatter is not None:
             self.scatter.add(total, self.springs.dofs, self.springs.force)
 
     @property
     def stored(self) -> float:
-        """Energy of all springs on this rank [J]."""
+        """Energy of all springs on this rank [J]. Local."""
         return float(self.springs.energy.sum())
-
-    def displacement(self, du: Floats) -> Floats:
-        """Displacement also of the ghosts, shape ``(l, 3)`` [m]. Collective.
-
-        Args:
-            du: That of the owned nodes, shape ``(n, 3)`` [m].
-        """
-        return du if self.scatter is None else self.scatter.forward(du)
 
 
 class ContactSprings:
-    """Springs of one contact pair by penalty. Collective.
+    """Springs of one contact pair by penalty, for explicit steps. Collective.
 
     Args:
         state: State of the contact pair.
@@ -91,14 +82,15 @@ class ContactSprings:
     """
 
     def __init__(self, state: PairState, mass: Floats) -> None:
-        """Compute the masses that the springs move."""
+        """Check the enforcement and compute the masses that the springs move."""
         pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
                 "expected contact by Penalty for an explicit step, "
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
-        self._state, self._friction = state, friction_of(state)
+        self._state, law = state, pair.friction
+        self._friction = Friction() if law is None else SpringFriction(state, law)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
@@ -109,31 +101,24 @@ class ContactSprings:
             lightest = mass[pair.segments.nodes].min(initial=np.inf)
             lightest = reductions.least(self._comm, lightest)
             compliance += max(1.0, counts[0] / counts[1]) / lightest
-        # Where both sides are nodes, there are springs from both.
+        # Where nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
 
     def forget(self) -> None:
-        """Look at all nodes again: the state was set."""
+        """Look at all nodes again, as the state was set. Local."""
         self._neighbours.forget()
 
     def serialize(
         self, archive: Archive, name: str, forces: SpringForces | None, x: Floats
     ) -> SpringForces:
-        """Serialize the last evaluation and the nodes that are looked at.
+        """Serialize the last evaluation and the nodes that are looked at. Collective.
 
-        Collective, after the state of the pair.
-
-        Args:
-            archive: Takes them or gives them.
-            name: Name of the values.
-            forces: The last evaluation, if there is one; not needed while
-                the archive gives.
-            x: Its positions of the local nodes, shape ``(l, 3)`` [m].
-
-        Returns:
-            The evaluation.
+        Call it after the state of the pair has been serialized, see `PairState.serialize`.
+        ``forces`` is the last evaluation, if there is one, not needed while the archive gives;
+        ``x`` are the positions of the local nodes in it, shape ``(l, 3)`` [m]. Returns the
+        evaluation.
         """
         state, neighbours = self._state, self._neighbours
         neighbours.serialize(archive, f"{name}/neighbours", x)
@@ -157,15 +142,12 @@ class ContactSprings:
 
     @property
     def is_open(self) -> bool:
-        """Whether the penalty is still to be chosen."""
+        """Whether the penalty is still to be chosen. Local."""
         return self._state.eps_N is None and self._penalty is None
 
     @property
     def squared_frequency(self) -> float:
-        """Highest squared frequency of the springs [1/s^2]. Collective.
-
-        Of those that are known: 0 while `is_open`.
-        """
+        """Highest squared frequency of the springs known so far [1/s^2], 0 if none. Collective."""
         state, friction = self._state, self._state.pair.friction
         normal = self._penalty if state.eps_N is None else state.eps_N
         given = None if friction is None else friction.eps_T
@@ -177,43 +159,40 @@ class ContactSprings:
         return float(reductions.largest(self._comm, highest))
 
     def choose_penalty(self, squared_frequency: float) -> None:
-        """Choose the stiffness of springs that the user left open.
+        """Choose the stiffness of springs that the user left open. Collective.
 
-        Args:
-            squared_frequency: Frequency of the normal springs with the
-                reduced mass of a node and a segment's node, if the penalty
-                is open [1/s^2].
+        ``squared_frequency`` is that of the normal springs with the reduced mass of a node and
+        a vertex of a segment, if the penalty is open [1/s^2].
         """
         penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        # The tangential spring; a pair makes its penalty ten times as stiff.
-        self._state.choose_penalty((0.1 / self._share) * penalty)
+        self._state.choose_penalty((_SOFTER / self._share) * penalty)
 
     @property
     def num_segments(self) -> int:
-        """Segments that this rank looks at."""
+        """Number of segments that this rank looks at. Local."""
         return len(self._neighbours.candidates.size)
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
-        """Forces at x; never changes the accepted contact.
+        """Compute the forces at x; the accepted contact does not change. Collective.
 
         Args:
-            x_n: Accepted positions of the local nodes, owned and ghost,
-                shape ``(l, 3)`` [m]; only used with friction.
+            x_n: Accepted positions of the local nodes, owned and ghost, shape ``(l, 3)`` [m];
+                only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
-            step: Largest motion of any node since the last evaluation,
-                the same on all ranks [m].
+            step: Largest motion of any node since the last evaluation, the same on all ranks
+                [m].
         """
         seen, n = self._neighbours, len(self._reduced_mass)
         seen.update(x, step)
         if seen.is_idle:
-            lost = self._friction.lost()
+            parts = self._friction.without_contact()
             return SpringForces(
                 None,
                 _NO_SPRINGS,
-                lost.get("dissipation", _NO_DISSIPATION),
-                lambda: replace(ContactHistory.none(n), **lost),
+                parts.get("dissipation", _NO_DISSIPATION),
+                lambda: replace(ContactHistory.none(n), **parts),
             )
         candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
         x = candidates.scatter.forward(x)
@@ -238,18 +217,14 @@ class ContactSprings:
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
     def work(self, old: SpringForces, new: SpringForces, du: Floats) -> tuple[float, ...]:
-        """Work of the mean of two forces on a displacement, on this rank. Collective.
+        """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
 
-        Args:
-            old: Springs at the start of the step.
-            new: Springs at its end.
-            du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
-
-        Returns:
-            Work by the causes of `ContactWork` [J].
+        ``du`` is the displacement of the owned nodes between both, shape ``(n, 3)`` [m].
         """
         if old.scatter is None and new.scatter is None:
             return _NO_WORK
-        du_old = old.displacement(du)
-        du_new = du_old if new.scatter is old.scatter else new.displacement(du)
+        du_old = du if old.scatter is None else old.scatter.forward(du)
+        du_new = du_old
+        if new.scatter is not old.scatter:
+            du_new = du if new.scatter is None else new.scatter.forward(du)
         return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)

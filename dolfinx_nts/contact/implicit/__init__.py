@@ -1,1 +1,1 @@
-"""Contact within one attempt at an implicit step."""
+"""Contact in the steps that Newton's method solves."""

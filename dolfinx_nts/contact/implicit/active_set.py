@@ -1,7 +1,7 @@
-"""Which nodes are in contact: active set of multipliers, and pivoting.
+"""Which nodes are in contact: the active set of multipliers, and block pivoting.
 
-Contact or none, and stick or slip, are decided node by node, but each decision
-changes what all other nodes see.
+Contact or none, and stick or slip, are decided node by node, but each decision changes what all
+other nodes see.
 """
 
 from mpi4py import MPI
@@ -16,45 +16,40 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ActiveSet", "BlockPivoting"]
 
-# A force, or a gap times the stiffness k of its node, is none up to this part of k h,
-# where h is the size of a segment: that is the round-off of the residual.
+# Force, or gap times the stiffness k of its node, that counts as none, relative to k h, where
+# h is the size of a segment [-]: it is the round-off of the residual.
 _ROUNDING = 16 * np.finfo(np.float64).eps
-# Iterations without fewer violators after which only one node changes at a time.
+# Number of iterations without fewer violators, after which only one node changes at a time.
 _PATIENCE = 3
-# From then on a node changes in one of so many iterations, so that Newton's method
-# comes near to equilibrium in between.
+# Number of iterations from one such change to the next, so that Newton's method comes near to
+# equilibrium in between.
 _PERIOD = 3
 
 
 class BlockPivoting:
-    """Block pivoting (Judice, Pires 1994) within Newton's method.
+    """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violators change while they become fewer; Murty's rule, only the
-    lowest, ends cycles. The rule knows linear problems: between its changes
-    an iteration without any brings the iterate near to equilibrium, where
-    decisions are to be trusted.
+    All violators change while they become fewer. Murty's rule, by which only the lowest
+    changes, ends cycles. It is made for linear problems: between its changes an iteration
+    without any brings the iterate near to equilibrium, where decisions can be trusted.
 
     Args:
         comm: Communicator.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Start with nothing known."""
+        """Begin with any number of violators."""
         self._comm = comm
         self._fewest: float = np.inf
         self._last: float = np.inf
         self._patience = _PATIENCE
 
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
-        """Which nodes change. Collective.
+        """Choose the nodes that change their state, shape ``(m,)``. Collective.
 
-        Args:
-            violates: Nodes whose state contradicts its condition, ``(m,)``.
-            ids: Their global numbers, shape ``(m,)``.
-            iteration: Number of the Newton iteration.
-
-        Returns:
-            Flags, shape ``(m,)``; and the violators on this rank.
+        ``violates`` tells whose state contradicts its condition, ``ids`` are numbers of the
+        nodes on any partition, both of shape ``(m,)``. Returns flags, and the violators on this
+        rank.
         """
         num_violators = int(np.count_nonzero(violates))
         count = reductions.total(self._comm, num_violators)
@@ -77,7 +72,7 @@ class ActiveSet:
 
     Args:
         pair: The contact pair.
-        law: Its enforcement.
+        law: Enforcement of the pair.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
         comm: Communicator of the mesh.
     """
@@ -85,7 +80,7 @@ class ActiveSet:
     def __init__(
         self, pair: ContactPair, law: LagrangeMultiplier, stiffness: Floats, comm: MPI.Comm
     ) -> None:
-        """Start with nothing known."""
+        """Begin without any decision."""
         self._law, self._stiffness = law, stiffness
         self._ids, self._size = pair.nodes.node_ids, pair.segment_size
         self._pivoting = BlockPivoting(comm)
@@ -93,16 +88,12 @@ class ActiveSet:
     def update(
         self, pairs: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
-        """Decide. Collective.
+        """Decide which pairs are active. Collective.
 
-        Args:
-            pairs: The pairs.
-            before: Whether they were active, shape ``(m,)``.
-            lambda_N: Their multipliers, shape ``(m,)`` [N].
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            Whether they are active now; and how many of this rank do not fit.
+        ``before`` tells whether they were active, shape ``(m,)``; ``lambda_N`` are their
+        multipliers, shape ``(m,)`` [N]; ``iteration`` counts the Newton iterations of the step
+        from 0. Returns whether they are active now, and how many of this rank contradict their
+        state.
         """
         excess = pairs.excess[:, 0]
         if iteration == 0:
@@ -111,8 +102,8 @@ class ActiveSet:
             stiffness = self._stiffness[pairs.node]
             wrong = self._law.active(lambda_N, excess, stiffness) != before
             if wrong.any():
-                # Vertices of triangles of degree 2 carry nothing under a uniform
-                # pressure: rounding must not decide again and again.
+                # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
+                # round-off must not decide on them again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= _ROUNDING * stiffness * self._size)
         changes, violators = self._pivoting.select(wrong, self._ids[pairs.node], iteration)

@@ -1,7 +1,7 @@
 """One attempt at a step of a contact pair: forces and tangents of its nodes.
 
-A `ContactStep` never changes what the stepper remembers of the pair. Evaluating it
-gives a `ContactContribution`, from which residual and tangent are assembled.
+A `ContactStep` never changes what the stepper remembers of the pair. Evaluating it gives a
+`ContactContribution`, from which residual and tangent are assembled.
 """
 
 from collections.abc import Sequence
@@ -19,42 +19,41 @@ from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction, friction_of
+from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
 __all__ = ["ContactStep", "contact_residual"]
 
-# Changes of state after which a node is named if the step fails.
+# Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
 
 
 class ContactStep:
-    """One attempt at a step; collective, as all its methods.
+    """One attempt at a step of a contact pair. Collective, as are its methods.
 
     Args:
         state: State of the contact pair.
-        scheme: Kernel of contact: ``"conserving"``, ``"midpoint"`` or
-            ``"static"``.
-        x_n: Accepted positions of the local nodes of the space, owned
-            and ghost, shape ``(l, 3)`` [m].
+        scheme: Kernel of contact: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+        x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
+            [m].
         x_trial: The same for the ballistic state x_n + h v_n.
-        stiffness: Stiffness of each owned node of the space, ``(n,)``
-            [N/m]: the weight in the tests for contact and stick.
-        free: 1 where the displacement of an owned node is unknown, 0
-            where it is given, shape ``(n, 3)``; None if all are unknown.
+        stiffness: Stiffness of each owned node of the space, shape ``(n,)`` [N/m]: the weight
+            in the tests for contact and stick.
+        free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
+            ``(n, 3)``; None if all are unknown.
 
     Attributes:
-        state: State of the contact pair.
+        state: The argument.
         search: Segments of the nodes.
         normal: Normal contact of the nodes.
         friction: Friction of the nodes.
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
-        touched: Whether one was, in any iteration.
-        x: Positions of the nodes that the candidates know in the last
-            evaluation, shape ``(l, 3)`` [m].
+        touched: Whether one was active in any iteration.
+        x: Positions of the nodes that the candidates know in the last evaluation, ``(l, 3)``
+            [m].
     """
 
     def __init__(
@@ -74,25 +73,27 @@ class ContactStep:
         self._free = None if free is None else search.candidates.restrict(search.points, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
-        self.friction: Friction = friction_of(state, search, nodal_stiffness)
+        law = state.pair.friction
+        self.friction = (
+            Friction(state) if law is None else StickSlip(state, law, search, nodal_stiffness)
+        )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         self.num_active, self.touched = 0, False
-        self._pairs: PairKinematics  # of the last evaluation
+        self._pairs: PairKinematics  # those of the last evaluation
 
     @property
     def candidates(self) -> Candidates:
-        """Candidates in reach."""
+        """Candidates in reach. Local."""
         return self.search.candidates
 
     def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactContribution:
-        """Pair, evaluate the kernels, update multipliers and active set.
+        """Pair nodes, evaluate the kernels, and update multipliers and active set.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            R_bulk: Residual without contact at the owned nodes, shape
-                ``(n, 3)`` [N]: the multipliers balance it at the nodes.
-                None: they stay as they are.
+            R_bulk: Residual without contact at the owned nodes, shape ``(n, 3)`` [N], which the
+                multipliers balance; None: they stay as they are.
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
@@ -108,30 +109,19 @@ class ContactStep:
         return self._contribution(pairs, changed if iteration else num_active)
 
     def reproject(self) -> int:
-        """Find the segments anew in the equilibrium of the last evaluation. Local.
+        """Find the segments again in equilibrium; return how many nodes changed theirs. Local.
 
-        Returns:
-            How many nodes got another: with any, it has to be found again.
+        With any change, equilibrium has to be found again.
         """
         return self.search.reproject(self.x, self.normal.nodes)
 
     def close_gaps(self, x: Floats, u: Floats) -> None:
-        """Move nodes to where their multipliers want them, see `NormalContact.close_gaps`.
-
-        Args:
-            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            u: Their displacements, shape ``(n, 3)`` [m], changed.
-        """
+        """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`."""
         if self.num_active:
             self.normal.close_gaps(self._pairs, x, u, self.friction)
 
     def add_multipliers(self, contribution: ContactContribution, increments: Floats) -> None:
-        """Add increments of the multipliers, pair by pair. Local.
-
-        Args:
-            contribution: The pairs.
-            increments: One for each constraint, in the order of pairs.
-        """
+        """Add increments of the multipliers [N], one for each constraint of the pairs. Local."""
         node, rows = contribution.pairs.node, np.arange(3) < contribution.rank[:, None]
         values = np.zeros(rows.shape)
         values[rows] = increments
@@ -140,16 +130,15 @@ class ContactStep:
 
     @property
     def restless(self) -> GlobalInts:
-        """Numbers of this rank's nodes that kept changing segment or state."""
+        """Numbers of this rank's nodes that changed segment or state again and again. Local."""
         flips = self.normal.flips + self.friction.flips
         ids: GlobalInts = self.state.nodes.node_ids[self.search.restless | (flips >= _RESTLESS)]
         return ids
 
     def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
-        """What is to become the pair's history, and the energy given by the step.
+        """What is to become the history of the pair, and the energy that the step gave.
 
-        Args:
-            contribution: The last evaluation.
+        ``contribution`` is the last evaluation. Collective.
         """
         history = self._history(contribution)
         return history, self._work(contribution, history)
@@ -176,12 +165,12 @@ class ContactStep:
         )
 
     def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
-        """Energy given by the contact of the step, by cause."""
+        """Energy given by the contact of the step, by cause. Collective."""
         old, pairs = self.state.history, contribution.pairs
         dx = self.x.take(pairs.dofs, axis=0) - self.search.x_n.take(pairs.dofs, axis=0)
         F = pairs.contact.force
         work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
-        # Only what springs do not account for.
+        # What springs account for is not counted twice.
         work += self.normal.stored(pairs)
         before = old.active[pairs.node]
         same = old.key[pairs.node] == self.candidates.key[pairs.segment]
@@ -189,7 +178,7 @@ class ContactStep:
             [
                 work[before & same].sum(),
                 work[~before].sum(),
-                work[before & ~same].sum() - self.normal.lost_energy(pairs.node),
+                work[before & ~same].sum() - self.normal.released_energy(pairs.node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
             ]
@@ -197,7 +186,7 @@ class ContactStep:
         return ContactWork(*reductions.total(self._comm, parts).tolist())
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
-        """Kinematics of nodes that may transmit force; how many moved or lost their pair."""
+        """Kinematics of nodes that may transmit force; how many changed or left their segment."""
         search, node, released = self.search, self.normal.nodes, 0
         segment, moved = search.find(x, node, iteration)
         near = (segment >= 0) & self.normal.needs(node)
@@ -218,7 +207,7 @@ class ContactStep:
         return pairs, int(np.count_nonzero(moved)) + released
 
     def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
-        """Residual and tangent from the multipliers and tractions."""
+        """Residual and tangent from multipliers and tractions. Local."""
         active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
         force = lambda_N[:, None] * pairs.contact.force
         tangent = lambda_N[:, None, None] * pairs.contact.tangent
@@ -227,23 +216,16 @@ class ContactStep:
         columns = self.friction.add_to(pairs, active, force, tangent)
         residual = pairs.restrict(force, tangent)
         self.normal.add_slope(pairs, columns, tangent)
+        failed = pairs.failures(active)
         return ContactContribution(
-            pairs=pairs,
-            active=active,
-            rank=rank,
-            columns=columns,
-            residual=residual,
-            tangent=tangent,
-            force=force,
-            changed=changed,
-            failed=pairs.failures(active),
+            pairs, active, rank, columns, residual, tangent, force, changed, failed
         )
 
 
 def _normal_contact(
     state: PairState, scheme: str, search: LocalSearch, stiffness: Floats
 ) -> NormalContact:
-    """Normal contact of a pair, by its enforcement. Collective."""
+    """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
     if isinstance(law, LagrangeMultiplier):
         return MultiplierContact(state, law, scheme, search, stiffness)
@@ -255,10 +237,7 @@ def contact_residual(
 ) -> Floats:
     """Sum of the contact forces on the owned dofs, shape ``(num_owned,)`` [N]. Collective.
 
-    Args:
-        steps: Contact attempts.
-        contributions: Their pairs.
-        num_owned: Number of owned scalar dofs.
+    ``contributions`` are the last evaluations of the attempts, one for each pair.
     """
     total: Floats = np.zeros((num_owned // 3, 3))
     for step, contribution in zip(steps, contributions, strict=True):

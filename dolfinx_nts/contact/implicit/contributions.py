@@ -1,7 +1,7 @@
 """Pairs that may transmit force: kinematics, residual and tangent.
 
-Arrays over the pairs of one contact pair on one rank; d stands for the 3(1+k)
-coordinates of a pair, its node first.
+Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the 3 (1+k)
+coordinates of a pair, those of its node first. Everything is local.
 """
 
 from typing import NamedTuple
@@ -13,41 +13,36 @@ from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["ContactContribution", "PairKinematics"]
 
+# Length of the free part of a unit normal [-] above which a node can move along it.
+_FREE_NORMAL = 0.5
+
 
 class PairKinematics:
     """Kinematics of pairs, before multipliers are known.
 
     Args:
-        node: Position in the surface's nodes, shape ``(m,)``.
+        node: Position of the node among those of the surface, shape ``(m,)``.
         segment: Candidate that the node faces, shape ``(m,)``.
-        dofs: Nodes of the pair in the map of the candidates' scatter,
-            shape ``(m, 1+k)``.
-        free: 1 where the displacement is unknown, otherwise 0, shape
-            ``(m, d)``; None if all are unknown.
+        dofs: Nodes of the pair in the map of the candidates' scatter, shape ``(m, 1+k)``.
+        free: 1 where the displacement is unknown, otherwise 0, shape ``(m, d)``; None if all
+            are unknown.
         contact: Gap and force of the pairs.
 
     Attributes:
-        node, segment, dofs: The arguments.
-        contact: The argument.
-        force: Normal and tangential force per multiplier, ``(m, 3, d)``.
+        node, segment, dofs, contact: The arguments.
+        force: Normal and tangential force per multiplier, shape ``(m, 3, d)``.
         columns: The same, 0 where the displacement is given.
-        gradients: Of gap and slip at x, 0 where it is given, ``(m, 3, d)``.
+        gradients: Gradients of gap and slip at x, 0 where it is given, shape ``(m, 3, d)``.
         excess: What constraints make zero, shape ``(m, 3)`` [m].
-        normal: Free part of the node's normal, unit, shape ``(m, 3)``.
-        fixed: Whether the node cannot give up what constraints determine,
-            shape ``(m,)``.
+        normal: Free part of the node's normal, of unit length, shape ``(m, 3)``.
+        fixed: Whether the node cannot give up what constraints determine, shape ``(m,)``.
         slip: Slip of the pairs, with friction only.
     """
 
     slip: Slip
 
     def __init__(
-        self,
-        node: Ints,
-        segment: Ints,
-        dofs: Ints,
-        free: Floats | None,
-        contact: ContactKinematics,
+        self, node: Ints, segment: Ints, dofs: Ints, free: Floats | None, contact: ContactKinematics
     ) -> None:
         """Fill the normal parts; the tangential ones are zero."""
         self.node, self.segment, self.dofs, self._free = node, segment, dofs, free
@@ -64,7 +59,7 @@ class PairKinematics:
             self.normal *= free[:, :3]
             length = np.linalg.norm(self.normal, axis=1)
             self.normal /= np.where(length > 0, length, 1.0)[:, None]
-            self.fixed = ~(length > 0.5)
+            self.fixed = ~(length > _FREE_NORMAL)
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
@@ -79,11 +74,9 @@ class PairKinematics:
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Force without given displacements; the same is done to ``tangent``.
+        """Force, ``(m, d)`` [N], without entries of given displacements.
 
-        Args:
-            force: Shape ``(m, d)`` [N].
-            tangent: Shape ``(m, d, d)`` [N/m], overwritten.
+        The tangent, shape ``(m, d, d)`` [N/m], loses its rows and columns of them in place.
         """
         if self._free is None:
             return force
@@ -91,12 +84,8 @@ class PairKinematics:
         return force * self._free
 
     def failures(self, active: Flags) -> int:
-        """Pairs without a gap, and active ones that have turned by more than 90 degrees.
-
-        Args:
-            active: Whether a pair transmits force, shape ``(m,)``.
-        """
-        valid = self.contact.turn >= 0  # not if it is NaN
+        """Number of pairs without a gap, and of ``active`` ones turned by more than 90 degrees."""
+        valid = self.contact.turn >= 0  # false where it is NaN
         if valid.all():
             return 0
         return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))
@@ -110,17 +99,17 @@ class ContactContribution(NamedTuple):
     Attributes:
         pairs: The pairs and their kinematics.
         active: Whether a pair transmits force, shape ``(m,)``.
-        rank: Number of constraints: 0 inactive or penalty, 1 normal, 3
-            normal and stick, shape ``(m,)``.
-        columns: Force per multiplier, shape ``(m, 3, d)``; that of the
-            normal includes the friction which scales with it.
-        residual: Contact forces of the pair, ``(m, d)`` [N].
-        tangent: Its derivative at fixed multipliers, ``(m, d, d)`` [N/m].
-        force: All of ``residual``, given displacements or not.
-        changed: Pairs that changed their segment; that became active or
-            inactive, began to stick or to slide, or should.
-        failed: Pairs that could not be evaluated, active or not, and active
-            ones whose normal has turned by more than 90 degrees.
+        rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, 3 normal
+            and stick.
+        columns: Force per multiplier, shape ``(m, 3, d)``; that of the normal includes the
+            friction which scales with it.
+        residual: Contact forces of the pair, shape ``(m, d)`` [N].
+        tangent: Its derivative at fixed multipliers, shape ``(m, d, d)`` [N/m].
+        force: The forces without regard to given displacements, shape ``(m, d)`` [N].
+        changed: Pairs that changed their segment, became active or inactive, began to stick or
+            to slide, or should.
+        failed: Pairs that could not be evaluated, active or not, and active ones whose normal
+            has turned by more than 90 degrees.
     """
 
     pairs: PairKinematics

@@ -14,16 +14,18 @@ from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["Approach", "LocalSearch"]
 
-# A node that changed its segment this often in a step stays with it.
+# How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
+# Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
+# iterates overshoot.
+_WAYS = 3
 
 
 class Approach(NamedTuple):
     """Where nodes would go without contact, and what they would meet there.
 
     Attributes:
-        segment: Segment that the ballistic state meets, or that at t_n; -1
-            without, shape ``(n,)``.
+        segment: Segment that the ballistic state meets, or that at t_n; -1 without, ``(n,)``.
         gap_n: Gap to it at t_n, NaN without, shape ``(n,)`` [m].
         gap: Gap of the ballistic state, shape ``(n,)`` [m].
     """
@@ -34,12 +36,12 @@ class Approach(NamedTuple):
 
 
 class LocalSearch:
-    """Nodes of a contact pair and their segments. Collective.
+    """Nodes of a contact pair and the segments that they face. Collective; its methods are local.
 
     Args:
         state: State of the contact pair.
-        x_n: Accepted positions of the local nodes of the space, owned
-            and ghost, shape ``(l, 3)`` [m].
+        x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
+            [m].
         x_trial: The same for the ballistic state x_n + h v_n.
 
     Attributes:
@@ -48,9 +50,9 @@ class LocalSearch:
         way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
-        last: Segment of the last step of each node or -1, shape ``(n,)``.
-        segment_n: Segment at t_n.
-        segment: Segment of each node now, or -1, shape ``(n,)``.
+        last: Segment of each node in the last step or -1, shape ``(n,)``.
+        segment_n: Segment of each node at t_n or -1, shape ``(n,)``.
+        segment: Segment of each node now or -1, shape ``(n,)``.
         gap: Gap to it, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
     """
@@ -60,9 +62,8 @@ class LocalSearch:
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
         self.way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
-        # Both surfaces may move, Newton iterates overshoot, and nodes up to
-        # some depth still belong to their segments.
-        self.reach = 3 * self.way + _kernels.DEEPEST * pair.segment_size
+        # Nodes down to some depth still belong to their segments.
+        self.reach = _WAYS * self.way + _kernels.DEEPEST * pair.segment_size
         self.candidates, _ = candidates, _ = state.search.update(x_n, self.reach)
         self.points = points = NodalPoints(pair.nodes.nodes)
         self.x_n = candidates.scatter.forward(x_n)
@@ -88,20 +89,13 @@ class LocalSearch:
         return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """Find the segments of nodes in an iterate. Local.
+        """Find the segments of nodes in an iterate, and whether they are others than before.
 
-        What iterates would choose depends on how the linear systems were
-        solved, and on the partition with it: they stay with the segments of
-        the start, continued beyond their edges, until equilibrium
-        (`reproject`).
-
-        Args:
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-            node: Positions in the surface's nodes, shape ``(m,)``.
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            Segment of each or -1, and whether it is another than before.
+        What iterates would choose depends on how the linear systems were solved, and with it on
+        the partition: nodes stay with the segments of the start, continued beyond their edges,
+        until equilibrium (`reproject`). ``x`` are positions with ghosts, shape ``(l, 3)`` [m],
+        ``node`` positions among the surface's nodes, shape ``(m,)``, ``iteration`` counts
+        Newton iterations from 0. Returns segments, -1 without, and flags.
         """
         segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:
@@ -109,13 +103,13 @@ class LocalSearch:
         return segment, moved
 
     def reproject(self, x: Floats, node: Ints) -> int:
-        """Find the segments of nodes in equilibrium; how many changed. Local."""
+        """Find the segments of nodes in equilibrium, see `find`; return how many changed."""
         _, moved = self._find(x, node, _kernels.OVERHANG)
         self._count(node, moved)
         return int(np.count_nonzero(moved))
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
-        """Find the segments of nodes; whether they are others than before."""
+        """Segments of nodes; whether they are others than before."""
         before = self.segment[node]
         free, current = node, before
         if not self._is_calm:
@@ -127,6 +121,7 @@ class LocalSearch:
         return segment, segment != before
 
     def _count(self, node: Ints, moved: Flags) -> None:
+        """Count changes of the segment, node by node."""
         if moved.any():
             self._moves[node] += moved
             self._is_calm = bool(self._moves.max() < _MOST_MOVES)

@@ -16,16 +16,17 @@ from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["MultiplierContact"]
 
-# Gaps up to this part of a segment's size are closed between Newton iterations.
+# Gap, relative to the size of a segment [-], up to which nodes are moved along their normals
+# between Newton iterations.
 _CLOSE = 0.01
 
 
 class MultiplierContact(NormalContact):
-    """Decides which nodes are held, and balances forces there, see `NormalContact`.
+    """Decides which nodes are held, and balances forces at these, see `NormalContact`.
 
     Args:
         state: State of the contact pair.
-        law: Its enforcement.
+        law: Enforcement of the pair.
         scheme: Kernel of contact.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
@@ -39,7 +40,7 @@ class MultiplierContact(NormalContact):
         search: LocalSearch,
         stiffness: Floats,
     ) -> None:
-        """Begin with the nodes that were held in the last step and may be in this."""
+        """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
         self._holds = law.impact == "elastic" and scheme != "static"
         approach, history = search.approach, state.history
@@ -69,7 +70,7 @@ class MultiplierContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Decide which nodes are held; multipliers from the balance at the nodes."""
+        """Decide which nodes are held, and compute multipliers from the balance at the nodes."""
         gap = pairs.contact.gap
         pairs.excess[:, 0] = gap - pairs.contact.gap_n if self._holds else gap
         R = None if R is None else R[pairs.dofs[:, 0]]
@@ -103,10 +104,10 @@ class MultiplierContact(NormalContact):
         return np.where(active, friction.balance(pairs, reduced, lambda_N, active), 0.0)
 
     def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
-        """Move nodes held by a normal multiplier alone to where it wants them.
+        """Move nodes that only a normal multiplier holds, see `NormalContact.close_gaps`.
 
-        Along the normals of the last evaluation. Otherwise the linear system
-        has to do so, which takes an action of the tangent.
+        They move along the normals of the last evaluation. Otherwise the linear system has to
+        do so, which takes an action of the tangent.
         """
         search, candidates = self._search, self._search.candidates
         held = self.active[pairs.node] & ~pairs.fixed
@@ -115,7 +116,7 @@ class MultiplierContact(NormalContact):
         gap = candidates.gap(points, candidates.scatter.forward(x), pairs.segment)
         if self._holds:
             gap -= pairs.contact.gap_n
-        # Nodes far from where the normals hold are left to the linear system.
+        # Nodes far from where the normals were computed are left to the linear system.
         farthest = _CLOSE * self._state.pair.segment_size
         nodes = pairs.dofs[:, 0]
         _kernels.close_gaps(nodes, held, gap, pairs.normal, pairs.gradients, farthest, u)

@@ -16,20 +16,23 @@ __all__ = ["NormalContact"]
 class NormalContact(ABC):
     """Normal forces of the nodes of a pair: by multipliers or by springs.
 
+    In the methods ``pairs`` are the ``m`` pairs, ``x`` positions with ghosts, shape ``(l, 3)``
+    [m], and ``friction`` is the friction of the pairs.
+
     Args:
         state: State of the contact pair.
         search: Segments of the nodes.
         eligible: Nodes that may transmit force, shape ``(n,)``.
 
     Attributes:
-        nodes: The eligible nodes, positions in the surface's, ``(e,)``.
+        nodes: The eligible nodes, positions among the surface's nodes, shape ``(e,)``.
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
-        flips: How often a node has changed between contact and none.
+        flips: How often a node has changed between contact and none, shape ``(n,)``.
     """
 
     def __init__(self, state: PairState, search: LocalSearch, eligible: Flags) -> None:
-        """Begin with the nodes that were active in the last step and may be in this."""
+        """Begin with the eligible nodes that were active in the last step."""
         self._state, self._search, self._eligible = state, search, eligible
         self.nodes: Ints = eligible.nonzero()[0].astype(np.int32)
         self.active: Flags = state.history.active & eligible
@@ -43,25 +46,18 @@ class NormalContact(ABC):
         return flags
 
     def needs(self, node: Ints) -> Flags:
-        """Whether the kinematics of nodes matter in this iteration. Local."""
+        """Whether the kinematics of nodes matter in this iteration, shape ``(m,)``. Local."""
         return np.ones(len(node), dtype=bool)
 
     @abstractmethod
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Decide which pairs transmit force and compute it, friction too. Collective.
+        """Decide which pairs transmit force and compute it, with friction. Collective.
 
-        Args:
-            pairs: The pairs.
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-            R: Residual without contact at the owned nodes, ``(n, 3)`` [N];
-                None: multipliers stay as they are.
-            friction: Friction of the pairs.
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            How many pairs of this rank do not fit, or did not.
+        ``R`` is the residual without contact at the owned nodes, shape ``(n, 3)`` [N]; with
+        None multipliers stay as they are. ``iteration`` counts the Newton iterations of the
+        step from 0. Returns how many pairs of this rank contradict their state, or did.
         """
 
     def close_gaps(  # noqa: B027 (springs want no gap)
@@ -69,12 +65,8 @@ class NormalContact(ABC):
     ) -> None:
         """Move nodes to where constraints want them. Collective.
 
-        Args:
-            pairs: The pairs.
-            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            u: Their displacements, shape ``(n, 3)`` [m], changed. They are
-                known to more digits than positions.
-            friction: Friction of the pairs.
+        ``x`` are the positions of the owned nodes only, shape ``(n, 3)`` [m], ``u`` their
+        displacements, which are changed, as they have more digits than positions.
         """
 
     @abstractmethod
@@ -84,17 +76,17 @@ class NormalContact(ABC):
     def add_slope(  # noqa: B027 (multipliers do not follow gaps)
         self, pairs: PairKinematics, columns: Floats, tangent: Floats
     ) -> None:
-        """Add how the forces follow the gaps to the tangent ``(m, d, d)``. Local."""
+        """Add the derivative of forces by gaps to the tangent, ``(m, d, d)`` [N/m]. Local."""
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy of springs [J], and gap at which they start [m], ``(m,)``. Local."""
+        """Energy of springs [J], and gap at which they begin [m], both ``(m,)``. Local."""
         zero = np.zeros(len(pairs.node))
         return zero, zero
 
     def stored(self, pairs: PairKinematics) -> Floats | float:
-        """Energy that springs took in the step, shape ``(m,)`` [J]. Local."""
+        """Energy that went into the springs in the step, shape ``(m,)`` [J]. Local."""
         return 0.0
 
-    def lost_energy(self, node: Ints) -> float:
-        """Energy of springs at all but some nodes at t_n [J]. Local."""
+    def released_energy(self, node: Ints) -> float:
+        """Energy at t_n of the normal springs of all nodes but the given ones [J]. Local."""
         return 0.0

@@ -18,16 +18,16 @@ class PenaltyContact(NormalContact):
 
     Args:
         state: State of the contact pair, with springs.
-        law: Its enforcement.
-        search: Segments of its nodes.
+        law: Enforcement of the pair.
+        search: Segments of the nodes.
     """
 
     def __init__(self, state: PairState, law: Penalty, search: LocalSearch) -> None:
-        """Begin with the nodes that were in their springs in the last step."""
+        """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
         super().__init__(state, search, search.approach.segment >= 0)
         self._law, self._eps_N = law, state.eps_N
-        self._slope: Floats = np.empty(0)  # of lambda_N by the gap [N/m]
+        self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
@@ -35,7 +35,7 @@ class PenaltyContact(NormalContact):
         """Compute the forces of the springs; with convective friction half-way."""
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
-            # As everything else in (60)-(64).
+            # As everything else in eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
             points, half = self._search.points.take(node), (self._search.x_n + x) / 2
             gap = self._search.candidates.gap(points, half, pairs.segment)
             pairs.gradients[:, 0] = pairs.columns[:, 0]
@@ -51,7 +51,7 @@ class PenaltyContact(NormalContact):
         return changes
 
     def rank(self, active: Flags) -> Ints:
-        """No constraints."""
+        """Springs are no constraints."""
         return np.zeros(len(active), dtype=np.int32)
 
     def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
@@ -61,15 +61,15 @@ class PenaltyContact(NormalContact):
         )
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy [J] of the springs and gap at which they start [m], ``(m,)``."""
+        """Energy of the springs and gap at which they begin, see `NormalContact.energy`."""
         offset = self._offset(pairs)
         gap = pairs.contact.gap - offset
         energy = self._law.energy(gap, self._eps_N[pairs.node])
-        # An open node forgets; one still inside must not gain energy.
+        # An open node forgets its offset; one that is still inside must not gain energy.
         return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
 
     def stored(self, pairs: PairKinematics) -> Floats:
-        """Energy that went into the springs in the step, shape ``(m,)`` [J]."""
+        """Energy that went into the springs in the step, see `NormalContact.stored`."""
         offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
         at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
         # A node that starts inside its spring brings energy with it.
@@ -77,19 +77,19 @@ class PenaltyContact(NormalContact):
         stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
         return stored
 
-    def lost_energy(self, node: Ints) -> float:
-        """Energy of normal springs at t_n at nodes that have no pair any more [J]."""
+    def released_energy(self, node: Ints) -> float:
+        """Energy at t_n of springs whose nodes have no pair any more, see `NormalContact`."""
         history = self._state.history
         energy = history.energy - self._state.slip_energy(history.traction)
         energy[node] = 0.0
         return float(energy.sum())
 
     def _offset(self, pairs: PairKinematics) -> Floats:
-        """Gap at which springs start on the present segments.
+        """Gap at which springs begin on the present segments, shape ``(m,)`` [m].
 
-        On a new segment it moves by the difference of the gaps at t_n, so
-        that the energy of the spring is continuous; that of a node which
-        was open on the old one starts where the node is.
+        On a new segment it moves by the difference of the gaps at t_n, so that the energy of
+        the spring is continuous; that of a node which was open on the old segment begins where
+        the node is.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         key = self._search.candidates.key[pairs.segment]

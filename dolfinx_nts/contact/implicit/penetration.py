@@ -1,8 +1,7 @@
-"""Nodes that a step would let through a surface: it fails, never silently.
+"""Nodes that a step would let through a surface: such a step fails, and says so.
 
-Nodes and segments are paired down to a depth of half a segment, for deeper a node
-may belong to another side of the body. A node that gets there within a step has
-gone through the surface.
+Nodes and segments are paired down to a depth of half a segment, as a deeper node may belong to
+another side of the body. A node that gets there within a step has gone through the surface.
 """
 
 import numpy as np
@@ -13,17 +12,20 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["check_penetration"]
 
-# Lengths relative to the size of a segment.
-_DEEP = 0.1  # from this depth on, a pressing node does not just slide off the rim
-_DEEPER = 0.05  # another segment must not make a node deeper by more than this
-_PART = 0.25  # the path of a node is looked at in parts of this length
-_MOST_PARTS = 100
+# Depth, relative to the size of a segment [-], from which on a pressing node does not merely
+# slide off the rim.
+_DEEP = 0.1
+# By how much another segment may make a node deeper, relative to the size of a segment [-].
+_DEEPER = 0.05
+# Length of the parts in which the path of a node is looked at, relative to the size of a
+# segment [-], less than the depth at which it has one; and the greatest number of parts.
+_PART, _MOST_PARTS = 0.25, 100
 
 
 def check_penetration(step: ContactStep) -> str:
-    """Say what is wrong with the nodes at the end of a step, or "".
+    """Say what is wrong with the nodes at the end of a step, or "". Collective.
 
-    Collective. Call it after the last evaluation of the step.
+    Call it after the last evaluation of the step.
 
     Args:
         step: The solved step.
@@ -38,9 +40,9 @@ def check_penetration(step: ContactStep) -> str:
 
 
 def _without_segment(step: ContactStep) -> int:
-    """Nodes that press from within a body and have no segment at the end.
+    """Number of nodes that press from within a body and have no segment at the end.
 
-    Also those that stayed with theirs because they had changed it again and
+    It includes those that stayed with their segment because they had changed it again and
     again: the next step could not begin, however short.
     """
     old, search, size = step.state.history, step.search, step.candidates.size
@@ -60,7 +62,7 @@ def _without_segment(step: ContactStep) -> int:
 
 
 def _between_segments(step: ContactStep) -> int:
-    """Nodes that press, and will do so from within a body on their next segment.
+    """Number of pressing nodes that their next segment has much deeper within the body.
 
     At the bottom of a dent a node finds no place over either of two segments.
     """
@@ -74,7 +76,7 @@ def _between_segments(step: ContactStep) -> int:
 
 
 def _tunnelled(step: ContactStep) -> int:
-    """Nodes outside before the step that came out on the other side."""
+    """Number of nodes that were outside before the step and came out on the other side."""
     candidates, search, points = step.candidates, step.search, step.search.points
     x_n, reach, size = search.x_n, search.reach, candidates.size.min(initial=np.inf)
     way = 2 * _kernels.farthest(step.x, x_n)

@@ -13,25 +13,27 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["Friction", "StickSlip", "friction_of"]
+__all__ = ["Friction", "StickSlip"]
 
-# Weight of slip in the test for stick, relative to the stiffness of a node.
+# Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
+# path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.3
 
 
 class Friction:
     """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
 
-    ``m`` pairs are a part of the ``n`` nodes of the surface; ``active`` tells
-    which of the pairs transmit force, shape ``(m,)``. Local, but for `update`.
+    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
+    nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
+    tells which pairs transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.
 
     Attributes:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
-        traction: In the frames of the segments at t_n, ``(n, 2)`` [N].
-        flips: How often a node has changed between stick and slip, ``(n,)``.
+        traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
+        flips: How often a node has changed between stick and slip, shape ``(n,)``.
     """
 
     def __init__(self, state: PairState) -> None:
@@ -43,107 +45,64 @@ class Friction:
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        """Add the slip of the pairs to their kinematics.
-
-        Args:
-            pairs: The pairs.
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
-        """
+        """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""
 
     def release(self, node: Ints) -> None:
         """Forget the traction of nodes that have become inactive."""
         self.traction[node] = 0.0
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Release nodes that are not held any more; let those slide that are now.
-
-        Args:
-            node: The nodes of the pairs, shape ``(m,)``.
-            before: Whether they were active, shape ``(m,)``.
-            active: Whether they are now.
-        """
+        """Release nodes active only ``before``, shape ``(m,)``; let those slide that are now."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes held by multipliers in the tangent plane, ``(m,)``."""
+        """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction. Collective.
 
-        Args:
-            pairs: The pairs.
-            p: Pressing force, shape ``(m,)`` [N].
-            active: Whether a pair transmits force.
-            iteration: Number of the Newton iteration, from 0.
-
-        Returns:
-            Pairs of this rank whose state did not fit.
+        ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
+        iterations of the step from 0. Returns how many pairs of this rank contradict their
+        state.
         """
         return 0
 
     def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
-        """What the normal multipliers have to balance, and their columns.
+        """What the normal multipliers have to balance at the nodes, and their columns.
 
-        Args:
-            pairs: The pairs.
-            R: Residual at their nodes, shape ``(m, 3)`` [N].
-            active: Whether a pair transmits force.
-
-        Returns:
-            Residual with the tractions that do not scale with the pressing
-            force, ``(m, 3)``; force per multiplier with those that do, at
-            the node in the first of the rows, ``(m, ..., 3 or more)``.
+        ``R`` is the residual at the nodes of the pairs, shape ``(m, 3)`` [N]. Returns it with
+        the tractions that do not scale with the pressing force; and force per multiplier with
+        those that do, at the node in the first of the rows, shape ``(m, ..., 3 or more)``.
         """
         return R, pairs.columns
 
     def balance(
         self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
     ) -> Floats:
-        """Set the tractions that go with normal multipliers.
+        """Set the tractions that go with normal multipliers; return these, of sticking nodes too.
 
-        Args:
-            pairs: The pairs.
-            reduced: The residual that `reduced` gives.
-            lambda_N: Normal multipliers of sliding nodes, ``(m,)`` [N].
-            active: Whether a pair transmits force.
-
-        Returns:
-            Normal multipliers, those of sticking nodes too.
+        ``reduced`` is the residual that the method gives, ``lambda_N`` are the normal
+        multipliers of sliding nodes, shape ``(m,)`` [N].
         """
         return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set the tractions of sliding nodes where multipliers were solved for.
-
-        Args:
-            pairs: The pairs.
-            lambda_N: Normal multipliers, shape ``(m,)`` [N].
-            active: Whether a pair transmits force.
-        """
+        """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> Floats:
-        """Add tractions to forces and tangents of pairs.
+        """Add tractions to forces, ``(m, d)`` [N], and tangents of pairs, ``(m, d, d)`` [N/m].
 
-        Args:
-            pairs: The pairs.
-            active: Whether a pair transmits force.
-            force: Shape ``(m, d)`` [N].
-            tangent: Shape ``(m, d, d)`` [N/m].
-
-        Returns:
-            Force per multiplier, shape ``(m, 3, d)``, that of the normal
-            with the friction which scales with it.
+        Returns the force per multiplier, shape ``(m, 3, d)``, that of the normal with the
+        friction which scales with it.
         """
         return pairs.columns
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        """Energy of the springs [J], and what the history remembers by its names.
+        """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
 
-        Args:
-            pairs: The pairs.
-            x: Positions with ghosts at the end of the step, ``(l, 3)`` [m].
+        ``x`` are the positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
         """
         return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}
 
@@ -153,12 +112,9 @@ class StickSlip(Friction):
 
     Args:
         state: State of the contact pair.
-        law: Its law of friction.
+        law: Law of friction of the pair.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-
-    Attributes:
-        sliding, traction, flips: See `Friction`.
     """
 
     def __init__(
@@ -191,7 +147,7 @@ class StickSlip(Friction):
         self._model.direction[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes held by multipliers in the tangent plane, see `Friction.sticks`."""
+        """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
         flags: Flags = active & ~self.sliding[node] & (not self._state.pair.has_slip_spring)
         return flags
 
@@ -220,7 +176,7 @@ class StickSlip(Friction):
         if eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
         else:
-            known = float(iteration > 0)  # multipliers of the starting guess mean nothing
+            known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
         self.sliding[node], self._slip[node] = sliding, slip.value
         self.flips[node] += before != sliding
@@ -256,14 +212,14 @@ class StickSlip(Friction):
         return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
+        """Set tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
         node = pairs.node
         slides = active & ~self.sticks(node, active)
         traction = self._known(pairs, active) - lambda_N[:, None] * self._model.direction[node]
         self.traction[node[slides]] = traction[slides]
 
     def _known(self, pairs: PairKinematics, active: Flags) -> Floats:
-        """Tractions that do not scale with the pressing force, ``(m, 2)``."""
+        """Tractions that do not scale with the pressing force, shape ``(m, 2)`` [N]."""
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
         if not self._state.pair.has_slip_spring:
@@ -308,15 +264,3 @@ class StickSlip(Friction):
         energy = state.slip_energy(parts["traction"])
         parts["dissipation"] -= energy - state.slip_energy(old.traction)
         return energy, parts
-
-
-def friction_of(state: PairState, search: LocalSearch, stiffness: Floats) -> Friction:
-    """Friction of a pair, by its law. Local.
-
-    Args:
-        state: State of the contact pair.
-        search: Segments of the nodes.
-        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-    """
-    law = state.pair.friction
-    return Friction(state) if law is None else StickSlip(state, law, search, stiffness)

@@ -13,12 +13,12 @@ using Keys = In<std::int64_t>;
 using Result
     = std::tuple<Out<std::int32_t>, Out<double>, Out<double>, Out<double>>;
 
-/// @brief Segments wherever their vertices are, the arrays that hold them, and
-/// the tree over them.
-class KeptSegments
+/// @brief Segments that move, by arrays that are not copied, with a tree over
+/// them.
+class SegmentsAndTree
 {
 public:
-  KeptSegments(Ints vertices, Doubles orientation, Keys key)
+  SegmentsAndTree(Ints vertices, Doubles orientation, Keys key)
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
         _key(std::move(key)), _tree(rows(_vertices))
   {
@@ -81,8 +81,8 @@ public:
         [&](std::int64_t key)
         {
           const auto at = std::ranges::lower_bound(own, key);
-          const bool is_here = at != own.end() && *at == key;
-          return is_here ? static_cast<std::int32_t>(at - own.begin()) : -1;
+          const bool exists = at != own.end() && *at == key;
+          return exists ? static_cast<std::int32_t>(at - own.begin()) : -1;
         });
     return found;
   }
@@ -111,7 +111,7 @@ private:
               .c_str());
   }
 
-  /// @brief Pairing of nodes that may touch what `MayTouch` says.
+  /// @brief Find the segments of nodes that may touch what `MayTouch` says.
   template <class GetMayTouch>
   Result pair_with(const Doubles& x_node, const Ints& current, double slack,
                    double reach, const Doubles& x,
@@ -157,34 +157,33 @@ double farthest_point(const Doubles& x, const Doubles& before)
 
 void local_search(nb::module_& m)
 {
-  m.attr("HYSTERESIS") = PairingRule::hysteresis;
-  m.attr("OVERHANG") = PairingRule::overhang;
-  // Depth, of a segment, at which a node has none any more.
-  m.attr("DEEPEST") = PairingRule::depth;
-  nb::class_<KeptSegments>(
+  m.attr("HYSTERESIS") = LocalSearchRule::hysteresis;
+  m.attr("OVERHANG") = LocalSearchRule::overhang;
+  m.attr("DEEPEST") = LocalSearchRule::depth;
+  nb::class_<SegmentsAndTree>(
       m, "Segments",
-      "Segments and a tree over them, which is kept while no vertex moves far; "
-      "the arrays are read, not copied")
+      "Segments and a tree over them, which is built anew only if a vertex has "
+      "moved far; the arrays are read, not copied")
       .def(nb::init<Ints, Doubles, Keys>(), nb::arg("vertices"),
            nb::arg("orientation"), nb::arg("key"),
            "(s, k) rows of positions, (s,), (s,) ascending")
-      .def("find", &KeptSegments::find, nb::arg("keys"),
+      .def("find", &SegmentsAndTree::find, nb::arg("keys"),
            "(n,) -> segment of each key or -1 (n,)")
-      .def("pair", &KeptSegments::pair, nb::arg("x_node"), nb::arg("current"),
-           nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
+      .def("pair", &SegmentsAndTree::pair, nb::arg("x_node"),
+           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            "(n, 3), (n,), -, -, (l, 3) -> segment (n,) or -1, xi (n, 2), gap "
            "(n,), normal (n, 3), see nts/search/local_search.h")
-      .def("pair_own", &KeptSegments::pair_own, nb::arg("x_node"),
+      .def("pair_own", &SegmentsAndTree::pair_own, nb::arg("x_node"),
            nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
            nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"),
            nb::arg("X"), nb::arg("thickness"),
            "as pair and (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> the same for "
            "nodes of the surface itself, see nts/search/self_contact.h")
-      .def("near", &KeptSegments::near, nb::arg("x_node"), nb::arg("reach"),
+      .def("near", &SegmentsAndTree::near, nb::arg("x_node"), nb::arg("reach"),
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
            "of a segment (m,)")
-      .def_prop_ro("num_trees", &KeptSegments::num_trees,
+      .def_prop_ro("num_trees", &SegmentsAndTree::num_trees,
                    "How often a tree was built");
   m.def("farthest", &farthest_point, nb::arg("x"), nb::arg("before"),
         "(n, 3), (n, 3) -> largest distance between rows, NaN if one is");

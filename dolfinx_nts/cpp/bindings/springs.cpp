@@ -11,7 +11,7 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-/// @brief Springs of m nodes at one state. Arrays, which Python may change.
+/// @brief Springs of m nodes at one state, by arrays that Python may change.
 class Springs
 {
 public:
@@ -27,7 +27,7 @@ public:
     check("energy", _energy, {m});
   }
 
-  PressedNodes moved(const Doubles& du) const
+  MovedSprings moved(const Doubles& du) const
   {
     check("du", du, {any, 3});
     check_rows("dofs: expected rows of du", _dofs, du.shape(0));
@@ -92,13 +92,14 @@ Springs penalty_forces_of_pairs(const Ints& number, const Ints& node,
 
 std::array<double, 5> work_of(const Springs& before, const Springs& after,
                               const Doubles& du_before, const Doubles& du_after,
-                              const Doubles& lost)
+                              const Doubles& dissipation)
 {
-  if (lost.size())
+  if (dissipation.size())
     for (const Springs* springs : {&before, &after})
-      check_rows("node: expected rows of lost", springs->node(), lost.size());
+      check_rows("node: expected rows of dissipation", springs->node(),
+                 dissipation.size());
   return work_by_cause(before.moved(du_before), after.moved(du_after),
-                       view(lost));
+                       view(dissipation));
 }
 
 void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
@@ -118,12 +119,14 @@ void springs(nb::module_& m)
            nb::arg("node"), nb::arg("key"), nb::arg("dofs"),
            nb::arg("force").noconvert(), nb::arg("energy").noconvert(),
            "(m,), (m,), (m, 1+k), (m, 1+k, 3), (m,)")
-      .def_prop_ro("node", &Springs::node, "Numbers, ascending, (m,)")
-      .def_prop_ro("key", &Springs::key, "Their segments, (m,)")
+      .def_prop_ro("node", &Springs::node,
+                   "Numbers of the nodes, ascending, (m,)")
+      .def_prop_ro("key", &Springs::key, "Keys of their segments, (m,)")
       .def_prop_ro("dofs", &Springs::dofs,
                    "Nodes and vertices of the pairs, (m, 1+k)")
-      .def_prop_ro("force", &Springs::force, "On these, (m, 1+k, 3) [N]")
-      .def_prop_ro("energy", &Springs::energy, "Stored, (m,) [J]");
+      .def_prop_ro("force", &Springs::force,
+                   "Forces on the dofs, (m, 1+k, 3) [N]")
+      .def_prop_ro("energy", &Springs::energy, "Energies, (m,) [J]");
   m.def("penalty_forces", &penalty_forces_of_pairs, nb::arg("number"),
         nb::arg("node"), nb::arg("segment"), nb::arg("xi"), nb::arg("gap"),
         nb::arg("normal"), nb::arg("segments"), nb::arg("key"),
@@ -131,7 +134,7 @@ void springs(nb::module_& m)
         "(c,), (c,), (c,), (c, 2), (c,), (c, 3), (s, k), (s,), (c,) -> springs "
         "of gaps < 0");
   m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),
-        nb::arg("du_before"), nb::arg("du_after"), nb::arg("lost"),
+        nb::arg("du_before"), nb::arg("du_after"), nb::arg("dissipation"),
         "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "
         "stayed, that came, that changed the segment, of springs, of friction");
   m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(), nb::arg("rows"),

@@ -30,7 +30,7 @@ def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
         totals.append(comm.allreduce(int(changes.sum())))
     assert totals[0] == 4 * comm.size
     late = totals[10:]
-    # Newton's method settles in between.
+    # Newton's method converges in between.
     assert max(late) == 1
     assert min(late) == 0
     changes, _ = pivoting.select(violates, ids, 20)

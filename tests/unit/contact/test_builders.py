@@ -175,15 +175,15 @@ def test_two_half_passes_keep_energy_and_momenta_and_prefer_no_side(comm, fricti
     for order in (1, -1):
         stepper = meeting(comm, order, friction=friction)
         diagnostics = nts.Diagnostics(stepper)
-        before, lost, most = diagnostics.balance(), 0.0, np.zeros(2)
+        before, dissipated, most = diagnostics.balance(), 0.0, np.zeros(2)
         for _ in range(12):
             stepper.advance()
-            lost += sum(comm.allreduce(p.history.dissipation.sum()) for p in stepper.pairs)
+            dissipated += sum(comm.allreduce(p.history.dissipation.sum()) for p in stepper.pairs)
             active = [comm.allreduce(int(p.history.active.sum())) for p in stepper.pairs]
             most = np.maximum(most, active)
         after = diagnostics.balance()
         assert most.min() > 0
-        assert after.total_energy + lost == pytest.approx(before.total_energy, rel=1e-11)
+        assert after.total_energy + dissipated == pytest.approx(before.total_energy, rel=1e-11)
         for name in ("linear_momentum", "angular_momentum"):
             first, last = getattr(before, name), getattr(after, name)
             assert np.abs(last - first).max() < 1e-11 * np.abs(first).max(), name

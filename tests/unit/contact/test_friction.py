@@ -79,7 +79,7 @@ def test_spring_that_turned_back_while_sliding_sticks_first(rng):
     law, every = nts.Coulomb(MU), np.ones(len(p), dtype=bool)
     trial = t_n + 1e3 * eps[:, None] * slip
     assert not law.slides(trial, trial, p, -trial, every).any()
-    # One that has to go on sliding keeps its direction, with no stiffness.
+    # One that has to go on sliding has the direction of before, and no stiffness.
     model = law.spring(trial, p, eps, -trial, every)
     ahead = -MU * p[:, None] * trial / np.linalg.norm(trial, axis=1)[:, None]
     np.testing.assert_allclose(traction(model, p), ahead, rtol=1e2 * ROUNDING)
@@ -120,7 +120,7 @@ def test_slip_does_not_reverse_in_one_iteration(rng):
     far = t + 1e3 * c[:, None] * slip
     assert not law.slides(far, slip, p, t, every).any()
     assert np.array_equal(law.slides(far, slip, p, t, ~every), np.linalg.norm(far, axis=1) > MU * p)
-    # One that has to go on sliding keeps its direction, with no stiffness.
+    # One that has to go on sliding has the direction of before, and no stiffness.
     model = law.exact(t, slip, p, c, t, every)
     np.testing.assert_allclose(traction(model, p), t, rtol=1e2 * ROUNDING)
     assert np.all(model.stiffness == 0)

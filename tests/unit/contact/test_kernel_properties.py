@@ -68,11 +68,11 @@ def test_contact_does_the_work_of_the_gap_and_gives_no_momentum(step):
 @given(steps(), motions())
 def test_force_and_gap_turn_with_the_scene(step, motion):
     (x_n, x, sign), (Q, c) = step, motion
-    here, there = conserving(*step), conserving(x_n @ Q.T + c, x @ Q.T + c, sign)
-    assume(here is not None and there is not None)
-    tolerance = ROUND_OFF * np.abs(here[2]).max()
-    assert abs(here[1] - there[1]) <= tolerance
-    assert np.abs(here[2] @ Q.T - there[2]).max() <= tolerance
+    first, turned = conserving(*step), conserving(x_n @ Q.T + c, x @ Q.T + c, sign)
+    assume(first is not None and turned is not None)
+    tolerance = ROUND_OFF * np.abs(first[2]).max()
+    assert abs(first[1] - turned[1]) <= tolerance
+    assert np.abs(first[2] @ Q.T - turned[2]).max() <= tolerance
 
 
 @kernels

@@ -61,8 +61,8 @@ def test_forces_of_every_pair_are_in_equilibrium(comm, cell, scheme):
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
     force = state.force.reshape(*state.pairs.dofs.shape, 3)
-    here = step.candidates
-    x_mid = (here.scatter.forward(x) + here.scatter.forward(x_n)) / 2
+    candidates = step.candidates
+    x_mid = (candidates.scatter.forward(x) + candidates.scatter.forward(x_n)) / 2
     moment = np.cross(x_mid[state.pairs.dofs], force).sum(axis=1)
     worst = max(np.abs(force.sum(axis=1)).max(initial=0), np.abs(moment).max(initial=0))
     assert comm.allreduce(worst, op=MPI.MAX) <= ROUNDING
@@ -75,10 +75,10 @@ def test_nodal_forces_of_all_ranks_sum_to_zero(comm, cell, scheme):
     scene = scenes.blocks(comm, cell=cell)
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
-    here = step.candidates
-    local = np.zeros((here.scatter.num_local, 3))
+    candidates = step.candidates
+    local = np.zeros((candidates.scatter.num_local, 3))
     np.add.at(local, state.pairs.dofs.ravel(), state.residual.reshape(-1, 3))
-    total = here.scatter.reverse(local)
+    total = candidates.scatter.reverse(local)
     largest = comm.allreduce(np.abs(total).max(initial=0), op=MPI.MAX)
     sums = comm.allreduce(np.concatenate([total.sum(0), np.cross((x + x_n) / 2, total).sum(0)]))
     assert np.abs(sums).max() <= ROUNDING * largest
@@ -91,9 +91,9 @@ def test_energy_momentum_force_works_with_the_change_of_the_gap(comm, scheme):
     scene = scenes.blocks(comm)
     step, x, x_n = attempt(scene, scheme, weight=0.0)
     state = pressed(step, x)
-    here = step.candidates
-    x, x_n = here.scatter.forward(x)[state.pairs.dofs], here.scatter.forward(x_n)[state.pairs.dofs]
-    signs = here.orientation[state.pairs.segment]
+    candidates = step.candidates
+    x, x_n = (candidates.scatter.forward(y)[state.pairs.dofs] for y in (x, x_n))
+    signs = candidates.orientation[state.pairs.segment]
     change = _kernels.project(x, signs)[1] - _kernels.project(x_n, signs)[1]
     work = np.einsum("ij,ij->i", state.force, (x - x_n).reshape(state.force.shape))
     defect = comm.allreduce(np.abs(work + change).max(initial=0), op=MPI.MAX)
@@ -181,7 +181,7 @@ def test_cycling_active_sets_end_in_changes_of_the_lowest_node_alone(comm):
         changed.append(np.concatenate(comm.allgather(ids[before != step.normal.active])).tolist())
     lowest = comm.allreduce(ids[state.pairs.node].min(initial=10**9), op=MPI.MIN)
     assert len(changed[0]) > 1
-    # One in three iterations; Newton's method settles in the others.
+    # One in three iterations; Newton's method converges in the others.
     assert sorted(changed[-3:]) == sorted(changed[-6:-3]) == [[], [], [lowest]]
 
 

@@ -1,4 +1,4 @@
-"""Nodes that a step would lose: those that sank into a surface, and those beside it."""
+"""A step fails if a node sinks into a surface, but not if it is beside the surface."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from dolfinx_nts import compat
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.segment_candidates import SegmentCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
 pytestmark = pytest.mark.serial
 
@@ -22,7 +22,7 @@ SEGMENTS = {
     "quadrilateral": [[1, 2, 3, 4], [2, 5, 4, 6]],
     "triangle": [[1, 2, 3], [4, 2, 3], [2, 5, 4], [6, 5, 4]],
 }
-SUNK = "nodes that sank into a surface and face no segment any more: 1"
+NO_SEGMENT = "nodes that sank into a surface and face no segment any more: 1"
 
 
 def step_of(facets, before, after, held):
@@ -30,15 +30,17 @@ def step_of(facets, before, after, held):
     segments = np.array(SEGMENTS[facets], dtype=np.int32)
     orientation = np.resize([1.0, -1.0] if facets == "triangle" else [1.0], len(segments))
     none = np.empty(0, dtype=np.int64)
-    candidates = SegmentCandidates(
-        NodalScatter(
-            compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32)), is_local=True
-        ),
-        segments,
-        orientation,
-        np.arange(len(segments)),
-        np.full(len(segments), np.sqrt(2)),
+    index_map = compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32))
+    size = np.full(len(segments), np.sqrt(2))
+    found = FoundSegments(
+        scatter=NodalScatter(index_map, is_local=True),
+        vertices=segments,
+        orientation=orientation,
+        key=np.arange(len(segments)),
+        size=size,
+        thickness=size,
     )
+    candidates = SegmentCandidates(found)
     x_n, x = (np.array([[at[0], 0.4, at[1]], *FLAT, *STEEP]) for at in (before, after))
     points = NodalPoints(np.zeros(1, dtype=np.int32))
     none_yet = np.full(1, -1, dtype=np.int32)
@@ -72,18 +74,18 @@ def step_of(facets, before, after, held):
 @pytest.mark.parametrize(
     ("before", "after", "held", "message"),
     [
-        ((0.4, -0.3), (0.4, -0.9), (True, False), SUNK),  # half a segment deep
+        ((0.4, -0.3), (0.4, -0.9), (True, False), NO_SEGMENT),  # half a segment deep
         ((0.4, -0.3), (0.4, -0.5), (True, True), ""),
-        ((0.9, -0.3), (1.3, -0.3), (True, False), SUNK),  # below the edge of a pit
-        ((0.9, -0.3), (1.3, -0.3), (False, True), SUNK),
+        ((0.9, -0.3), (1.3, -0.3), (True, False), NO_SEGMENT),  # below the edge of a pit
+        ((0.9, -0.3), (1.3, -0.3), (False, True), NO_SEGMENT),
         ((0.9, -0.3), (1.3, -0.3), (False, False), ""),  # nothing presses
         ((0.9, -0.1), (1.3, -0.1), (True, False), ""),  # a depth with which nodes may come
         ((0.1, -0.3), (-0.3, -0.3), (True, False), ""),  # over the rim
         ((0.1, -0.3), (-0.3, -0.3), (False, True), ""),
-        ((0.1, -0.3), (-0.3, -0.9), (True, False), SUNK),  # too deep beside it
+        ((0.1, -0.3), (-0.3, -0.9), (True, False), NO_SEGMENT),  # too deep beside it
     ],
 )
-def test_nodes_that_sank_are_told_from_nodes_beside_the_surface(
+def test_nodes_that_sink_in_are_told_from_nodes_beside_the_surface(
     facets, before, after, held, message
 ):
     assert check_penetration(step_of(facets, before, after, held)) == message

@@ -24,11 +24,11 @@ def test_springs_press_nodes_that_are_inside(rng, k):
     np.testing.assert_array_equal(springs.key, key[segment[position]])
     np.testing.assert_array_equal(dofs[:, 0], node[position])
     np.testing.assert_array_equal(dofs[:, 1:], segments[segment[position]])
-    (s, t), rest = xi[position].T, 1 - xi[position]
+    s, t = xi[position].T
     if k == 3:
         phi = np.column_stack([1 - s - t, s, t])
     else:
-        phi = np.column_stack([rest.prod(axis=1), s * rest[:, 1], rest[:, 0] * t, s * t])
+        phi = np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
     shape = np.column_stack([np.ones(3), -phi])
     size = (stiffness * gap)[position]
     np.testing.assert_allclose(force, -(size[:, None] * shape)[:, :, None] * normal[position, None])
@@ -46,7 +46,7 @@ def test_arrays_of_springs_must_fit():
         _kernels.Springs(node, key, dofs, np.zeros((2, 4, 3)), energy)
     with pytest.raises(ValueError, match="rows of du"):
         _kernels.work_by_cause(springs, springs, np.zeros((1, 3)), np.zeros((2, 3)), np.empty(0))
-    with pytest.raises(ValueError, match="rows of lost"):
+    with pytest.raises(ValueError, match="rows of dissipation"):
         late = _kernels.Springs(node + 1, key, dofs, force, energy)
         _kernels.work_by_cause(springs, late, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(1))
 
@@ -70,13 +70,15 @@ def test_work_is_sorted_by_cause(rng, friction):
         full.append((keys, work, stored))
     (key_n, work_n, energy_n), (key, work, energy) = full
     touched = (key_n >= 0) | (key >= 0)
-    lost = np.where(touched, rng.uniform(size=n), 0.0) if friction else np.zeros(n)
-    rest = (work_n + work) / 2 + energy - energy_n + lost
+    dissipation = np.where(touched, rng.uniform(size=n), 0.0) if friction else np.zeros(n)
+    remainder = (work_n + work) / 2 + energy - energy_n + dissipation
     came, same = key_n < 0, (key_n == key) | (key < 0)
-    expected = [rest[part].sum() for part in (~came & same, came, ~came & ~same)]
-    expected += [(energy_n - energy).sum(), -lost.sum()]
+    expected = [remainder[part].sum() for part in (~came & same, came, ~came & ~same)]
+    expected += [(energy_n - energy).sum(), -dissipation.sum()]
     (before, du_n), (after, du) = states
-    given = _kernels.work_by_cause(before, after, du_n, du, lost if friction else np.empty(0))
+    given = _kernels.work_by_cause(
+        before, after, du_n, du, dissipation if friction else np.empty(0)
+    )
     np.testing.assert_allclose(given, expected)
 
 

@@ -29,8 +29,8 @@ def sampled_distance(x_nodes, segments):
     k, t = segments.shape[1], np.linspace(0, 1, 9)
     r, s = (a.ravel() for a in np.meshgrid(t, t))
     if k == 3:
-        keep = r + s <= 1
-        r, s = r[keep], s[keep]
+        inside = r + s <= 1
+        r, s = r[inside], s[inside]
         phi = np.array([1 - r - s, r, s])
     else:
         phi = np.array([(1 - r) * (1 - s), r * (1 - s), (1 - r) * s, r * s])
@@ -42,16 +42,16 @@ def test_nodes_near_the_segments_are_those_near_one_of_their_boxes(comm):
     scene = scenes.blocks(comm)
     search, pair = search_of(scene)
     x = scene.stepper.x
-    here, _ = search.update(x, 0.1)
-    x, nodes = here.scatter.forward(x), pair.nodes.nodes
+    candidates, _ = search.update(x, 0.1)
+    x, nodes = candidates.scatter.forward(x), pair.nodes.nodes
     for reach in (0.0, 0.05, 0.2):
-        boxes = [(s.min(axis=0), s.max(axis=0)) for s in x[here.segments]]
+        boxes = [(s.min(axis=0), s.max(axis=0)) for s in x[candidates.segments]]
         near = [
             n
             for n, at in enumerate(x[nodes])
             if any(np.linalg.norm(at - at.clip(*box)) <= reach for box in boxes)
         ]
-        np.testing.assert_array_equal(here.near(NodalPoints(nodes), x, reach), near)
+        np.testing.assert_array_equal(candidates.near(NodalPoints(nodes), x, reach), near)
 
 
 @cells_
@@ -60,11 +60,11 @@ def test_candidates_contains_every_segment_within_reach(comm, cell, reach):
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x = scene.stepper.x
-    here, new = search.update(x, reach)
+    candidates, new = search.update(x, reach)
     segments, key = all_segments(pair, x)
     x_nodes = x[pair.nodes.nodes]
     near = key[(sampled_distance(x_nodes, segments) <= reach).any(axis=0)]
-    missing = np.setdiff1d(near, here.key)
+    missing = np.setdiff1d(near, candidates.key)
     assert comm.allreduce(len(missing)) == 0
     assert comm.allreduce(len(near)) > 0
     assert comm.allreduce(not new) == 0
@@ -75,37 +75,37 @@ def test_candidates_describes_the_segments_of_other_ranks_correctly(comm, cell):
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x = scene.stepper.x
-    here, _ = search.update(x, np.inf)
+    candidates, _ = search.update(x, np.inf)
     segments, key = all_segments(pair, x)
     order = np.argsort(key) if len(pair.nodes.nodes) else slice(0)  # who has no node gets none
     signs = np.concatenate(comm.allgather(pair.segments.orientation))[order]
-    wrong = int(not np.array_equal(here.key, key[order]))
-    found = here.scatter.forward(x)[here.segments]
+    wrong = int(not np.array_equal(candidates.key, key[order]))
+    found = candidates.scatter.forward(x)[candidates.segments]
     wrong += not np.allclose(found, segments[order], rtol=0, atol=ROUNDING)
-    wrong += not np.array_equal(here.orientation, signs)
+    wrong += not np.array_equal(candidates.orientation, signs)
     edges = segments[order][:, :, None] - segments[order][:, None]
     size = np.linalg.norm(edges, axis=-1).max(axis=(1, 2), initial=0.0)
-    wrong += not np.allclose(here.size, size, rtol=ROUNDING)
+    wrong += not np.allclose(candidates.size, size, rtol=ROUNDING)
     assert comm.allreduce(wrong) == 0
 
 
 def test_find_gives_the_place_of_a_key_and_minus_one_without(comm):
     scene = scenes.blocks(comm)
-    here, _ = search_of(scene)[0].update(scene.stepper.x, 0.1)
-    keys = np.concatenate([here.key[::-1], [-1, 10**6]]).astype(np.int64)
-    expected = [*range(len(here.key))[::-1], -1, -1]
-    assert comm.allreduce(here.find(keys).tolist() != expected) == 0
+    candidates, _ = search_of(scene)[0].update(scene.stepper.x, 0.1)
+    keys = np.concatenate([candidates.key[::-1], [-1, 10**6]]).astype(np.int64)
+    expected = [*range(len(candidates.key))[::-1], -1, -1]
+    assert comm.allreduce(candidates.find(keys).tolist() != expected) == 0
 
 
 def test_sending_to_ghosts_and_back_to_owners_are_transposed(comm):
     # (A a, b) = (a, A^T b) for all a on owned and b on all nodes.
     scene = scenes.blocks(comm)
-    here, _ = search_of(scene)[0].update(scene.stepper.x, np.inf)
+    candidates, _ = search_of(scene)[0].update(scene.stepper.x, np.inf)
     rng = np.random.default_rng(comm.rank)
-    num_owned = here.scatter.index_map.size_local
+    num_owned = candidates.scatter.index_map.size_local
     a = rng.normal(size=(num_owned, 3))
-    b = rng.normal(size=(num_owned + here.scatter.index_map.num_ghosts, 3))
-    sums = [np.sum(here.scatter.forward(a) * b), np.sum(a * here.scatter.reverse(b))]
+    b = rng.normal(size=(num_owned + candidates.scatter.index_map.num_ghosts, 3))
+    sums = [np.sum(candidates.scatter.forward(a) * b), np.sum(a * candidates.scatter.reverse(b))]
     sums = comm.allreduce(np.array(sums))
     assert abs(sums[0] - sums[1]) <= ROUNDING * comm.allreduce(b.size)
 
@@ -152,10 +152,10 @@ def test_candidates_that_are_used_again_still_contains_every_segment_within_reac
     missing = 0
     for _ in range(16):
         x[upper] -= [0.004, -0.003, 0.008]
-        here, _ = search.update(x, reach)
+        candidates, _ = search.update(x, reach)
         segments, key = all_segments(pair, x)
         distance = sampled_distance(x[pair.nodes.nodes], segments)
-        missing += len(np.setdiff1d(key[(distance <= reach).any(axis=0)], here.key))
+        missing += len(np.setdiff1d(key[(distance <= reach).any(axis=0)], candidates.key))
     assert comm.allreduce(missing) == 0
     assert 1 < search.num_searches < 8
 
@@ -168,10 +168,10 @@ def test_rank_without_nodes_or_segments_takes_part(comm):
 
     scene = scenes.blocks(comm, owner=owner)
     search, pair = search_of(scene)
-    here, _ = search.update(scene.stepper.x, np.inf)
+    candidates, _ = search.update(scene.stepper.x, np.inf)
     x = scene.stepper.x
-    assert comm.allgather(len(here.key))[0] == 9
+    assert comm.allgather(len(candidates.key))[0] == 9
     assert comm.allreduce(len(pair.nodes.nodes)) == 9
     if comm.size > 1:
         assert comm.allgather(len(pair.nodes.nodes))[-1] == 0
-    here.scatter.reverse(here.scatter.forward(x))
+    candidates.scatter.reverse(candidates.scatter.forward(x))

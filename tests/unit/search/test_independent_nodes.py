@@ -15,22 +15,22 @@ def flattened(comm, cell):
     V, _, facets, tag = part(comm, "ring", cell, centre=(0, 0, 0), **shape)
     surface = nts.Surface(V, facets, tag["ring_inner"])
     x = V.tabulate_dof_coordinates() * [1, 0.02, 1]
-    here, _ = SelfContactSearch(surface, surface).update(x, 0.2)
-    x = here.scatter.forward(x)
+    candidates, _ = SelfContactSearch(surface, surface).update(x, 0.2)
+    x = candidates.scatter.forward(x)
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
-    return surface, here, here.pair(NodalPoints(surface.nodes), x, none, 0.2)[0]
+    return surface, candidates, candidates.pair(NodalPoints(surface.nodes), x, none, 0.2)[0]
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cell):
-    surface, here, segment = flattened(comm, cell)
-    candidates = segment >= 0
+    surface, candidates, segment = flattened(comm, cell)
+    eligible = segment >= 0
     urgency = surface.node_ids % 3
-    taken = here.independent(surface, segment, candidates, urgency)
-    assert comm.allreduce(int(np.count_nonzero(taken & ~candidates))) == 0
-    node = np.flatnonzero(candidates)
-    dofs = NodalPoints(surface.nodes[node]).dofs(here.segments[segment[node]])
-    dofs = here.scatter.global_nodes(dofs)
+    taken = candidates.independent(surface, segment, eligible, urgency)
+    assert comm.allreduce(int(np.count_nonzero(taken & ~eligible))) == 0
+    node = np.flatnonzero(eligible)
+    dofs = NodalPoints(surface.nodes[node]).dofs(candidates.segments[segment[node]])
+    dofs = candidates.scatter.global_nodes(dofs)
     rows = zip(taken[node], urgency[node], surface.node_ids[node], dofs, strict=True)
     everywhere = [row for part in comm.allgather(list(rows)) for row in part]
     assert len(everywhere) > 20
@@ -50,6 +50,6 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
 
 
 def test_without_candidates_nobody_is_taken(comm):
-    surface, here, segment = flattened(comm, "hexahedron")
+    surface, candidates, segment = flattened(comm, "hexahedron")
     none = np.zeros(len(segment), dtype=bool)
-    assert not here.independent(surface, segment, none, np.zeros(len(segment))).any()
+    assert not candidates.independent(surface, segment, none, np.zeros(len(segment))).any()

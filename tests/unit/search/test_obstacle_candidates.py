@@ -27,30 +27,30 @@ def nodes(comm):
 
 @obstacles
 def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
-    here = ObstacleCandidates(OBSTACLES[name], nodes)
+    candidates = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
-    facet, gap = here.pair(NodalPoints(nodes.nodes), x, none, 0.5)
+    facet, gap = candidates.pair(NodalPoints(nodes.nodes), x, none, 0.5)
     found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.01, 0.5)
     np.testing.assert_array_equal(facet, found)
     np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
     met = np.flatnonzero(found >= 0)
-    np.testing.assert_array_equal(here.find(here.key[found[met]]), found[met])
+    np.testing.assert_array_equal(candidates.find(candidates.key[found[met]]), found[met])
     points = NodalPoints(nodes.nodes[met])
-    np.testing.assert_allclose(here.gap(points, x, found[met]), exact[met], atol=1e-14)
-    dofs = points.dofs(here.segments.take(found[met], axis=0))
+    np.testing.assert_allclose(candidates.gap(points, x, found[met]), exact[met], atol=1e-14)
+    dofs = points.dofs(candidates.segments.take(found[met], axis=0))
     np.testing.assert_array_equal(dofs, nodes.nodes[met][:, None])
-    assert here.contact("static", points, x, x, found[met]).gradient.shape == (len(met), 3)
+    assert candidates.contact("static", points, x, x, found[met]).gradient.shape == (len(met), 3)
 
 
 @obstacles
 @pytest.mark.parametrize("reach", [0.05, 0.5, 5.0])
 def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
-    here = ObstacleCandidates(OBSTACLES[name], nodes)
+    candidates = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
-    gap = here.pair(NodalPoints(nodes.nodes), x, none, np.inf)[1]
-    near = here.near(NodalPoints(nodes.nodes), x, reach)
+    gap = candidates.pair(NodalPoints(nodes.nodes), x, none, np.inf)[1]
+    near = candidates.near(NodalPoints(nodes.nodes), x, reach)
     assert np.all(np.isin(np.flatnonzero(gap <= reach), near))
     # Boxes of facets are wider than the facets, but flat ones of flat facets.
     assert name != "facets" or np.all(gap[near] <= reach)
@@ -74,9 +74,9 @@ def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
 @obstacles
 def test_nothing_is_sent(name, nodes):
     search = ObstacleSearch(OBSTACLES[name], nodes)
-    here, x = search.candidates, nodes.V.tabulate_dof_coordinates()
-    assert search.update(x, 0.1) == (here, False)
+    candidates, x = search.candidates, nodes.V.tabulate_dof_coordinates()
+    assert search.update(x, 0.1) == (candidates, False)
     owned = x[: nodes.V.dofmap.index_map.size_local]
-    assert np.shares_memory(here.scatter.forward(x), owned)
-    np.testing.assert_array_equal(here.scatter.forward(x), owned)
-    assert here.scatter.reverse(owned) is owned
+    assert np.shares_memory(candidates.scatter.forward(x), owned)
+    np.testing.assert_array_equal(candidates.scatter.forward(x), owned)
+    assert candidates.scatter.reverse(owned) is owned

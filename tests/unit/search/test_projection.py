@@ -181,10 +181,10 @@ def test_degenerate_segments_are_reported(implementation, k):
 def test_nan_appears_only_with_a_status(implementation, k):
     rng = np.random.default_rng(8)
     wild = rng.normal(size=(500, 1 + k, 3)) * 10.0 ** rng.integers(-3, 4, (500, 1 + k, 1))
-    lost = sample_pairs(k, 1, num=3)[0]
-    lost[0, 0, 1], lost[1, 2, 0], lost[2] = np.nan, np.inf, 0
+    broken = sample_pairs(k, 1, num=3)[0]
+    broken[0, 0, 1], broken[1, 2, 0], broken[2] = np.nan, np.inf, 0
     flat = [pair([0.2, 0.3, 0.4], segment)[0] for segment in degenerate_segments(k)]
-    x_pair = np.concatenate((wild, lost, flat))
+    x_pair = np.concatenate((wild, broken, flat))
     with np.errstate(all="ignore"):
         xi, gap, normal, status = implementation.project(x_pair, np.ones(len(x_pair)))
     finite = np.isfinite(np.column_stack((xi, gap, normal))).all(axis=1)

@@ -35,12 +35,12 @@ def folded(X, distance):
     return x @ rotation([1, 2, 3], 0.7).T
 
 
-def pairing(surface, x, reach=REACH):
+def searched(surface, x, reach=REACH):
     """Segments of the surface's nodes: candidates, segment, gap, normals."""
-    here, _ = SelfContactSearch(surface, surface).update(x, reach)
-    x = here.scatter.forward(x)
+    candidates, _ = SelfContactSearch(surface, surface).update(x, reach)
+    x = candidates.scatter.forward(x)
     none = np.full(len(surface.nodes), -1, dtype=np.int32)
-    return here, x, *here.pair(NodalPoints(surface.nodes), x, none, reach)
+    return candidates, x, *candidates.pair(NodalPoints(surface.nodes), x, none, reach)
 
 
 @cells_
@@ -54,7 +54,7 @@ def test_straight_strip_touches_nothing_of_itself(comm, cell, thickness, share):
         X * [1, 1, 1 - 0.8 * share]
         + share * np.column_stack([0 * X[:, 0], 0 * X[:, 0], X[:, 0] ** 2]) / 9
     )
-    *_, segment, gap = pairing(surface, x)
+    *_, segment, gap = searched(surface, x)
     assert comm.allreduce(int(np.count_nonzero(segment >= 0))) == 0
     assert np.isnan(gap).all()
 
@@ -72,7 +72,7 @@ def test_legs_of_a_folded_strip_touch_with_the_sides_that_face_each_other(
     # Bring the ends together without bending more.
     upper = X[:, 0] > 1
     x[upper] += rotation([1, 2, 3], 0.7) @ [0, 0, gap - distance + 2 * thickness]
-    *_, segment, found = pairing(surface, x)
+    *_, segment, found = searched(surface, x)
     face = np.isclose(X[surface.nodes, 2], thickness)
     end = np.minimum(X[surface.nodes, 0], 2 - X[surface.nodes, 0]) < 0.7
     inside = np.abs(X[surface.nodes, 0] % 2 - 1) < 0.999
@@ -94,7 +94,7 @@ def test_nodes_of_a_cavity_face_the_other_side_of_it(comm, cell, radius):
     surface = nts.Surface(V, facets, tag["hollow_ball_inner"])
     X = V.tabulate_dof_coordinates()
     x = X * [1, 1, radius / 0.9]
-    *_, gap = pairing(surface, x, 2.0)
+    *_, gap = searched(surface, x, 2.0)
     pole = np.linalg.norm(X[surface.nodes, :2], axis=1) < 0.3
     assert comm.allreduce(int(np.count_nonzero(pole))) > 1
     # As far as the cavity is high, less what facets cut off.
@@ -105,12 +105,12 @@ def test_nodes_of_a_cavity_face_the_other_side_of_it(comm, cell, radius):
 def test_node_keeps_its_segment_and_is_not_given_one_it_may_not_touch(comm):
     surface = strip(comm, "hexahedron", 0.05)
     x = folded(surface.V.tabulate_dof_coordinates(), 0.2)
-    here, x, segment, gap = pairing(surface, x)
-    again = here.pair(NodalPoints(surface.nodes), x, segment, REACH)
+    candidates, x, segment, gap = searched(surface, x)
+    again = candidates.pair(NodalPoints(surface.nodes), x, segment, REACH)
     assert np.array_equal(again[0], segment)
     assert np.array_equal(again[1], gap, equal_nan=True)
-    # The segment under a node is not kept if it is its own.
+    # A node does not stay with the segment under it if that is its own.
     own = np.full(len(segment), -1, dtype=np.int32)
-    for number, vertices in enumerate(here.segments):
+    for number, vertices in enumerate(candidates.segments):
         own[np.isin(surface.nodes, vertices)] = number
-    assert np.array_equal(here.pair(NodalPoints(surface.nodes), x, own, REACH)[0], segment)
+    assert np.array_equal(candidates.pair(NodalPoints(surface.nodes), x, own, REACH)[0], segment)

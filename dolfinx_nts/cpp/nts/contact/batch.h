@@ -1,13 +1,11 @@
 #pragma once
 
 #include "nts/contact/convective_slip.h"
-#include "nts/contact/discrete_gradient.h"
-#include "nts/contact/slip.h"
 #include "nts/search/cached_tree.h"
 #include "nts/search/self_contact.h"
 
-/// @brief Loops over pairs and nodes. Inputs and outputs are flat, row-major,
-/// allocated by the caller; every pair is independent of all others.
+/// @brief Loops over pairs and nodes. Arrays are flat, row-major and allocated
+/// by the caller; every pair is independent of all others.
 namespace nts
 {
 /// @brief Pair number i of x, shape (m, 1 + k, 3).
@@ -25,6 +23,7 @@ Pair<S> load(std::span<const double> x, std::size_t i) noexcept
   return pair;
 }
 
+/// @brief Write values to row i of an array.
 template <std::size_t N>
 void store(const std::array<double, N>& values, std::span<double> out,
            std::size_t i) noexcept
@@ -47,7 +46,7 @@ struct ContactArrays
   std::span<std::int8_t> status; ///< 0 valid, 1 not
 };
 
-/// @brief What the contact force of a step is.
+/// @brief Schemes, which differ in the contact force of a step.
 enum class Scheme
 {
   midpoint,
@@ -150,15 +149,15 @@ void convective_slips(std::span<const double> x_pair_n,
   }
 }
 
-/// @brief Any node may touch any segment.
+/// @brief Lets any node touch any segment.
 inline constexpr auto any_segment
     = [](std::size_t) noexcept { return Anything{}; };
 
-/// @brief Pair every node with a segment.
-/// @param[in] x_node Positions, (n, 3).
-/// @param[in] current Segment of the previous pairing or -1, (n,).
+/// @brief Find the segment of every node.
+/// @param[in] x_node Positions, (n, 3) [m].
+/// @param[in] current Segment of the previous choice or -1, (n,).
 /// @param[in] slack See `find_segment`.
-/// @param[in] reach Largest distance of interest.
+/// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in,out] tree Tree over the segments.
 /// @param[in] may_touch Returns what a node may touch, see `find_segment`.

@@ -1,9 +1,10 @@
 #pragma once
 
+#include "nts/contact/discrete_gradient.h"
 #include "nts/contact/slip.h"
 
-/// @brief Slip measured by the convective coordinates of the projection, as
-/// Franke, Hesch and Betsch (2011), eqs. (60)-(64), have it.
+/// @brief Slip measured by the convective coordinates of the projection, by
+/// Franke, Hesch and Betsch (2011), eqs. (60)-(64).
 ///
 /// With e_i an orthonormal frame of the segment at t_n and h_ia = e_i . a_a,
 ///
@@ -31,7 +32,7 @@ struct ConvectiveSlip
 /// @brief Hessians of xi^1 and xi^2, the second derivative of
 /// (x_s - x_bar) . a_a = 0 solved for them.
 /// @param[in] pair, p Node, segment and their projection.
-/// @param[in] s Its sensitivity.
+/// @param[in] s Sensitivity of the projection.
 template <class S>
 std::array<PairMatrix<S>, 2>
 projection_hessian(const Pair<S>& pair, const Projection<S>& p,
@@ -101,10 +102,7 @@ template <class S>
 ConvectiveSlip<S> convective_slip(const Pair<S>& pair_n, const Pair<S>& pair,
                                   double orientation) noexcept
 {
-  Pair<S> pair_m;
-  pair_m.node = 0.5 * (pair_n.node + pair.node);
-  for (std::size_t K = 0; K < S::vertices; ++K)
-    pair_m.segment[K] = 0.5 * (pair_n.segment[K] + pair.segment[K]);
+  const Pair<S> pair_m = midpoint(pair_n, pair);
   const Projection<S> p_n = project(pair_n, orientation);
   const Projection<S> p_m = project(pair_m, orientation);
   const Projection<S> p = project(pair, orientation);

@@ -18,10 +18,11 @@ struct Contact
   PairVector<S> force;    ///< contact force per multiplier
   PairVector<S> gradient; ///< gradient of `gap` at q_{n+1}
   PairMatrix<S> tangent;  ///< d force / d q_{n+1}
-  double turn;            ///< n_n . n_{n+1}
+  double turn;            ///< n_n . n_{n+1}, cosine of the angle
   bool valid;             ///< false: nothing else is to be used
 };
 
+/// @brief Mean of two states of a pair.
 template <class S>
 Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
 {
@@ -32,7 +33,7 @@ Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
   return m;
 }
 
-/// @brief What every scheme tells of both ends: gaps, gradient, turn.
+/// @brief Set what every scheme tells of both ends: gaps, gradient, turn.
 template <class S>
 void set_ends(const Projection<S>& p_n, const Projection<S>& p,
               Contact<S>& contact) noexcept
@@ -106,7 +107,7 @@ void for_each_gauss_point(const typename Invariants<S>::Values& pi_n,
   }
 }
 
-/// @brief The averaged constraint gradient W.
+/// @brief Compute the averaged constraint gradient W.
 template <class S>
 ConstraintGradient<S>
 average_gradient(const typename Invariants<S>::Values& pi_n,
@@ -125,8 +126,8 @@ average_gradient(const typename Invariants<S>::Values& pi_n,
   return W;
 }
 
-/// @brief D pi(z)^T theta in the vectors: row a is sum_b (theta_ab +
-/// theta_ba) E_b.
+/// @brief Compute D pi(z)^T theta for the vectors: row a is
+/// sum_b (theta_ab + theta_ba) E_b.
 template <class S>
 std::array<Vec3, S::vertices + 1>
 vector_forces(const Augmented<S>& z,
@@ -143,7 +144,7 @@ vector_forces(const Augmented<S>& z,
   return forces;
 }
 
-/// @brief Forces on the vectors E_0..E_{k-1} as forces on x_s, x_1..x_k.
+/// @brief Turn forces on the vectors E_0..E_{k-1} into those on x_s, x_1..x_k.
 template <class S>
 PairVector<S>
 nodal_forces(const std::array<Vec3, S::vertices + 1>& forces) noexcept
@@ -307,7 +308,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
       for (std::size_t l = 1; l < 6; ++l)
         for (std::size_t j = 0; j < dofs; ++j)
           row[j] += forces[l][b][i] * dLambda[l - 1][j];
-      // As `nodal_forces`.
+      // Rows of forces go to the nodes as in `nodal_forces`.
       contact.tangent[3 * (b == 0 ? 0 : b + 1) + i] = row;
       for (std::size_t j = 0; j < dofs; ++j)
         contact.tangent[3 + i][j] -= row[j];

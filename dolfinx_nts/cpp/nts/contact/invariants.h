@@ -29,18 +29,18 @@ struct Invariants
   static constexpr std::size_t count = 2 * k + 3 + k * (k - 1) / 2;
   using Values = std::array<double, count>;
 
-  /// E_a . d
+  /// @brief Position of E_a . d.
   static constexpr std::size_t normal(std::size_t a) noexcept { return a; }
-  /// xi, eta, slack
+  /// @brief Position of xi (i = 0), eta (1) or slack (2).
   static constexpr std::size_t f(std::size_t i) noexcept { return k + i; }
-  /// d . d
+  /// @brief Position of d . d.
   static constexpr std::size_t unit() noexcept { return k + 3; }
-  /// E_i . E_0, i = 1..k-1
+  /// @brief Position of E_i . E_0, i = 1..k-1.
   static constexpr std::size_t node(std::size_t i) noexcept
   {
     return k + 3 + i;
   }
-  /// E_i . E_j, 1 <= i <= j <= k-1
+  /// @brief Position of E_i . E_j, 1 <= i <= j <= k-1.
   static constexpr std::size_t edge(std::size_t i, std::size_t j) noexcept
   {
     return 2 * k + 3 + (i - 1) * (2 * k - i) / 2 + j - i;
@@ -52,6 +52,7 @@ struct Invariants
     std::size_t index, a, b;
   };
 
+  /// @brief All invariants that are scalar products.
   static constexpr std::array<Product, count - 3> products = []
   {
     std::array<Product, count - 3> list = {};
@@ -94,7 +95,7 @@ Augmented<S> mean(const Augmented<S>& z0, const Augmented<S>& z1) noexcept
   return z;
 }
 
-/// @brief pi(z), eq. (41).
+/// @brief The invariants pi(z), eq. (41).
 template <class S>
 typename Invariants<S>::Values invariants(const Augmented<S>& z) noexcept
 {
@@ -134,11 +135,11 @@ constraints(const typename Invariants<S>::Values& pi) noexcept
   return g;
 }
 
-/// Gradients of the six constraints with respect to the invariants.
+/// @brief Gradients of the six constraints by the invariants.
 template <class S>
 using ConstraintGradient = std::array<typename Invariants<S>::Values, 6>;
 
-/// @brief D g(pi), six rows.
+/// @brief Compute the gradients D g(pi) of the constraints, six rows.
 template <class S>
 ConstraintGradient<S>
 constraints_gradient(const typename Invariants<S>::Values& pi) noexcept
@@ -176,7 +177,7 @@ constraints_gradient(const typename Invariants<S>::Values& pi) noexcept
   return D;
 }
 
-/// @brief Rows xi, eta of sum_m weights_m D^2 g_m(pi).
+/// @brief Compute the rows xi, eta of sum_m weights_m D^2 g_m(pi).
 ///
 /// Every second derivative involves xi or eta, so by symmetry these two rows
 /// hold the whole matrix.

@@ -10,13 +10,13 @@
 /// @brief Both halves of a step of velocity Verlet, each in one pass.
 namespace nts
 {
-/// @brief Move by the velocity in the middle of the step.
+/// @brief Move all dofs by the velocity in the middle of the step.
 /// @param[in] dt Length of the step [s].
 /// @param[in] v Velocity at its start, (d,) [m/s].
 /// @param[in] a Acceleration at its start, (d,) [m/s^2].
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
-/// @param[out] du Its change, (d,) [m].
+/// @param[out] du Change of the displacement, (d,) [m].
 /// @return Largest entry of du [m], NaN if one is NaN.
 inline double drift(double dt, std::span<const double> v,
                     std::span<const double> a, std::span<double> rate,
@@ -34,13 +34,13 @@ inline double drift(double dt, std::span<const double> v,
   return std::bit_cast<double>(most);
 }
 
-/// @brief Accelerate to the end of the step.
+/// @brief Accelerate all dofs to the end of the step.
 /// @param[in] dt Length of the step [s].
 /// @param[in] mobility 1/mass, 0 where the displacement is given, (d,) [1/kg].
 /// @param[in] force Force at the end, (d,) [N].
 /// @param[out] a Acceleration at the end, (d,) [m/s^2].
 /// @param[in,out] rate Velocity in the middle, then at the end, (d,) [m/s].
-/// @return force . a [W/s].
+/// @return Sum of force times a [W/s].
 inline double kick(double dt, std::span<const double> mobility,
                    std::span<const double> force, std::span<double> a,
                    std::span<double> rate) noexcept

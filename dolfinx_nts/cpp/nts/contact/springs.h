@@ -10,14 +10,14 @@
 /// @brief Penalty springs of nodes that are paired with segments.
 namespace nts
 {
-/// @brief Pairs of nodes and segments, see `Found`; flat arrays.
+/// @brief Flat arrays of pairs of nodes and segments, see `Found`.
 struct Paired
 {
-  std::span<const std::int32_t> node;    ///< (c,)
-  std::span<const std::int32_t> segment; ///< (c,) or -1
-  std::span<const double> xi;            ///< (c, 2)
-  std::span<const double> gap;           ///< (c,) [m], NaN without segment
-  std::span<const double> normal;        ///< (c, 3)
+  std::span<const std::int32_t> node;    ///< local nodes, (c,)
+  std::span<const std::int32_t> segment; ///< their segments or -1, (c,)
+  std::span<const double> xi;            ///< coordinates, (c, 2) [-]
+  std::span<const double> gap;           ///< NaN without segment, (c,) [m]
+  std::span<const double> normal;        ///< unit normals, (c, 3)
 };
 
 /// @brief Positions of the pairs whose gap is negative, ascending.
@@ -30,14 +30,14 @@ inline std::vector<std::int32_t> inside(const Paired& pairs)
   return positions;
 }
 
-/// @brief Springs of some pairs.
+/// @brief Force and energy of the springs of some pairs.
 /// @param[in] pairs The pairs.
-/// @param[in] positions Which of them, (m,).
+/// @param[in] positions Which of the pairs, (m,).
 /// @param[in] segments Vertices of all segments, (s, k).
-/// @param[in] stiffness Of the spring of each pair, (c,) [N/m].
+/// @param[in] stiffness Stiffness of the spring of each pair, (c,) [N/m].
 /// @param[out] dofs Node and vertices, (m, 1 + k).
-/// @param[out] force On each of them, (m, 1 + k, 3) [N].
-/// @param[out] energy Stored, (m,) [J].
+/// @param[out] force Force on each of these, (m, 1 + k, 3) [N].
+/// @param[out] energy Energy of the springs, (m,) [J].
 template <class S>
 void penalty_forces(const Paired& pairs,
                     std::span<const std::int32_t> positions,
@@ -65,12 +65,12 @@ void penalty_forces(const Paired& pairs,
 }
 
 /// @brief Springs of m nodes at one state, and a displacement.
-struct PressedNodes
+struct MovedSprings
 {
-  std::span<const std::int32_t> node; ///< numbers, ascending, (m,)
+  std::span<const std::int32_t> node; ///< numbers of nodes, ascending, (m,)
   std::span<const std::int64_t> key;  ///< their segments, (m,)
   std::span<const std::int32_t> dofs; ///< rows of du, (m, 1 + k)
-  std::span<const double> force;      ///< on each of them, (m, 1 + k, 3) [N]
+  std::span<const double> force;      ///< on these rows, (m, 1 + k, 3) [N]
   std::span<const double> energy;     ///< stored, (m,) [J]
   std::span<const double> du;         ///< displacement, (l, 3) [m]
 
@@ -88,13 +88,13 @@ struct PressedNodes
 /// @brief Work of the mean of two forces, by its cause: what springs and
 /// friction do not account for, then both of these.
 /// @param[in] before, after Springs at the ends of a step.
-/// @param[in] lost Dissipation of each node in the step, (n,) [J]; empty if
-/// there is none.
-/// @return Of nodes that stayed on their segment, that came, that changed it;
-/// taken from springs; minus the dissipation [J].
+/// @param[in] dissipation By friction at each node in the step, (n,) [J]; empty
+/// if there is no friction.
+/// @return Work of nodes that stayed on their segment, that came, that changed
+/// it; energy taken from springs; minus the dissipation [J].
 inline std::array<double, 5>
-work_by_cause(const PressedNodes& before, const PressedNodes& after,
-              std::span<const double> lost) noexcept
+work_by_cause(const MovedSprings& before, const MovedSprings& after,
+              std::span<const double> dissipation) noexcept
 {
   enum Cause
   {
@@ -106,7 +106,7 @@ work_by_cause(const PressedNodes& before, const PressedNodes& after,
   };
   std::array<double, 5> work = {};
   const auto dissipated = [&](std::int32_t node) noexcept
-  { return lost.empty() ? 0. : lost[node]; };
+  { return dissipation.empty() ? 0. : dissipation[node]; };
   std::size_t i = 0, j = 0;
   while (i < before.node.size() || j < after.node.size())
   {
@@ -132,15 +132,12 @@ work_by_cause(const PressedNodes& before, const PressedNodes& after,
       ++j;
     }
   }
-  for (const double energy : lost)
+  for (const double energy : dissipation)
     work[friction] -= energy;
   return work;
 }
 
-/// @brief Add values to rows of total, which may repeat.
-/// @param[in,out] total (n, 3)
-/// @param[in] rows (r,)
-/// @param[in] values (r, 3)
+/// @brief Add values, (r, 3), to rows, (r,), of total, (n, 3); rows may repeat.
 inline void add_rows(std::span<double> total,
                      std::span<const std::int32_t> rows,
                      std::span<const double> values) noexcept

@@ -8,13 +8,15 @@
 /// Derivatives are stored node by node, row-major, 3 (1 + k) entries a row.
 namespace nts
 {
-/// Number of coordinates of a pair.
+/// @brief Number of coordinates of a pair.
 template <class S>
 inline constexpr std::size_t pair_size = 3 * (1 + S::vertices);
 
+/// @brief A number for each coordinate of a pair, such as a gradient.
 template <class S>
 using PairVector = std::array<double, pair_size<S>>;
 
+/// @brief A number for each two coordinates of a pair, such as a Hessian.
 template <class S>
 using PairMatrix = std::array<PairVector<S>, pair_size<S>>;
 
@@ -26,7 +28,7 @@ struct Sensitivity
   std::array<PairVector<S>, 2> N;  ///< [0, -phi_K,a n]
   std::array<PairVector<S>, 2> xi; ///< D^a = grad xi^a, eqs. (31), (35)
   std::array<PairVector<S>, 2> dn; ///< n . d(a_a), so dn = -a^a (n . d a_a)
-  Matrix<2, 2> metric_inverse;
+  Matrix<2, 2> metric_inverse;     ///< m^ab [1/m^2]
 };
 
 /// @brief grad g = [n, -phi_K n], eq. (30).
@@ -44,7 +46,7 @@ PairVector<S> gap_gradient(const Projection<S>& p) noexcept
   return gradient;
 }
 
-/// @brief Sensitivity of xi and n.
+/// @brief Compute how xi and n follow q.
 ///
 /// A_ab D^b = T_a - g N_a with A_ab = m_ab - g n . x_bar,ab: the sign of the
 /// curvature term is opposite to the one printed in eq. (32), and xi^b is
@@ -58,7 +60,8 @@ bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
   Matrix<2, 2> A = p.metric;
   A[0][1] -= p.gap * p.twist;
   A[1][0] = A[0][1];
-  if (!(std::abs(det(A)) > 1e-12 * det(p.metric)))
+  constexpr double singular = 1e-12; // of det A relative to det m: round-off
+  if (!(std::abs(det(A)) > singular * det(p.metric)))
     return false;
   const Matrix<2, 2> A_inverse = inverse(A);
   s.metric_inverse = inverse(p.metric);

@@ -6,7 +6,7 @@
 /// segment.
 namespace nts
 {
-/// @brief A contact node and the vertices of one segment, current positions.
+/// @brief Current positions of a contact node and the vertices of a segment.
 template <class S>
 struct Pair
 {
@@ -29,7 +29,7 @@ struct Projection
   bool converged = false;            ///< false: nothing else is to be used
 };
 
-/// @brief Longest distance between two vertices, squared.
+/// @brief Longest distance between two vertices, squared [m^2].
 template <class S>
 double squared_diameter(const std::array<Vec3, S::vertices>& segment) noexcept
 {
@@ -43,7 +43,7 @@ double squared_diameter(const std::array<Vec3, S::vertices>& segment) noexcept
   return square;
 }
 
-/// @brief Longest distance between two vertices.
+/// @brief Longest distance between two vertices [m].
 template <class S>
 double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
 {
@@ -62,9 +62,10 @@ template <class S>
 Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 30;
-  constexpr double degenerate = 1e-20; // det m relative to (tr m)^2
-  constexpr double round_off = 1e-12;  // in xi, on the segment itself
-  constexpr double unit = 1e-15;       // of the numbers
+  constexpr double degenerate = 1e-20; // segment: det m relative to (tr m)^2
+  constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
+  constexpr double round_off = 1e-12; // of xi, for a node on the segment
+  constexpr double unit = 1e-15;      // round-off of numbers of size 1
   // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed: the first
   // vertices of all segments are those at (0,0), (1,0), (0,1).
   const auto& x = pair.segment;
@@ -100,7 +101,7 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     Matrix<2, 2> A = p.metric;
     A[0][1] -= dot(r, mixed);
     A[1][0] = A[0][1];
-    if (!(det(A) > 0.1 * area))
+    if (!(det(A) > convex * area))
       A = p.metric;
     const Matrix<2, 2> A_inverse = inverse(A);
     const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
@@ -119,9 +120,9 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   return {};
 }
 
-/// @brief Distance of a node to a segment that ends at its edges.
+/// @brief Distance of a node to a segment that ends at its edges [m].
 /// @param[in] pair Node and segment.
-/// @param[in] p Its projection, converged.
+/// @param[in] p Their projection, converged.
 template <class S>
 double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
 {

@@ -12,7 +12,7 @@
 /// does not vanish), and the reference cell as `outside`, `edges`, `centre`.
 namespace nts
 {
-/// Vertices at both ends of each edge; all edges are straight.
+/// @brief Vertices at both ends of each of N edges, which are straight.
 template <std::size_t N>
 using Edges = std::array<std::array<std::size_t, 2>, N>;
 

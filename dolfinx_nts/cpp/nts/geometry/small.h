@@ -14,7 +14,7 @@ namespace nts
 using Vec2 = std::array<double, 2>;
 using Vec3 = std::array<double, 3>;
 
-/// Row-major R x C matrix.
+/// @brief Row-major R x C matrix.
 template <std::size_t R, std::size_t C>
 using Matrix = std::array<std::array<double, C>, R>;
 
@@ -89,6 +89,7 @@ constexpr Matrix<2, 2> inverse(const Matrix<2, 2>& A) noexcept
 template <std::size_t N, std::size_t M>
 bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
 {
+  constexpr double singular = 1e-15; // pivot relative to the largest entry
   double largest = 0;
   for (const auto& row : A)
     for (const double entry : row)
@@ -100,7 +101,7 @@ bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
     for (std::size_t i = k + 1; i < N; ++i)
       if (std::abs(A[i][k]) > std::abs(A[pivot][k]))
         pivot = i;
-    if (!(std::abs(A[pivot][k]) > 1e-15 * largest))
+    if (!(std::abs(A[pivot][k]) > singular * largest))
       return false;
     std::swap(A[k], A[pivot]);
     std::swap(B[k], B[pivot]);

@@ -7,9 +7,9 @@
 /// @brief A tree over segments that is built anew only when they have moved.
 namespace nts
 {
-/// @brief Tree over segments at any positions.
+/// @brief Tree over segments that move.
 ///
-/// Its boxes are wider than the segments by a margin, and it holds for all
+/// Its boxes are wider than the segments by a margin, and it is valid for all
 /// positions to which no vertex has moved farther than that.
 class CachedTree
 {
@@ -24,7 +24,7 @@ public:
     _rows.erase(first, last);
   }
 
-  /// @brief A tree that holds at these positions, (l, 3).
+  /// @brief A tree that is valid at these positions, (l, 3) [m].
   const Tree& at(std::span<const double> x)
   {
     if (!_tree || !holds(x))
@@ -34,9 +34,9 @@ public:
 
   /// @brief Points within reach of the box of any segment.
   /// @param[in] points Where to look from, (n, 3) [m].
-  /// @param[in] reach [m]
+  /// @param[in] reach Largest distance that counts [m].
   /// @param[in] x Positions, (l, 3) [m].
-  /// @return Their numbers, ascending.
+  /// @return Numbers of these points, ascending.
   std::vector<std::int32_t> near(std::span<const double> points, double reach,
                                  std::span<const double> x)
   {
@@ -64,7 +64,8 @@ public:
   std::size_t num_built() const noexcept { return _num_built; }
 
 private:
-  /// Part of the mean segment by which the boxes are wider.
+  /// By how much the boxes are wider, relative to the mean extent of segments
+  /// [-]: wider ones are built less often, but hold more segments to look at.
   static constexpr double _part = 0.2;
 
   std::span<const std::int32_t> segment(std::size_t i) const noexcept
@@ -107,8 +108,8 @@ private:
 
   std::span<const std::int32_t> _vertices;
   std::size_t _k;
-  std::vector<std::int32_t> _rows; // vertices, each once
-  std::vector<Vec3> _x;            // where they were
+  std::vector<std::int32_t> _rows; // all vertices, each of them once
+  std::vector<Vec3> _x;            // their positions when the tree was built
   double _margin = 0;
   std::optional<Tree> _tree;
   std::size_t _num_built = 0;

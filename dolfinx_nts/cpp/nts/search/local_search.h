@@ -6,10 +6,10 @@
 /// @brief Local search: the segment that a node may touch.
 namespace nts
 {
-/// @brief Numbers of the pairing rule; lengths are relative to the segment.
-struct PairingRule
+/// @brief Numbers of the local search, relative to the size of the segment [-].
+struct LocalSearchRule
 {
-  /// Usual `slack`: a node keeps its segment while xi is at most this far
+  /// Usual `slack`: a node stays with its segment while xi is at most this far
   /// outside. Without it, nodes on an edge flip from step to step.
   static constexpr double hysteresis = 0.01;
   /// Farther outside the nearest segment a node faces no segment at all: it
@@ -20,24 +20,25 @@ struct PairingRule
   static constexpr double depth = 0.5;
 };
 
-/// @brief A node's segment; segment -1 where there is none in reach.
+/// @brief The segment that a node faces, and where.
 struct Found
 {
-  std::int32_t segment = -1;
-  Vec2 xi = {NAN, NAN};
-  double gap = NAN;
-  Vec3 normal = {NAN, NAN, NAN};
+  std::int32_t segment = -1;     ///< -1 where there is none in reach
+  Vec2 xi = {NAN, NAN};          ///< convective coordinates [-]
+  double gap = NAN;              ///< [m], > 0 open
+  Vec3 normal = {NAN, NAN, NAN}; ///< unit normal, outward
 };
 
-/// @brief The surface that nodes are paired with.
+/// @brief Segments among which nodes find theirs.
 template <class S>
 struct SegmentSurface
 {
   std::span<const double> x;              ///< positions, (l, 3) [m]
   std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
-  std::span<const double> orientation;    ///< (s,) +1 or -1
-  std::span<const std::int64_t> key;      ///< (s,) breaks ties
+  std::span<const double> orientation;    ///< +1 or -1, (s,)
+  std::span<const std::int64_t> key;      ///< the lowest wins a tie, (s,)
 
+  /// @brief Positions of the vertices of a segment.
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
   {
     std::array<Vec3, S::vertices> positions;
@@ -46,16 +47,17 @@ struct SegmentSurface
     return positions;
   }
 
+  /// @brief Bounding box of a segment.
   Box box(std::size_t i) const noexcept
   {
     return bounds(x, vertices.subspan(S::vertices * i, S::vertices));
   }
 
-  /// @brief Diameter [m].
+  /// @brief Diameter of a segment [m].
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 };
 
-/// @brief Any node may touch any segment.
+/// @brief Says that any node may touch any segment.
 struct Anything
 {
   template <class S>
@@ -67,16 +69,15 @@ struct Anything
 
 /// @brief Find a node's segment.
 ///
-/// The current segment is kept while the node stays over it. Otherwise the
-/// nearest segment is taken; the lowest key wins a tie, as at edges and
-/// vertices. A node that lies off the nearest segment (`overhang`, `depth`)
-/// has none.
+/// A node stays with its current segment while it is over it. Otherwise it gets
+/// the nearest segment; the lowest key wins a tie, as at edges and vertices. A
+/// node that lies off the nearest segment (`overhang`, `depth`) has none.
 /// @param[in] node Position [m].
-/// @param[in] current Segment of the previous pairing, or -1.
-/// @param[in] slack By how much xi may be outside the current segment.
+/// @param[in] current Segment of the previous choice, or -1.
+/// @param[in] slack By how much xi may be outside the current segment [-].
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
-/// @param[in] tree Returns the tree over the segments (asked only if needed).
+/// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may_touch Whether the node may touch a segment, given the
 /// projection on it.
 template <class S, class GetTree, class MayTouch = Anything>
@@ -84,14 +85,17 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
                    GetTree&& tree, const MayTouch& may_touch = {})
 {
-  constexpr double tie = 1e-9; // relative to the segment
+  // Distances that differ by less are equal, relative to the segment [-]: much
+  // more than round-off, much less than any real difference.
+  constexpr double tie = 1e-9;
   const auto project_on = [&](std::int32_t i) noexcept
   { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
   const auto over
       = [&](const Projection<S>& p, std::int32_t i, double allowed) noexcept
   {
     return p.converged && S::outside(p.xi) <= allowed
-           && (p.gap >= 0 || p.gap >= -PairingRule::depth * surface.size(i));
+           && (p.gap >= 0
+               || p.gap >= -LocalSearchRule::depth * surface.size(i));
   };
 
   if (current >= 0)
@@ -108,7 +112,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                  [&](std::int32_t i) noexcept
                  {
                    const double margin = tie * surface.size(i);
-                   // The boxes of a kept tree are wider than the segments.
+                   // The boxes of a cached tree are wider than segments.
                    if (surface.box(i).squared_distance(node)
                        > (nearest + margin) * (nearest + margin))
                      return nearest + margin;
@@ -129,7 +133,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    }
                    return nearest + margin; // ties must be seen
                  });
-  if (best < 0 || !over(best_projection, best, PairingRule::overhang))
+  if (best < 0 || !over(best_projection, best, LocalSearchRule::overhang))
     return {};
   return {best, best_projection.xi, best_projection.gap,
           best_projection.normal};

@@ -5,13 +5,14 @@
 /// @brief Contact of a surface with itself: what a node may not touch.
 namespace nts
 {
-/// @brief Numbers of the rule; lengths are relative to the segment.
-struct OwnRule
+/// @brief Lengths in the reference state, relative to the segment's size [-].
+struct SelfContactRule
 {
-  /// At rest, segments this near are neighbours of a node on the mesh, or the
-  /// other side of its wall.
+  /// Segments this near are neighbours of a node on the mesh, or the other side
+  /// of its wall.
   static constexpr double near = 2;
-  /// At rest, a node in front of a segment is at least this far from it.
+  /// A node in front of a segment is at least this far from it: more than
+  /// round-off, which alone does not put a node in front.
   static constexpr double front = 1e-6;
 };
 
@@ -22,16 +23,17 @@ struct OwnRule
 /// - their normals are opposed,
 /// - it is no deeper below the segment than the cell there is thick: further
 ///   down it is on the other side of a wall,
-/// - at rest they are `near` apart, or the node was in front of the segment
-///   with opposed normals, as in a notch. That leaves out neighbours on the
-///   mesh and the other side of the node's own wall, whatever the motion.
+/// - in the reference state they are `near` apart, or the node is in front of
+///   the segment with opposed normals, as in a notch. That excludes neighbours
+///   on the mesh and the other side of the node's own wall, whatever the
+///   motion.
 template <class S>
 struct SelfContact
 {
   std::span<const double> normal;    ///< at the nodes, outward, (n, 3)
-  std::span<const double> X_node;    ///< at rest, (n, 3) [m]
-  std::span<const double> N_node;    ///< normals at rest, (n, 3)
-  SegmentSurface<S> rest;            ///< the segments at rest
+  std::span<const double> X_node;    ///< reference, (n, 3) [m]
+  std::span<const double> N_node;    ///< reference normals, (n, 3)
+  SegmentSurface<S> reference;       ///< reference segments
   std::span<const double> thickness; ///< of the cells, (s,) [m]
 
   /// @brief What node number i may touch.
@@ -39,25 +41,27 @@ struct SelfContact
   {
     return [this, i](std::int32_t j, const Projection<S>& p) noexcept
     {
-      return S::outside(p.xi) <= PairingRule::overhang && p.gap >= -thickness[j]
-             && dot(vector(normal, i), p.normal) < 0 && apart_at_rest(i, j);
+      return S::outside(p.xi) <= LocalSearchRule::overhang
+             && p.gap >= -thickness[j] && dot(vector(normal, i), p.normal) < 0
+             && apart_in_reference(i, j);
     };
   }
 
 private:
-  bool apart_at_rest(std::size_t i, std::int32_t j) const noexcept
+  /// @brief Whether a node and a segment are no neighbours, see the class.
+  bool apart_in_reference(std::size_t i, std::int32_t j) const noexcept
   {
-    const Pair<S> pair = {vector(X_node, i), rest.segment(j)};
+    const Pair<S> pair = {vector(X_node, i), reference.segment(j)};
     const double size = diameter<S>(pair.segment);
     const Vec3 centre = combine(S::phi(S::centre), pair.segment);
-    if (norm(pair.node - centre) > (OwnRule::near + 1) * size)
+    if (norm(pair.node - centre) > (SelfContactRule::near + 1) * size)
       return true;
-    const Projection<S> p = project(pair, rest.orientation[j]);
+    const Projection<S> p = project(pair, reference.orientation[j]);
     if (!p.converged)
       return false;
-    if (distance(pair, p) > OwnRule::near * size)
+    if (distance(pair, p) > SelfContactRule::near * size)
       return true;
-    return p.gap > OwnRule::front * size
+    return p.gap > SelfContactRule::front * size
            && dot(vector(N_node, i), p.normal) < 0;
   }
 };

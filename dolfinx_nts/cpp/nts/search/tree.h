@@ -58,10 +58,8 @@ inline Box bounds(std::span<const double> x,
   return box;
 }
 
-/// @brief Largest distance of points from where they were.
-/// @param[in] x Positions, (n, 3) [m].
-/// @param[in] before Positions then, (n, 3) [m].
-/// @return NaN if one is NaN.
+/// @brief Largest distance by which points have moved [m], NaN if one is NaN.
+/// @param[in] x, before Positions now and before, (n, 3) [m].
 inline double farthest(std::span<const double> x,
                        std::span<const double> before) noexcept
 {
@@ -77,13 +75,12 @@ inline double farthest(std::span<const double> x,
   return std::sqrt(square);
 }
 
-/// @brief Balanced binary tree of boxes, O(n log n) to build.
+/// @brief Balanced binary tree of the boxes of n segments, built in O(n log n).
 class Tree
 {
 public:
   /// @brief Build the tree.
-  /// @param[in] boxes One box per segment, inflated by what a query may find
-  /// outside the segment itself.
+  /// @param[in] boxes One box for each segment, at least as large as it.
   explicit Tree(std::vector<Box> boxes)
       : _boxes(std::move(boxes)), _order(_boxes.size())
   {
@@ -93,8 +90,8 @@ public:
   }
 
   /// @brief Visit the segments whose box is nearer than the bound.
-  /// @param[in] point Where to look from.
-  /// @param[in] bound Distance beyond which nothing is of interest.
+  /// @param[in] point Where to look from [m].
+  /// @param[in] bound Distance beyond which nothing is of interest [m].
   /// @param[in] visit Called with a segment; returns the new bound.
   template <class Visit>
   void nearest(const Vec3& point, double bound, Visit&& visit) const
@@ -104,7 +101,7 @@ public:
   }
 
 private:
-  /// Segments [begin, end) of the order; children, or -1 for a leaf.
+  /// Segments [begin, end) of the order, and children or, for a leaf, -1.
   struct Branch
   {
     std::int32_t begin, end;
@@ -114,7 +111,7 @@ private:
 
   std::int32_t build(std::int32_t begin, std::int32_t end)
   {
-    constexpr std::int32_t leaf = 4;
+    constexpr std::int32_t leaf = 4; // largest number of segments in a leaf
     Branch branch{.begin = begin, .end = end};
     for (std::int32_t i = begin; i < end; ++i)
     {

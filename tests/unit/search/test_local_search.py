@@ -18,7 +18,7 @@ SAMPLING = 1e-3
 # As near as the nearest, of the longest segment.
 TIE = 1e-9
 
-# Of the pairing rule, all in reference coordinates or segment diameters.
+# Numbers of the local search, all in reference coordinates or segment diameters.
 HYSTERESIS, OVERHANG, DEPTH = 0.01, 0.15, 0.5
 
 # Nodes that are clearly over the sheet, and on both sides of it.
@@ -147,10 +147,10 @@ def two_squares():
 def test_node_keeps_its_segment_until_it_is_clearly_off_it(current):
     segments, orientation = two_squares()
     outwards = 1 - 2 * current
-    for part, kept in ((0.9, True), (1.1, False)):
+    for part, stays in ((0.9, True), (1.1, False)):
         node = [1 + outwards * part * HYSTERESIS, 0.4, 0.1]
         (segment,) = find(node, segments, orientation, current=current)[0]
-        assert segment == (current if kept else 1 - current)
+        assert segment == (current if stays else 1 - current)
         (segment,) = find(node, segments, orientation)[0]
         assert segment == 1 - current
 
@@ -230,18 +230,18 @@ def test_tree_is_kept_while_no_vertex_moves_far(k, rng):
     segments, orientation = bumpy_surface(k)
     shape, x = segments.shape[:2], segments.reshape(-1, 3).copy()
     arrays = np.arange(len(x), dtype=np.int32).reshape(shape), orientation, np.arange(shape[0])
-    kept = _kernels.Segments(*arrays)
+    cached = _kernels.Segments(*arrays)
     nodes = rng.uniform(LOWER, UPPER, (60, 3))
     nowhere = np.full(len(nodes), -1, dtype=np.int32)
 
     trees = []
     for motion in (0.0, 0.01, 0.01, 0.1, 0.0, np.nan, 0.0):
         moved = x + rng.uniform(-1, 1, 3) * motion
-        result = kept.pair(nodes, nowhere, 0.01, 0.2, moved)
+        result = cached.pair(nodes, nowhere, 0.01, 0.2, moved)
         fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.01, 0.2, moved)
-        for here, there in zip(result, fresh, strict=True):
-            np.testing.assert_array_equal(here, there)
-        trees.append(kept.num_trees)
+        for value, expected in zip(result, fresh, strict=True):
+            np.testing.assert_array_equal(value, expected)
+        trees.append(cached.num_trees)
         if motion == 0.1:
             x = moved
     assert trees == [1, 1, 1, 2, 2, 3, 4]
