@@ -1,10 +1,9 @@
 """Archives, which store the state of a run and give it back later.
 
-Every object with a state lists it once, in a method ``serialize(archive)``: it
-passes each value to the archive and goes on with what the archive returns. That
-is the value itself while the archive stores, and the stored value while it
-restores. A step that is repeated with a smaller dt and a run that is resumed from
-a file both work this way.
+Every object with a state lists it once, in a method ``serialize(archive)``: it passes each
+value to the archive and goes on with what the archive returns. That is the value itself while
+the archive stores, and the stored value while it restores. A step that is repeated with a
+smaller dt and a run that is resumed from a file both work this way.
 """
 
 from abc import ABC, abstractmethod
@@ -47,30 +46,26 @@ class Archive(ABC):
 
         Args:
             name: Name of the values.
-            ids: Numbers of the nodes on which the partition has no influence,
-                shape ``(n,)``.
+            ids: Numbers of the nodes on which the partition has no influence, shape ``(n,)``.
             values: One row for each node, shape ``(n, ...)``.
 
         Returns:
-            The values themselves, or while restoring the stored ones of
-            these nodes.
+            The values themselves, or while restoring the stored ones of these nodes.
         """
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
         """Serialize arrays that have a meaning only on this rank.
 
-        They save work, or the last digit of a result, and are never changed
-        in place.
+        They save work, or the last digit of a result, and are never changed in place.
 
         Args:
             name: Name of the arrays.
             arrays: The arrays to store, or None on all ranks.
 
         Returns:
-            The arrays themselves, or while restoring the stored ones. None on
-            all ranks if none were stored, or if they were stored for another
-            partition of the mesh.
+            The arrays themselves, or while restoring the stored ones. None on all ranks if none
+            were stored, or if they were stored for another partition of the mesh.
         """
 
 
