@@ -1,18 +1,17 @@
 r"""Energies, momenta and contact of a stepper's accepted state.
 
-Integrals take the quadrature of the scheme: what it conserves is conserved
-here to round-off. Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (of
-`CentralDifference`, :math:`p_a = v_a \int \rho_0 \varphi_a`) give
-kinetic energy :math:`\sum v_a \cdot p_a / 2`, linear momentum
-:math:`\sum p_a` and angular momentum :math:`\sum x_a \times p_a`.
+Integrals take the quadrature of the scheme: what it conserves is conserved here to round-off.
+Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (of `CentralDifference`,
+:math:`p_a = v_a \int \rho_0 \varphi_a`) give kinetic energy :math:`\sum v_a \cdot p_a / 2`,
+linear momentum :math:`\sum p_a` and angular momentum :math:`\sum x_a \times p_a`.
 
 The total energy changes in a step, with du = u_{n+1} - u_n, by
 
 .. math:: [V_{n+1} - V_n - f_{int} \cdot du] - \sum \lambda_N F \cdot du
    + R \cdot du:
 
-the defect of the stress (bulk), the work of the contact forces and that of
-the residual left by Newton's method. `StepReport` has the last two.
+the defect of the stress (bulk), the work of the contact forces and that of the residual left by
+Newton's method. `StepReport` has the last two.
 """
 
 from dataclasses import dataclass, fields
@@ -45,10 +44,9 @@ class Balance:
         contact_energy: Energy of penalty and friction springs [J].
         linear_momentum: Linear momentum, shape ``(3,)`` [kg m/s].
         angular_momentum: The same about the origin [kg m^2/s].
-        contact_force: Resultant of the last step on the nodes of all
-            pairs, shape ``(3,)`` [N].
-        pairs: Force [N] and torque about the origin [N m] of the last
-            step on the nodes of each pair, shape ``(p, 2, 3)``.
+        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N].
+        pairs: Force [N] and torque about the origin [N m] of the last step on the nodes of each
+            pair, shape ``(p, 2, 3)``.
         active_nodes: Nodes that transmit force.
         min_gap: Least gap [m], NaN if no node faces a segment.
     """
@@ -150,9 +148,8 @@ class Diagnostics:
     def bulk_defect(self) -> float:
         """Energy gained in the last step less the work done [J].
 
-        The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of
-        the scheme, and `Stepper.inertia_defect`: what bulk and inertia
-        added to the total energy.
+        The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of the scheme, and
+        `Stepper.inertia_defect`: what bulk and inertia added to the total energy.
         """
         defect = self._sum(fem.assemble_scalar(self._bulk_defect))
         return float(defect + self._stepper.inertia_defect)
@@ -165,8 +162,8 @@ class Diagnostics:
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step, ``(p, 2, 3)``.
 
-        On the nodes of each pair; the torque is about the origin, with
-        the positions in the middle of the step.
+        On the nodes of each pair; the torque is about the origin, with the positions in the
+        middle of the step.
         """
         stepper = self._stepper
         x_m = stepper.x - (stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3) / 2
@@ -185,8 +182,8 @@ class Diagnostics:
     def min_gap(self) -> float:
         """Least gap of all pairs [m], NaN if no node faces a segment.
 
-        Pairs whose boxes are further apart than what has been found are
-        left out, and so are segments further from a node than that.
+        Pairs whose boxes are further apart than what has been found are left out, and so are
+        segments further from a node than that.
         """
         x, pairs, least = self._stepper.x, self._stepper.contacts, np.inf
         distances = self._distances(x)

@@ -45,8 +45,8 @@ class EnergyLedger:
         num_steps: Steps since the first state.
         num_iterations: Newton iterations in them.
         most_iterations: The most in one of them.
-        energy: Change of the total energy since the first state by cause,
-            as far as it is accounted for [J].
+        energy: Change of the total energy since the first state by cause, as far as it is
+            accounted for [J].
         drift: Largest change of what may be conserved, by its name.
     """
 

@@ -1,7 +1,7 @@
 """Vertices of segments that sink into the surface of the nodes.
 
-Node-to-segment contact is one-sided: it keeps nodes out of segments, not the
-vertices of the segments out of the facets between the nodes.
+Node-to-segment contact is one-sided: it keeps nodes out of segments, not the vertices of the
+segments out of the facets between the nodes.
 """
 
 import logging
@@ -28,8 +28,8 @@ _DEEP = 0.1  # of the largest facet
 class ReversePenetration:
     """Looks for them in the pairs of a stepper, and warns once for each pair.
 
-    Self contact and pairs that are there in both directions are left out.
-    Collective, as its methods.
+    Self contact and pairs that are there in both directions are left out. Collective, as its
+    methods.
 
     Args:
         stepper: What is run.

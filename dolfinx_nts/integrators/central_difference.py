@@ -7,9 +7,8 @@ Velocity Verlet form, with the velocity at the same time as the positions,
    v_{n+1} = v_{n+1/2} + \frac{\Delta t}{2} a_{n+1}, \quad
    M a = f(u).
 
-The kinetic energy changes in a step by the work of the mean of the forces at
-both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
-`State.inertia_defect`.
+The kinetic energy changes in a step by the work of the mean of the forces at both ends plus
+:math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the `State.inertia_defect`.
 """
 
 import math
@@ -44,8 +43,8 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 __all__ = ["CentralDifference"]
 
 
-# Steps after which sizes of cells and energy are looked at. Cells can collapse within
-# twice as many.
+# Steps after which sizes of cells and energy are looked at. Cells can collapse within twice as
+# many.
 _WATCH = 50
 
 
@@ -126,38 +125,35 @@ class _Arrays(NamedTuple):
 class CentralDifference(Stepper):
     r"""Explicit central differences (velocity Verlet) with lumped mass.
 
-    Conserves linear and angular momentum to round-off; the energy error is
-    of second order in the step and bounded. Contact is by `Penalty` and
-    friction by its spring. One assembly of the internal forces and no
-    linear system per step, which must be shorter than `stable_step`:
+    Conserves linear and angular momentum to round-off; the energy error is of second order in
+    the step and bounded. Contact is by `Penalty` and friction by its spring. One assembly of
+    the internal forces and no linear system per step, which must be shorter than `stable_step`:
     about the time in which a wave crosses the smallest cell.
 
-    Damping lags half a step behind, which makes it accurate to first order.
-    Collective, as all its methods.
+    Damping lags half a step behind, which makes it accurate to first order. Collective, as all
+    its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty
-            that is left open gets half of the room that ``dt`` leaves for
-            it: the smaller the step, the stiffer.
+        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty that is left open
+            gets half of the room that ``dt`` leaves for it: the smaller the step, the stiffer.
         dt: Length of a step [s]; None: 0.7 of the estimate.
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
+        bcs: Dirichlet conditions on the displacement at the end of a step. Nodes of a moving
+            support should start with its velocity: as of any node, it follows from the
+            displacements.
         loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
+        update: Called before each step with the time at its end [s], to set the functions and
+            constants in ``bcs`` and ``loads``.
 
     Attributes:
-        stable_step: Estimate of the largest stable step [s], from the
-            sizes of the cells, the materials at C = 1, damping and the
-            penalty; renewed every 50 steps.
+        stable_step: Estimate of the largest stable step [s], from the sizes of the cells, the
+            materials at C = 1, damping and the penalty; renewed every 50 steps.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: As of `EnergyMomentum`; ``dt`` is above the estimate;
-            a pair is enforced by multipliers.
+        ValueError: As of `EnergyMomentum`; ``dt`` is above the estimate; a pair is enforced by
+            multipliers.
     """
 
     stable_step: float = math.inf

@@ -1,7 +1,7 @@
 r"""Generalised-alpha method: a dissipative scheme for comparison.
 
-J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993): Newmark's formulas for
-displacement and velocity, with the balance of momentum
+J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993): Newmark's formulas for displacement and
+velocity, with the balance of momentum
 
 .. math:: M [(1 - \alpha_m) a_{n+1} + \alpha_m a_n]
    + f_{int}(F_{n+1-\alpha_f}) + \sum \lambda_N \nabla g_{n+1} = f_{ext}.
@@ -33,8 +33,8 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["GeneralizedAlpha"]
 
-# Conjugate gradients for the mass matrix, which is well-conditioned: most iterations,
-# and reduction of the residual, which is that of rounding.
+# Conjugate gradients for the mass matrix, which is well-conditioned: most iterations, and
+# reduction of the residual, which is that of rounding.
 _MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
 
@@ -57,17 +57,16 @@ class _Parameters:
 class GeneralizedAlpha(ImplicitStepper):
     r"""Generalised-alpha method, which damps high frequencies.
 
-    Second order in the step. It conserves the linear momentum, but neither
-    the energy nor the angular momentum: it is here to be compared with.
-    Contact is closed at the end of a step, g = 0, so that nodes lose their
-    impact energy. Collective, as all its methods.
+    Second order in the step. It conserves the linear momentum, but neither the energy nor the
+    angular momentum: it is here to be compared with. Contact is closed at the end of a step, g
+    = 0, so that nodes lose their impact energy. Collective, as all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs, by `Penalty` or ``LagrangeMultiplier("plastic")``.
         dt: Length of a step [s].
-        rho_inf: Spectral radius at infinite frequency, from 0 (what is not
-            resolved is gone after one step) to 1 (no damping).
+        rho_inf: Spectral radius at infinite frequency, from 0 (what is not resolved is gone
+            after one step) to 1 (no damping).
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
         update: See `EnergyMomentum`.
@@ -75,13 +74,13 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Attributes:
         rho_inf: The spectral radius.
-        a: Acceleration at t [m/s^2]; from the balance of momentum at the
-            start. The others are those of `EnergyMomentum`.
+        a: Acceleration at t [m/s^2]; from the balance of momentum at the start. The others are
+            those of `EnergyMomentum`.
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: As of `EnergyMomentum`; ``rho_inf`` is not in [0, 1]; a
-            pair has elastic impact.
+        ValueError: As of `EnergyMomentum`; ``rho_inf`` is not in [0, 1]; a pair has elastic
+            impact.
     """
 
     def __init__(

@@ -1,15 +1,14 @@
 r"""Implicit steps: Newton's method on the balance of momentum of a step.
 
 The unknown of a step is u_{n+1}; the velocity follows from it,
-:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum
-of a step, divided by its length, is
+:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum of a step, divided
+by its length, is
 
 .. math:: M \frac{2}{\Delta t} \left( \frac{u_{n+1} - u_n}{\Delta t} - v_n
    \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
 
-The schemes differ in the stress of f_int and in the kernel of the contact
-force F, see `Scheme`; the generalised-alpha method also in its acceleration, see
-`Rates`.
+The schemes differ in the stress of f_int and in the kernel of the contact force F, see
+`Scheme`; the generalised-alpha method also in its acceleration, see `Rates`.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence

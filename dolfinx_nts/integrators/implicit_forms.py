@@ -23,8 +23,8 @@ class StepForms:
         u: Displacement at its end, the unknown.
         dt: Length of the step, a constant [s].
         scheme: Gives the stress of a step.
-        acceleration: Acceleration in the step, UFL (3,), a function of
-            ``u``; None: neither inertia nor damping.
+        acceleration: Acceleration in the step, UFL (3,), a function of ``u``; None: neither
+            inertia nor damping.
     """
 
     def __init__(
@@ -58,8 +58,8 @@ class StepForms:
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1.
 
-        Definite, where cells far from balance, or pressed, make the
-        tangent indefinite, which spoils incomplete factorisations.
+        Definite, where cells far from balance, or pressed, make the tangent indefinite, which
+        spoils incomplete factorisations.
         """
         V, dt = self._u.function_space, self._dt
         eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)

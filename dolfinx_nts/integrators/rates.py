@@ -46,8 +46,8 @@ class Rates(ABC):
         bodies: The bodies.
 
     Attributes:
-        acceleration: Mean acceleration of a step, UFL (3,), a function of
-            ``u``; None without inertia.
+        acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
+            inertia.
         inertia_factor: Factor of the lumped mass in the tangent [1/s^2].
         trial: Which of `starts` decides which nodes may touch.
     """
@@ -65,8 +65,8 @@ class Rates(ABC):
     ) -> None:
         """Begin with the velocity as the mean of the last step."""
         self.u_n, self.u, self.v, self.dt = u_n, u, v, dt
-        # Contact makes velocities alternate from step to step; their mean over the
-        # last step is free of that.
+        # Contact makes velocities alternate from step to step; their mean over the last step is
+        # free of that.
         self.mean_velocity = fem.Function(u.function_space)
         self.forget()
 
@@ -97,10 +97,10 @@ class Rates(ABC):
         """Prepare a step.
 
         Args:
-            forces: Residual at the start of the step, by its unknowns, on
-                the owned dofs, ``(3 n,)`` [N].
-            free: 1 where the displacement is unknown, 0 where it is given,
-                shape ``(n, 3)``; None if all are unknown.
+            forces: Residual at the start of the step, by its unknowns, on the owned dofs,
+                ``(3 n,)`` [N].
+            free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
+                None if all are unknown.
         """
 
     def accept(self) -> float:

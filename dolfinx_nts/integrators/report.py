@@ -11,8 +11,7 @@ class StepReport(NamedTuple):
     """What happened in an accepted step.
 
     The same on all ranks. The works are energy given to the bodies; with that of the bulk,
-    `Diagnostics.bulk_defect`, they add up to the change of kinetic and
-    strain energy.
+    `Diagnostics.bulk_defect`, they add up to the change of kinetic and strain energy.
 
     Attributes:
         step: Number of the step, from 1.
@@ -22,8 +21,8 @@ class StepReport(NamedTuple):
         active_set_changes: Pairs that changed during the iteration.
         residual_norms: Norms before each linear solve, and the last [N].
         num_active: Active pairs on all ranks.
-        num_segments: Segments in reach of nodes, on all ranks; without any
-            nothing was projected.
+        num_segments: Segments in reach of nodes, on all ranks; without any nothing was
+            projected.
         num_sleeping: Bodies that the step left out, being at rest.
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].

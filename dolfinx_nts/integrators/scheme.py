@@ -17,18 +17,15 @@ class Scheme:
     """A time integration scheme as a value.
 
     Attributes:
-        contact: Kernel of contact: ``"conserving"``, ``"midpoint"`` or
-            ``"static"``.
-        stress: ``stress(material, parameters, F_n, F)``: first
-            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the
-            numbers of the material, as constants, and the deformation
-            gradients at both ends of the step, UFL (3, 3).
+        contact: Kernel of contact: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+        stress: ``stress(material, parameters, F_n, F)``: first Piola-Kirchhoff stress of a step
+            [Pa], UFL (3, 3), from the numbers of the material, as constants, and the
+            deformation gradients at both ends of the step, UFL (3, 3).
         rates: Makes what velocity and acceleration follow from.
-        stress_share: Part of the stress that belongs to the end of the
-            step: derivative by the strain there over that by all of it.
+        stress_share: Part of the stress that belongs to the end of the step: derivative by the
+            strain there over that by all of it.
         load_point: Where in a step the time of the loads is, from 0 to 1.
-        loads_at: Displacement at which loads act: the mean of the step or
-            that at its end.
+        loads_at: Displacement at which loads act: the mean of the step or that at its end.
     """
 
     contact: Literal["conserving", "midpoint", "static"]

@@ -1,7 +1,7 @@
 """Implicit schemes: what is evaluated where within a step.
 
-They differ in the stress, in the kernel of the contact force, and in whether
-there is inertia; all else is `ImplicitStepper`.
+They differ in the stress, in the kernel of the contact force, and in whether there is inertia;
+all else is `ImplicitStepper`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -69,9 +69,9 @@ class _FixedScheme(ImplicitStepper):
 class Midpoint(_FixedScheme):
     """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
 
-    Conserves momenta; energy is not conserved (Franke, Hesch and Betsch 2011,
-    eqs. 47-52). Arguments, attributes and errors are those of
-    `EnergyMomentum`. Collective, as all its methods.
+    Conserves momenta; energy is not conserved (Franke, Hesch and Betsch 2011, eqs. 47-52).
+    Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as all its
+    methods.
     """
 
     _scheme = Scheme(contact="midpoint", stress=_midpoint_stress, rates=MidpointRates)
@@ -80,24 +80,23 @@ class Midpoint(_FixedScheme):
 class EnergyMomentum(_FixedScheme):
     """Energy-momentum scheme: conserving stress and discrete gradient.
 
-    Conserves linear and angular momentum and, with elastic impact, the
-    total energy, to the tolerance of Newton's method (Franke, Hesch and
-    Betsch 2011, eqs. 53-58). Collective, as all its methods.
+    Conserves linear and angular momentum and, with elastic impact, the total energy, to the
+    tolerance of Newton's method (Franke, Hesch and Betsch 2011, eqs. 53-58). Collective, as all
+    its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs of these bodies.
         dt: Length of a step [s].
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
+        bcs: Dirichlet conditions on the displacement at the end of a step. Nodes of a moving
+            support should start with its velocity: as of any node, it follows from the
+            displacements.
         loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
-        petsc_options: Options of the linear solver: ``ksp_...`` for the
-            Krylov method; all others, such as ``pc_type``, for the
-            preconditioner of the bulk, which PETSc makes if there are
-            any. Tolerances are set by Newton's method.
+        update: Called before each step with the time at its end [s], to set the functions and
+            constants in ``bcs`` and ``loads``.
+        petsc_options: Options of the linear solver: ``ksp_...`` for the Krylov method; all
+            others, such as ``pc_type``, for the preconditioner of the bulk, which PETSc makes
+            if there are any. Tolerances are set by Newton's method.
 
     Attributes:
         bodies: The bodies.
@@ -110,14 +109,12 @@ class EnergyMomentum(_FixedScheme):
         timings: Wall time by phase.
         u: Displacement at t [m], a Function of the bodies' space.
         v: Velocity at t [m/s].
-        x: Current positions of the local nodes, owned then ghost, shape
-            ``(l, 3)`` [m].
+        x: Current positions of the local nodes, owned then ghost, shape ``(l, 3)`` [m].
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: Bodies overlap or do not fill the mesh; something
-            belongs to another space; ``dt`` is not positive; conditions
-            conflict.
+        ValueError: Bodies overlap or do not fill the mesh; something belongs to another space;
+            ``dt`` is not positive; conditions conflict.
     """
 
     _scheme = Scheme(contact="conserving", stress=_conserving_stress, rates=MidpointRates)
@@ -126,12 +123,11 @@ class EnergyMomentum(_FixedScheme):
 class QuasiStatic(_FixedScheme):
     """Equilibrium at the end of each step; time only counts the load.
 
-    Contact is closed, g = 0 (there is no impact, so the kind of impact of
-    a multiplier does not matter); friction follows the slip from step to
-    step. Supports must leave no body free to move rigidly, unless contact
-    holds it. Arguments, attributes and errors are those of
-    `EnergyMomentum`; the velocity stays zero, and damping has no effect.
-    Collective, as all its methods.
+    Contact is closed, g = 0 (there is no impact, so the kind of impact of a multiplier does not
+    matter); friction follows the slip from step to step. Supports must leave no body free to
+    move rigidly, unless contact holds it. Arguments, attributes and errors are those of
+    `EnergyMomentum`; the velocity stays zero, and damping has no effect. Collective, as all its
+    methods.
     """
 
     _scheme = Scheme(

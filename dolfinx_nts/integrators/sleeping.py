@@ -1,7 +1,7 @@
 """Bodies at rest: nothing acts on them, so a step can leave them out.
 
-A body rests while it does not move, is in equilibrium, carries no load, its
-supports stay, and no contact can reach it within the step.
+A body rests while it does not move, is in equilibrium, carries no load, its supports stay, and
+no contact can reach it within the step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -81,8 +81,8 @@ class SleepingBodies:
 
         Args:
             v: Velocity of the local dofs [m/s].
-            u_n: Accepted displacement [m]; that of ``bulk`` is the start
-                of Newton's method, with the supports at the step's end.
+            u_n: Accepted displacement [m]; that of ``bulk`` is the start of Newton's method,
+                with the supports at the step's end.
             steps: Contact attempts.
         """
         comm, flags = self._bulk.comm, []

@@ -2,12 +2,11 @@ r"""Stability of central differences: the longest step, and energy that must not
 
 Largest stable step of central differences, an estimate on the safe side.
 
-With lumped mass no frequency of an assembly exceeds the highest one of its
-parts (Irons and Treharne 1971). That of a cell of degree 1 is taken from its
-uniform strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in
-a cell of length h that can move in one direction only, and more in one that
-can swell. That of a cell of degree 2 is an eigenvalue. When cells deform it
-changes as 1/h. Contact springs add their own.
+With lumped mass no frequency of an assembly exceeds the highest one of its parts (Irons and
+Treharne 1971). That of a cell of degree 1 is taken from its uniform strains, with the moduli at
+C = 1: 2 c/h, c the speed of the P-wave in a cell of length h that can move in one direction
+only, and more in one that can swell. That of a cell of degree 2 is an eigenvalue. When cells
+deform it changes as 1/h. Contact springs add their own.
 """
 
 import math
@@ -32,8 +31,8 @@ from dolfinx_nts.parallel import reductions
 __all__ = ["Cells", "Damping", "Stability", "cell_frequency", "highest_frequency", "largest_step"]
 
 
-# Parts of the estimate: the default step, and the longest step where springs
-# are to be chosen, which need what is left.
+# Parts of the estimate: the default step, and the longest step where springs are to be chosen,
+# which need what is left.
 _DEFAULT, _WITH_SPRINGS = 0.7, 0.9
 _GROWTH = 0.25  # of the energy that is taken for an instability
 _ROUNDING = 1e-20  # energy relative to that of one cell a step
@@ -143,9 +142,9 @@ _BLOCK, _MATRICES = 4096, 64
 def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     r"""Highest squared frequency of the uniform strains of cells.
 
-    With displacements u = H r of the vertices and lumped mass, the largest
-    value of :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at
-    C = 1 and :math:`G = \sum_a r_a \otimes r_a / k`. Local.
+    With displacements u = H r of the vertices and lumped mass, the largest value of
+    :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at C = 1 and
+    :math:`G = \sum_a r_a \otimes r_a / k`. Local.
 
     Args:
         material: Material of the cells.
@@ -205,8 +204,8 @@ def _moments(x: Floats) -> Floats:
 class Cells:
     """The cells of bodies, as far as they limit the step.
 
-    The length of a cell is twice the least radius of gyration of its nodes,
-    the edge of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
+    The length of a cell is twice the least radius of gyration of its nodes, the edge of a cube
+    of degree 1 (`cpp/nts/geometry/cell_length.h`).
 
     Args:
         bodies: The bodies, of one space.
@@ -275,8 +274,8 @@ class Damping:
 def largest_step(squared: float, damping: Damping) -> float:
     r"""Largest stable step [s].
 
-    From :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`,
-    as damping lags half a step behind; 0 where the frequency is infinite.
+    From :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, as damping
+    lags half a step behind; 0 where the frequency is infinite.
 
     Args:
         squared: Highest squared frequency without damping [1/s^2].

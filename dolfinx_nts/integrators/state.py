@@ -38,8 +38,8 @@ class State(ABC):
         u_n: Displacement at the start of the last step [m].
         node_ids: Numbers of the owned nodes, see `node_numbering`, ``(n,)``.
         pace: How steps follow each other in a run.
-        inertia_defect: Kinetic energy gained in the last step less the
-            work of all forces in it [J].
+        inertia_defect: Kinetic energy gained in the last step less the work of all forces in it
+            [J].
     """
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
@@ -111,13 +111,12 @@ class State(ABC):
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function of the bodies' space.
+            value: Three numbers [m]; or a function of the reference positions, shape
+                ``(3, n)``, that returns ``(3, n)``; or a Function of the bodies' space.
 
         Raises:
-            ValueError: The body is of another stepper, the Function of
-                another space, or the value has the wrong shape.
+            ValueError: The body is of another stepper, the Function of another space, or the
+                value has the wrong shape.
         """
         self._set(self.u, body, value)
 
@@ -126,13 +125,12 @@ class State(ABC):
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m/s]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function of the bodies' space.
+            value: Three numbers [m/s]; or a function of the reference positions, shape
+                ``(3, n)``, that returns ``(3, n)``; or a Function of the bodies' space.
 
         Raises:
-            ValueError: The body is of another stepper, the Function of
-                another space, or the value has the wrong shape.
+            ValueError: The body is of another stepper, the Function of another space, or the
+                value has the wrong shape.
         """
         self._set(self.v, body, value)
 

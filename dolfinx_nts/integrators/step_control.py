@@ -18,18 +18,17 @@ _PATIENCE = 3
 class StepControl:
     """Cuts steps that fail and lets them grow again.
 
-    A step is tried again with half its length when Newton's method fails, a
-    cell is inverted, a normal turns by more than 90 degrees, an explicit
-    step is not stable, or a gap is held that exceeds ``gap_tol``; a cut step
-    leaves no trace. After some steps the length doubles again, up to the
-    ``dt`` of the stepper. Steps end exactly at the given times.
+    A step is tried again with half its length when Newton's method fails, a cell is inverted, a
+    normal turns by more than 90 degrees, an explicit step is not stable, or a gap is held that
+    exceeds ``gap_tol``; a cut step leaves no trace. After some steps the length doubles again,
+    up to the ``dt`` of the stepper. Steps end exactly at the given times.
 
     Args:
-        smallest: Length below which a step fails for good [s]; None:
-            2**-20 of the ``dt`` of the stepper.
-        gap_tol: Largest distance from the surface at which a node may be
-            caught, or be inside, of contact by elastic impact [m]; None:
-            any. A node that was further inside before stays what it is.
+        smallest: Length below which a step fails for good [s]; None: 2**-20 of the ``dt`` of
+            the stepper.
+        gap_tol: Largest distance from the surface at which a node may be caught, or be inside,
+            of contact by elastic impact [m]; None: any. A node that was further inside before
+            stays what it is.
         times: Times at which a step must end, for output for instance [s].
 
     Raises:
@@ -55,8 +54,8 @@ class StepControl:
     def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
         """Length [s] of the next step, and its end [s]. Local.
 
-        The last two steps before a given time are of equal length, so that
-        none is much shorter than the others.
+        The last two steps before a given time are of equal length, so that none is much shorter
+        than the others.
 
         Args:
             t: Time at its start [s].

@@ -147,11 +147,9 @@ class Stepper(State):
             Report of the step.
 
         Raises:
-            ConvergenceError: The step could not be solved. The state is
-                as before the call.
-            ValueError: The state, a load or a condition is not finite,
-                conditions conflict, or the first step starts inside a
-                rigid obstacle. The state is as before the call.
+            ConvergenceError: The step could not be solved. The state is as before the call.
+            ValueError: The state, a load or a condition is not finite, conditions conflict, or
+                the first step starts inside a rigid obstacle. The state is as before the call.
         """
         self._check_state()
         if self.step == 0:
@@ -190,15 +188,15 @@ class Stepper(State):
 
         Args:
             until: Time at the end [s].
-            control: Cuts steps that fail; None: every step has the length
-                `dt`, but for the last.
+            control: Cuts steps that fail; None: every step has the length `dt`, but for the
+                last.
 
         Yields:
             The report of each step, after it has been accepted.
 
         Raises:
-            ConvergenceError: A step failed, with a control at its smallest
-                length. The state is that of the last accepted step.
+            ConvergenceError: A step failed, with a control at its smallest length. The state is
+                that of the last accepted step.
         """
         finite("until", until)
         if control is None:

@@ -70,8 +70,7 @@ def run_evenly(stepper: Steps, until: float) -> Iterator[StepReport]:
         The report of each step, after it has been accepted.
 
     Raises:
-        ConvergenceError: A step failed. The state is that of the last
-            accepted step.
+        ConvergenceError: A step failed. The state is that of the last accepted step.
     """
     dt, even = stepper.dt, stepper.pace.even
     even.go_on(stepper.t, stepper.step, dt)
@@ -98,8 +97,8 @@ def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterat
         The report of each step, after it has been accepted.
 
     Raises:
-        ConvergenceError: A step failed at its smallest length. The state is
-            that of the last accepted step.
+        ConvergenceError: A step failed at its smallest length. The state is that of the last
+            accepted step.
     """
     comm: MPI.Comm = stepper.u.function_space.mesh.comm
     smallest = 2.0**-20 * stepper.dt if control.smallest is None else control.smallest
