@@ -1,4 +1,4 @@
-"""Velocity and acceleration in a step, and mass."""
+"""Rates, by which velocity and acceleration of a step follow from its displacements."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -17,11 +17,11 @@ __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
 
 class ConsistentMass:
-    """Consistent mass matrix of bodies, which is never assembled. Collective.
+    """Multiplies velocities or accelerations by the consistent mass, without a matrix. Collective.
 
     Args:
         bodies: The bodies.
-        rate: Velocity or acceleration of the bodies' space.
+        rate: Velocity or acceleration, a Function of the bodies' space.
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
@@ -36,7 +36,9 @@ class ConsistentMass:
 
 
 class Rates(ABC):
-    """How velocity and acceleration follow from displacements. Collective.
+    """Base class of the ways in which velocity and acceleration follow from displacements.
+
+    Collective, except where a method says otherwise.
 
     Args:
         u_n: Displacement at the start of a step.
@@ -46,10 +48,12 @@ class Rates(ABC):
         bodies: The bodies.
 
     Attributes:
+        u_n, u, v, dt: The arguments.
+        mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
         acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
             inertia.
         inertia_factor: Factor of the lumped mass in the tangent [1/s^2].
-        trial: Which of `starts` decides which nodes may touch.
+        trial: Name of the displacement among `starts` that decides which nodes may touch.
     """
 
     acceleration: Any | None
@@ -63,10 +67,9 @@ class Rates(ABC):
         dt: fem.Constant,
         bodies: Sequence[Body],
     ) -> None:
-        """Begin with the velocity as the mean of the last step."""
+        """Take the velocity as the mean one of the last step."""
         self.u_n, self.u, self.v, self.dt = u_n, u, v, dt
-        # Contact makes velocities alternate from step to step; their mean over the last step is
-        # free of that.
+        # Contact makes velocities alternate from step to step, but not their mean in a step.
         self.mean_velocity = fem.Function(u.function_space)
         self.forget()
 
@@ -76,9 +79,9 @@ class Rates(ABC):
         return 2 / float(self.dt.value) ** 2
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn. Local.
+        """Displacements from which Newton's method is tried in turn, by name. Local.
 
-        Where the first fails (the first contact of a fast body), others may not.
+        Where the first one fails, as at the first contact of a fast body, another may not.
         """
         u_n, dt = self.u_n.x.array, float(self.dt.value)
         return {
@@ -88,7 +91,7 @@ class Rates(ABC):
         }
 
     def forget(self) -> None:
-        """Take the velocity as the mean of the last step, as the state was set."""
+        """Take the velocity as the mean one of the last step, because the state was set."""
         self.mean_velocity.x.array[:] = self.v.x.array
 
     def begin(  # noqa: B027 (most rates have nothing to prepare)
@@ -97,8 +100,8 @@ class Rates(ABC):
         """Prepare a step.
 
         Args:
-            forces: Residual at the start of the step, by its unknowns, on the owned dofs,
-                ``(3 n,)`` [N].
+            forces: Returns the residual at the start of the step at the owned dofs, ``(3 n,)``
+                [N].
             free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
                 None if all are unknown.
         """
@@ -107,27 +110,27 @@ class Rates(ABC):
         """Set the velocity at the end of the step that was solved.
 
         Returns:
-            Kinetic energy on this rank that the step does not account for [J].
+            Kinetic energy on this rank for which the step does not account [J].
         """
         self.mean_velocity.x.array[:] = (self.u.x.array - self.u_n.x.array) / float(self.dt.value)
         return self._set_velocity()
 
     @abstractmethod
     def _set_velocity(self) -> float:
-        """Set the velocity by the mean one, see `accept`."""
+        """Set the velocity from the mean one, see `accept`."""
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize what the next step depends on.
+        """Serialize all on which the next step depends.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Stores the values or gives stored ones back.
             ids: Numbers of the owned nodes, shape ``(n,)``.
         """
         serialize_nodal(archive, "mean_velocity", self.mean_velocity, ids)
 
 
 class MidpointRates(Rates):
-    """The velocity changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
+    """Velocity that changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
     @property
     def acceleration(self) -> Any:  # type: ignore[override]
@@ -141,18 +144,18 @@ class MidpointRates(Rates):
 
 
 class NoRates(Rates):
-    """No inertia: the velocity stays zero, time only counts the load."""
+    """Absence of inertia: the velocity stays zero, and time only counts the load."""
 
     acceleration = None
     trial = "extrapolated"
 
     @property
     def inertia_factor(self) -> float:
-        """No inertia in the tangent."""
+        """Zero, because the tangent has no inertia [1/s^2]."""
         return 0.0
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn. Local."""
+        """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 
