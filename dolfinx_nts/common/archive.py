@@ -23,18 +23,18 @@ class Archive(ABC):
     """Stores named values, or restores them. Collective, as are all its methods.
 
     Attributes:
-        giving: Whether the archive restores.
+        giving: Whether the archive restores, that is, gives values back.
     """
 
     giving: bool = False
 
     @abstractmethod
     def same(self, name: str, value: T) -> T:
-        """Serialize a number or array that is the same on all ranks.
+        """Serialize a number or an array that is the same on all ranks.
 
         Args:
             name: Name of the value.
-            value: The value to store; while restoring, only its type counts.
+            value: The value to store. While the archive restores, only its type counts.
 
         Returns:
             The value itself, or while restoring the stored one.
@@ -55,9 +55,9 @@ class Archive(ABC):
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Serialize arrays that have a meaning only on this rank.
+        """Serialize arrays that have a meaning only on this rank, and are never changed in place.
 
-        They save work, or the last digit of a result, and are never changed in place.
+        Such arrays save work, or the last digit of a result.
 
         Args:
             name: Name of the arrays.
@@ -70,7 +70,7 @@ class Archive(ABC):
 
 
 class Snapshot(Archive):
-    """Archive in memory, which stores first and restores after `rewind`."""
+    """Archive in memory for one step, which stores first and restores after `rewind`. Local."""
 
     def __init__(self) -> None:
         """Start without values."""
@@ -82,7 +82,7 @@ class Snapshot(Archive):
         return self
 
     def same(self, name: str, value: T) -> T:
-        """Serialize a number or array that is the same on all ranks."""
+        """Serialize a number or an array that is the same on all ranks."""
         return self._copy(name, value)
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:

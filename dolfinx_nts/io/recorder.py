@@ -74,14 +74,12 @@ class Recorder:
             kind, or one that cannot be resumed.
 
     Example:
-        Write all rows, every tenth state and a checkpoint every 50 steps::
-
-            with nts.Recorder(
-                "run", stepper, every=10, checkpoint_every=50, resume=True
-            ) as record:
-                for step in stepper.run(until=1.0):
-                    record.write(step)
-            print(record.summary())
+        >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
+        ...     for step in stepper.run(until=0.05):
+        ...         record.write(step)
+        >>> print(record.summary())
+        run: 5 steps from t = 0 to 0.05 s
+        Newton iterations: ...
     """
 
     def __init__(
