@@ -12,11 +12,7 @@ from dolfinx_nts.integrators.report import StepReport
 __all__ = ["EnergyLedger"]
 
 # Quantities that may be conserved, and their units.
-_CONSERVED = {
-    "total_energy": "J",
-    "linear_momentum": "kg m/s",
-    "angular_momentum": "kg m^2/s",
-}
+_CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
 # Causes by which the total energy changes, except the bulk, and their works in a report.
 _WORKS = {
     "loads": attrgetter("load_work"),

@@ -54,10 +54,7 @@ class Element:
         """Create the element in Basix and choose the degrees of quadrature."""
         self.cell, self.degree = cell, degree
         self.basix = basix.create_element(
-            basix.ElementFamily.P,
-            basix.CellType[cell],
-            degree,
-            basix.LagrangeVariant.gll_warped,
+            basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.gll_warped
         )
         self.points: Floats = self.basix.points
         self.mass_degree = 2 * degree

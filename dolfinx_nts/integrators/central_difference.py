@@ -15,7 +15,7 @@ The kinetic energy changes in a step by the work of the mean of the forces at bo
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -72,23 +72,6 @@ class _Forces:
     known: bool = False
 
 
-class _Arrays(NamedTuple):
-    """Values of the owned nodes, shape ``(n, 3)``, and room for positions.
-
-    Attributes:
-        u_n, u, v, rate: Views of the values of Functions.
-        du: Displacement in a step [m].
-        x: Positions of the local nodes, shape ``(l, 3)`` [m].
-    """
-
-    u_n: Floats
-    u: Floats
-    v: Floats
-    rate: Floats
-    du: Floats
-    x: Floats
-
-
 class CentralDifference(Stepper):
     """Advances bodies by explicit central differences (velocity Verlet) with lumped mass.
 
@@ -96,7 +79,8 @@ class CentralDifference(Stepper):
     second order in the step. A step has one assembly of the internal forces and no linear
     system, but must be shorter than `stable_step`, about the time in which a wave crosses the
     smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
-    behind, so that it is accurate to first order. Collective, as are all its methods.
+    behind, so that it is accurate to first order. Further attributes are those of
+    `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -111,8 +95,7 @@ class CentralDifference(Stepper):
     Attributes:
         stable_step: Estimate of the largest stable step [s] from the sizes of the cells, the
             materials at C = 1, damping and the penalty. It is renewed every 50 steps.
-        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg]. The other attributes are
-            those of `EnergyMomentum`.
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -162,9 +145,11 @@ class CentralDifference(Stepper):
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         self._forces = _Forces(np.zeros((n, 3)))
+        # Views of the owned values, and room for displacements and positions.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         u_n, u, v, rate = (f.x.array.reshape(-1, 3)[:n] for f in functions)
-        self._arrays = _Arrays(u_n, u, v, rate, np.empty((n, 3)), np.empty_like(self._X))
+        self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty((n, 3)))
+        self._positions = np.empty_like(self._X)
         # Vectors whose ghosts the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
@@ -196,7 +181,7 @@ class CentralDifference(Stepper):
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self.mass[:, None] * self._arrays.v
+        momentum: Floats = self.mass[:, None] * self._arrays[2]
         return momentum
 
     def _work_of_solvers(self) -> tuple[int, None]:
@@ -233,7 +218,7 @@ class CentralDifference(Stepper):
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = np.add(self._X, self._u.reshape(-1, 3), out=self._arrays.x)
+            x = np.add(self._X, self._u.reshape(-1, 3), out=self._positions)
             rubs = any(pair.friction is not None for pair in self.pairs)
             x_n = self._X + self._u_n.reshape(-1, 3) if rubs else x
             self._forces.contact = tuple(s.evaluate(x_n, x, step) for s in self._springs)
@@ -246,7 +231,7 @@ class CentralDifference(Stepper):
         self._bulk.rate.x.array[:] = self.v.x.array
         self._evaluate(0.0)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._arrays.v
+        forces, v = self._forces, self._arrays[2]
         for contact, force in zip(self.contacts, forces.contact, strict=True):
             contact.accept(force.history)
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
@@ -260,7 +245,7 @@ class CentralDifference(Stepper):
         if not self._forces.known:
             self._start()
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
-        _, _, v, rate, du, _ = self._arrays
+        _, _, v, rate, du = self._arrays
         moved = self._move()
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         reaction = bulk.total[given] if self.supports.exist else np.empty(0)
@@ -308,7 +293,7 @@ class CentralDifference(Stepper):
 
     def _move(self) -> float:
         """Move to the end of the step; returns the greatest displacement [m]. Collective."""
-        u_n, u, v, rate, du, _ = self._arrays
+        u_n, u, v, rate, du = self._arrays
         moved = _kernels.drift(self.dt, v, self._forces.acceleration, rate, u, du)
         if self.supports.exist:
             self._u[:] = self.supports.applied(self._u)

@@ -26,7 +26,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.state import serialize_nodal
+from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
@@ -61,7 +61,8 @@ class GeneralizedAlpha(ImplicitStepper):
 
     It is of second order in the step and conserves the linear momentum, but neither the energy
     nor the angular momentum. Contact is closed at the end of a step, g = 0, so that nodes give
-    up their impact energy. Collective, as are all its methods.
+    up their impact energy. Further attributes are those of `EnergyMomentum`. Collective, as are
+    all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -76,8 +77,7 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Attributes:
         rho_inf: The spectral radius.
-        a: Acceleration at t [m/s^2], a Function; at the start from the balance of momentum. The
-            other attributes are those of `EnergyMomentum`.
+        a: Acceleration at t [m/s^2], a Function; at the start from the balance of momentum.
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -122,13 +122,7 @@ class GeneralizedAlpha(ImplicitStepper):
             load_point=1 - parameters.alpha_f,
         )
         super().__init__(
-            bodies,
-            pairs,
-            dt=dt,
-            bcs=bcs,
-            loads=loads,
-            update=update,
-            petsc_options=petsc_options,
+            bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update, petsc_options=petsc_options
         )
         self.rho_inf = float(rho_inf)
 
@@ -155,21 +149,16 @@ class _NewmarkRates(Rates):
     """
 
     def __init__(
-        self,
-        parameters: _Parameters,
-        u_n: fem.Function,
-        u: fem.Function,
-        v: fem.Function,
-        dt: fem.Constant,
-        bodies: Sequence[Body],
+        self, parameters: _Parameters, state: State, dt: fem.Constant, bodies: Sequence[Body]
     ) -> None:
         """Begin with an acceleration that is not known."""
         self._parameters = p = parameters
+        u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")
         self._mass_times_a, self._mass_times_v = (ConsistentMass(bodies, f) for f in (self.a, v))
         self.acceleration = (1 - p.alpha_m) * self._newmark(u, u_n, v, self.a, dt)
         self.acceleration += p.alpha_m * self.a
-        super().__init__(u_n, u, v, dt, bodies)
+        super().__init__(state, dt, bodies)
 
     def _newmark(self, u: Any, u_n: Any, v: Any, a: Any, dt: Any) -> Any:
         """Acceleration at the end of a step, from UFL or from arrays."""

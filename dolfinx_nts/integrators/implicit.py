@@ -30,7 +30,7 @@ from dolfinx_nts.fem.cell_sizes import cell_sizes
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
@@ -71,18 +71,17 @@ class ImplicitStepper(Stepper):
     ) -> None:
         """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
-        scheme = self.scheme
-        self._rates = scheme.rates(self.u_n, self.u, self.v, self._dt, bodies)
+        self._rates = self.scheme.rates(self, self._dt, bodies)
         self._mass = ConsistentMass(bodies, self.v)
-        forms = StepForms(bodies, self.u_n, self.u, self._dt, scheme, self._rates.acceleration)
-        u_load = self.u if scheme.loads_at == "end" else self.u_n
+        forms = StepForms(bodies, self._rates, self.scheme)
+        u_load = self.u if self.scheme.loads_at == "end" else self.u_n
         works = forms.residual(), self.u, bcs, [load.form(u_load, self.u) for load in self.loads]
         self._bulk, self._tangent = Bulk(*works), Tangent(*works, forms.nearby_tangent())
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
-        share = partial(_inertia_share, self._rates, self._lumped_mass)
+        share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
@@ -260,9 +259,3 @@ class ImplicitStepper(Stepper):
         everywhere = [state._replace(residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
-
-
-def _inertia_share(rates: Rates, mass: Floats) -> Floats:
-    """Part of the tangent that is lumped inertia at the owned dofs, ``(3 n,)`` [N/m]."""
-    share: Floats = rates.inertia_factor * mass
-    return share

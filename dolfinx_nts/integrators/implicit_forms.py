@@ -7,6 +7,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -19,27 +20,15 @@ class StepForms:
 
     Args:
         bodies: Bodies of one space.
-        u_n: Displacement at the start of the step.
-        u: Displacement at its end, the unknown.
-        dt: Length of the step, a constant [s].
+        rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
-        acceleration: Acceleration in the step, UFL (3,), a function of ``u``; None for neither
-            inertia nor damping.
     """
 
-    def __init__(
-        self,
-        bodies: Sequence[Body],
-        u_n: fem.Function,
-        u: fem.Function,
-        dt: fem.Constant,
-        scheme: Scheme,
-        acceleration: Any | None,
-    ) -> None:
+    def __init__(self, bodies: Sequence[Body], rates: Rates, scheme: Scheme) -> None:
         """Build the deformation gradients at both ends of the step."""
-        self._bodies, self._u_n, self._u, self._dt = bodies, u_n, u, dt
-        self._scheme, self._acceleration = scheme, acceleration
-        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(state) for state in (u_n, u))
+        self._bodies, self._scheme, self._acceleration = bodies, scheme, rates.acceleration
+        self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
+        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(u) for u in (rates.u_n, rates.u))
 
     def residual(self) -> ufl.Form:
         """Balance of momentum without loads and contact, linear in a test function [J]."""

@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.fem.jit import assembled, compile_form
-from dolfinx_nts.integrators.state import serialize_nodal
+from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
 
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
@@ -41,42 +41,33 @@ class Rates(ABC):
     Collective, except where a method says otherwise.
 
     Args:
-        u_n: Displacement at the start of a step.
-        u: Displacement at its end, the unknown.
-        v: Velocity at the start of a step.
-        dt: Its length, a constant [s].
+        state: Its ``u``, the displacement at the end of a step, is the unknown; ``u_n`` and
+            ``v`` are displacement and velocity at the start.
+        dt: Length of a step, a constant [s].
         bodies: The bodies.
 
     Attributes:
-        u_n, u, v, dt: The arguments.
+        u_n, u, v, dt: Functions of the state, and the constant.
         mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
         acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
             inertia.
-        inertia_factor: Factor of the lumped mass in the tangent [1/s^2].
         trial: Name of the displacement among `starts` that decides which nodes may touch.
     """
 
     acceleration: Any | None
     trial: ClassVar[str] = "ballistic"
 
-    def __init__(
-        self,
-        u_n: fem.Function,
-        u: fem.Function,
-        v: fem.Function,
-        dt: fem.Constant,
-        bodies: Sequence[Body],
-    ) -> None:
+    def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         """Take the velocity as the mean one of the last step."""
-        self.u_n, self.u, self.v, self.dt = u_n, u, v, dt
+        self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
         # Contact makes velocities alternate from step to step, but not their mean in a step.
-        self.mean_velocity = fem.Function(u.function_space)
+        self.mean_velocity = fem.Function(self.u.function_space)
         self.forget()
 
-    @property
-    def inertia_factor(self) -> float:
-        """Factor of the lumped mass in the tangent [1/s^2]."""
-        return 2 / float(self.dt.value) ** 2
+    def inertia_share(self, mass: Floats) -> Floats:
+        """Lumped inertia in the tangent by the masses of the dofs [kg], ``(3 n,)`` [N/m]."""
+        share: Floats = 2 / float(self.dt.value) ** 2 * mass
+        return share
 
     def starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried in turn, by name. Local.
@@ -149,10 +140,9 @@ class NoRates(Rates):
     acceleration = None
     trial = "extrapolated"
 
-    @property
-    def inertia_factor(self) -> float:
-        """Zero, because the tangent has no inertia [1/s^2]."""
-        return 0.0
+    def inertia_share(self, mass: Floats) -> Floats:
+        """Zero, because the tangent has no inertia."""
+        return 0.0 * mass
 
     def starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried in turn, by name. Local."""

@@ -153,13 +153,8 @@ class Stepper(TimeLoop):
         report = self._step()
         self.t, self.step = report.t, report.step
         if self._comm.rank == 0:
-            _logger.info(
-                "step %d, t = %g: %d iterations, %d active",
-                report.step,
-                report.t,
-                report.newton_iterations,
-                report.num_active,
-            )
+            numbers = report.step, report.t, report.newton_iterations, report.num_active
+            _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
 
     def _load_at(self, point: float) -> None:

@@ -303,9 +303,7 @@ class MassOnly(Hyperelastic):
     def __init__(self, material: Hyperelastic) -> None:
         """Take over density and mass damping; the energy is zero."""
         super().__init__(
-            lambda C, **parameters: ufl.zero(),
-            rho=material.rho,
-            mass_damping=material.mass_damping,
+            lambda C, **parameters: ufl.zero(), rho=material.rho, mass_damping=material.mass_damping
         )
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:

@@ -119,9 +119,7 @@ def bulk_form(
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.
     dx = ufl.Measure(
-        "dx",
-        domain=mesh,
-        subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)],
+        "dx", domain=mesh, subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)]
     )
     form = ufl.Form([])
     for i, (value, _, degree) in enumerate(terms):

@@ -66,8 +66,4 @@ def _rule(element: Element) -> tuple[Floats, Floats, Floats]:
     if element.degree == 1:
         return points, weights, values
     diagonal = weights @ values**2
-    return (
-        element.points,
-        diagonal * weights.sum() / diagonal.sum(),
-        np.eye(len(element.points)),
-    )
+    return (element.points, diagonal * weights.sum() / diagonal.sum(), np.eye(len(element.points)))

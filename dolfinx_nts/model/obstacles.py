@@ -283,12 +283,7 @@ class RigidCylinder(_Round):
     """
 
     def __init__(
-        self,
-        point: Sequence[float],
-        axis: Sequence[float],
-        radius: float,
-        *,
-        hollow: bool = False,
+        self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
     ) -> None:
         """Check the arguments."""
         self._axis = a = _direction("axis", axis)
@@ -297,11 +292,7 @@ class RigidCylinder(_Round):
     def __repr__(self) -> str:
         """Point and radius [m] and unit vector of the axis in one line. Local."""
         return as_call(
-            self,
-            point=self._centre,
-            axis=self._axis,
-            radius=self._radius,
-            hollow=self._sign < 0,
+            self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
         )
 
 
