@@ -255,7 +255,7 @@ class ImplicitStepper(Stepper):
         fixed = self._bulk.fixed
         if not reductions.anywhere(self._comm, bool(du[fixed].any())):
             return 0.0
-        # States keep the forces on given displacements apart.
+        # The residual of a state has no forces on given displacements; ``force`` has all.
         everywhere = [state._replace(residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
