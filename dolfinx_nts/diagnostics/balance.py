@@ -87,9 +87,8 @@ class Balance:
                         for axis, v in zip("xyz", vector, strict=True):
                             columns[f"pair_{number}_{kind}_{axis}"] = float(v)
             elif isinstance(value, np.ndarray):
-                columns |= {
-                    f"{name}_{axis}": float(v) for axis, v in zip("xyz", value, strict=True)
-                }
+                for axis, v in zip("xyz", value, strict=True):
+                    columns[f"{name}_{axis}"] = float(v)
             else:
                 columns[name] = value
         return columns
@@ -254,19 +253,11 @@ class Diagnostics:
 
     def balance(self) -> Balance:
         """All numbers of the state at once."""
-        kinetic_energy, linear_momentum, angular_momentum = self._motion()
-        return Balance(
-            time=self._stepper.t,
-            kinetic_energy=kinetic_energy,
-            strain_energy=self.strain_energy(),
-            contact_energy=self.contact_energy(),
-            linear_momentum=linear_momentum,
-            angular_momentum=angular_momentum,
-            contact_force=self.contact_force(),
-            pairs=self.pair_resultants(),
-            active_nodes=self.active_nodes(),
-            min_gap=self.min_gap(),
-        )
+        kinetic_energy, linear, angular = self._motion()
+        energies = kinetic_energy, self.strain_energy(), self.contact_energy()
+        force, pairs = self.contact_force(), self.pair_resultants()
+        active, gap = self.active_nodes(), self.min_gap()
+        return Balance(self._stepper.t, *energies, linear, angular, force, pairs, active, gap)
 
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""

@@ -149,7 +149,7 @@ class CentralDifference(Stepper):
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         u_n, u, v, rate = (f.x.array.reshape(-1, 3)[:n] for f in functions)
         self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty((n, 3)))
-        self._positions = np.empty_like(self._X)
+        self._v, self._positions = v, np.empty_like(self._X)
         # Vectors whose ghosts the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
@@ -181,7 +181,7 @@ class CentralDifference(Stepper):
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self.mass[:, None] * self._arrays[2]
+        momentum: Floats = self.mass[:, None] * self._v
         return momentum
 
     def _work_of_solvers(self) -> tuple[int, None]:
@@ -231,7 +231,7 @@ class CentralDifference(Stepper):
         self._bulk.rate.x.array[:] = self.v.x.array
         self._evaluate(0.0)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._arrays[2]
+        forces, v = self._forces, self._v
         for contact, force in zip(self.contacts, forces.contact, strict=True):
             contact.accept(force.history)
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)

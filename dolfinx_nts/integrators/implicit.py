@@ -111,15 +111,14 @@ class ImplicitStepper(Stepper):
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
         self._rates.begin(self._forces_at_start, self._free)
-        x_n, starts = self.x, self._rates.starts()
-        starts = {name: self.supports.applied(start) for name, start in starts.items()}
-        x_trial = self._X + starts[self._rates.trial].reshape(-1, 3)
+        starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
+        x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
         force_scale = self._force_scale()
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
-            steps, solution = self._solve(start, x_n, x_trial, force_scale)
+            steps, solution = self._solve(start, x, force_scale)
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
+                steps, solution = self._solve(start, x, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 reason = self._volume_ratio.inverted() or next(
@@ -212,19 +211,14 @@ class ImplicitStepper(Stepper):
         )
 
     def _solve(
-        self,
-        start: Floats,
-        x_n: Floats,
-        x_trial: Floats,
-        force_scale: float,
-        all_awake: bool = False,
+        self, start: Floats, x: tuple[Floats, Floats], force_scale: float, all_awake: bool = False
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step by Newton's method from one displacement."""
+        """Solve the step from a displacement; ``x`` are positions at its start and on trial."""
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             steps = [
-                ContactStep(contact, self.scheme.contact, x_n, x_trial, stiffness, self._free)
+                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free)
                 for contact in self.contacts
             ]
         if not all_awake:

@@ -111,12 +111,7 @@ class Rates(ABC):
         """Set the velocity from the mean one, see `accept`."""
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize all on which the next step depends.
-
-        Args:
-            archive: Stores the values or gives stored ones back.
-            ids: Numbers of the owned nodes, shape ``(n,)``.
-        """
+        """Serialize all on which the next step depends, by the numbers of the owned nodes."""
         serialize_nodal(archive, "mean_velocity", self.mean_velocity, ids)
 
 

@@ -89,9 +89,6 @@ class State(ABC):
         """Serialize the state and all else on which the next step depends.
 
         What ``update`` and the functions of loads remember is not part of it.
-
-        Args:
-            archive: Stores the state or gives a stored one back.
         """
         self.t = archive.same("t", self.t)
         self.step = archive.same("step", self.step)

@@ -37,23 +37,12 @@ _logger = logging.getLogger("dolfinx_nts")
 class Stepper(TimeLoop):
     """Base class of all time integrators. Collective, as are all its methods.
 
-    A class sets ``scheme`` before it calls ``__init__``.
-
-    Args:
-        bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies.
-        dt: Length of a step [s].
-        loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s].
+    A class sets ``scheme`` before it calls ``__init__``. Arguments, further attributes and
+    errors are those of `EnergyMomentum`.
 
     Attributes:
         scheme: What is evaluated at which state of a step.
-        bodies: The bodies.
-        pairs: The contact pairs.
-        contacts: What this stepper remembers of each pair.
-        loads: The loads.
         supports: The Dirichlet conditions.
-        timings: Wall time by phase.
     """
 
     scheme: Scheme

@@ -31,9 +31,7 @@ _BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
 class TimeLoop(State):
     """A state that is advanced step by step. Collective, as are all its methods.
 
-    Args:
-        V: Space of the displacement.
-        dt: Length of a step [s].
+    The arguments are those of `State`.
 
     Attributes:
         contacts: What this stepper remembers of each contact pair.
