@@ -67,7 +67,7 @@ class ExplicitBulk:
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         """Compile the forms."""
         V = u.function_space
-        self._u, self._eta = u, ufl.TestFunction(V)
+        self._F, self._eta = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
         damped = [body for body in bodies if body.material.is_damped]
@@ -109,20 +109,17 @@ class ExplicitBulk:
         return float(fem.assemble_scalar(self._strain_energy))
 
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        P = F * material.stress(right_cauchy_green(F), **parameters)
+        P = self._F * material.stress(right_cauchy_green(self._F), **parameters)
         return -ufl.inner(P, ufl.grad(self._eta))
 
     def _damping_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        mesh = self._u.function_space.mesh
+        mesh = self.rate.function_space.mesh
         alpha = fem.Constant(mesh, material.mass_damping)
         beta = fem.Constant(mesh, material.stiffness_damping)
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        strain_rate = ufl.sym(F.T * ufl.grad(self.rate))
-        P = beta * F * material.linear_stress(strain_rate, **parameters)
+        strain_rate = ufl.sym(self._F.T * ufl.grad(self.rate))
+        P = beta * self._F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
         return -drag - ufl.inner(P, ufl.grad(self._eta))
 
     def _strain_energy_density(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        return material.psi(right_cauchy_green(F), **parameters)
+        return material.psi(right_cauchy_green(self._F), **parameters)

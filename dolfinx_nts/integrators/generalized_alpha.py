@@ -91,6 +91,8 @@ class GeneralizedAlpha(ImplicitStepper):
         0
     """
 
+    _rates: "_NewmarkRates"
+
     def __init__(
         self,
         bodies: Sequence[Body],
@@ -124,13 +126,7 @@ class GeneralizedAlpha(ImplicitStepper):
         super().__init__(
             bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update, petsc_options=petsc_options
         )
-        self.rho_inf = float(rho_inf)
-
-    @property
-    def a(self) -> fem.Function:
-        """Acceleration at t [m/s^2]."""
-        assert isinstance(self._rates, _NewmarkRates)
-        return self._rates.a
+        self.rho_inf, self.a = float(rho_inf), self._rates.a
 
 
 def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:

@@ -7,9 +7,7 @@ from typing import Any, Literal
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
-__all__ = ["Scheme", "Stress"]
-
-Stress = Callable[[Hyperelastic, Any, Any, Any], Any]
+__all__ = ["Scheme"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Scheme:
     """
 
     contact: Literal["conserving", "midpoint", "static"]
-    stress: Stress
+    stress: Callable[[Hyperelastic, Any, Any, Any], Any]
     rates: Callable[..., Rates]
     stress_share: float = 0.5
     load_point: float = 0.5

@@ -22,8 +22,7 @@ from dolfinx_nts.solvers.tangent import Tangent
 __all__ = ["SleepingBodies"]
 
 # Displacement, relative to the size of the smallest cell [-], by which a sleeping body may miss
-# its equilibrium: some fifty times the
-# machine epsilon.
+# its equilibrium: some fifty times the machine epsilon.
 _ROUNDING = 1e-14
 
 

@@ -176,11 +176,8 @@ class Damping:
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> "Damping":
         """Largest coefficients of the bodies' materials."""
-        materials = [body.material for body in bodies]
-        return cls(
-            max(material.mass_damping for material in materials),
-            max(material.stiffness_damping for material in materials),
-        )
+        laws = [body.material for body in bodies]
+        return cls(max(m.mass_damping for m in laws), max(m.stiffness_damping for m in laws))
 
     def highest(self, dt: float) -> float:
         """Squared frequency without damping for which a step dt [s] is just stable [1/s^2]."""
