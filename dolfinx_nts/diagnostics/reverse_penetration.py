@@ -26,7 +26,7 @@ _DEEP = 0.1
 
 
 class ReversePenetration:
-    """Finds such vertices in the pairs of a stepper, and warns once for each pair.
+    """Finds vertices of segments inside the surface of the nodes, and warns once for each pair.
 
     Self contact and pairs in both directions are left out. Collective, as are all its methods.
 

@@ -302,7 +302,7 @@ class CentralDifference(Stepper):
             moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
-        # A maximum may pass over NaN.
+        # A maximum over ranks may ignore NaN, but not infinity.
         moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
         moved = reductions.largest(self._comm, moved)
         if not moved <= self._stability.smallest:

@@ -108,7 +108,7 @@ class Stability:
         self._turnover += sum(map(abs, driven))
 
     def growth(self, energy: float, dt: float) -> str:
-        """Message on an energy [J] that has grown after steps dt [s], or nothing. Local."""
+        """Tell by how much an energy [J] has grown after steps dt [s]; empty if not. Local."""
         grown = energy - self._energy - self._worked
         whole = self._mass * (self.smallest / dt) ** 2
         if grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
@@ -123,7 +123,7 @@ class Stability:
 
 
 class Cells:
-    """The cells of bodies, as far as they limit the step.
+    """Finds the highest frequency and the least length of all cells, which limit the step.
 
     The length of a cell is twice the least radius of gyration of its nodes, which is the edge
     of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
@@ -163,7 +163,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Damping:
-    """Largest coefficients of Rayleigh damping of several bodies. Local.
+    """Rayleigh damping by the largest coefficients of several bodies, as far as it limits the step.
 
     Attributes:
         mass: Coefficient alpha [1/s].

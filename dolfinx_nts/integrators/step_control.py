@@ -10,7 +10,7 @@ from dolfinx_nts.common.arguments import as_call, positive
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
 # Part of a step [-] that is taken for round-off of its times: far above that of any run, and
-# far below any step that is wanted.
+# far below any part that matters.
 ROUND_OFF = 1e-6
 # Part of the usual step [-] below which a step fails for good unless the user says otherwise:
 # 20 halvings, so that a run which cannot go on ends after about 20 attempts.
