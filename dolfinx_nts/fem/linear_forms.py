@@ -17,13 +17,13 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.jit import compile_form
 
-__all__ = ["CellForm", "Coefficients", "PackedForm"]
+__all__ = ["CellForm", "PackedForm"]
 
 # Packed values of an integral without functions of other spaces.
 _NOTHING: Floats = np.empty((0, 0))
 
 
-class Coefficients:
+class _Coefficients:
     """Values of a form's functions by cell, packed when one of them has changed. Local.
 
     Args:
@@ -67,7 +67,7 @@ class PackedForm:
     def __init__(self, form: ufl.Form) -> None:
         """Compile the form."""
         self._form = compile_form(form)
-        self._coefficients = Coefficients(self._form, form.coefficients())
+        self._coefficients = _Coefficients(self._form, form.coefficients())
 
     def assemble(self, b: Floats) -> None:
         """Add the form on the cells and facets of this rank to a vector. Local.
@@ -109,7 +109,7 @@ class CellForm:
         places = dict(zip(functions, first, strict=True))
         ours = [f for f in functions if f.function_space == V]
         others = [f for f in functions if f.function_space != V]
-        self._others = Coefficients(self._form, others) if others else None
+        self._others = _Coefficients(self._form, others) if others else None
         regions = dict(form.integrals()[0].subdomain_data())
         begin, end = compiled.form_integral_offsets[0:2]  # integrals over cells
         self._regions: list[Ints] = [regions[i] for i in compiled.form_integral_ids[begin:end]]
