@@ -87,7 +87,7 @@ class Profile:
     def _watched(self, function: Callable[..., Any], phase: str) -> Callable[..., Any]:
         name = self.label(phase)
 
-        # Some calls take microseconds: no context manager here.
+        # Some calls take microseconds, so that a context manager would be too slow.
         @functools.wraps(function, updated=())
         def call(*args: Any, **kwargs: Any) -> Any:
             self.enter(name)

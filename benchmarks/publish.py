@@ -20,8 +20,8 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     tables = (folder / "tables.md").read_text()
     (root / "docs" / "benchmarks.md").write_text(f"# Benchmarks\n\n{tables}")
     readme = root / "README.md"
-    before, rest = readme.read_text().split(BEGIN)
-    _, after = rest.split(END)
+    before, remainder = readme.read_text().split(BEGIN)
+    _, after = remainder.split(END)
     summary = "\n\n".join(tables.split("\n\n")[:2])
     readme.write_text(f"{before}{BEGIN}\n\n{summary}\n\n{END}{after}")
 

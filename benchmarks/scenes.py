@@ -147,7 +147,7 @@ def bar_on_wall(
 def pressed_block(comm: MPI.Comm, scheme: str, h: float) -> Scene:
     """Soft block that leans and slides on a rigid plane, and never parts.
 
-    Its weight holds it down, and it starts close to rest under it; all nodes
+    Its weight holds it down, and it starts close to equilibrium under it; all nodes
     at the bottom touch from the start. Collective.
 
     Args:

@@ -166,7 +166,7 @@ class Run:
         case, comm, steps, stepper = self._case, self._comm, self._steps, self._stepper
         shares = {name: comm.allreduce(value) / comm.size for name, value in self._seconds.items()}
         mean = comm.allreduce(self._wall) / comm.size
-        shares["the rest"] = mean - sum(shares.values())
+        shares["remainder"] = mean - sum(shares.values())
         residual = comm.allreduce(float(np.mean(self._residuals)), op=MPI.MAX)
         cpu, wall = (comm.allreduce(value, op=MPI.MAX) for value in (self._cpu, self._wall))
         velocity = self._diagnostics.body_velocity(self._scene.body)

@@ -14,6 +14,7 @@ from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
+from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -61,6 +62,7 @@ __all__ = [
     "SaintVenantKirchhoff",
     "StepControl",
     "StepReport",
+    "StepperStatistics",
     "Surface",
     "Traction",
     "Yeoh",

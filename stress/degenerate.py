@@ -42,15 +42,15 @@ def warped(height: float) -> Part:
     return plate(2.0, 6).moved(move)
 
 
-def collapsed(rest: float) -> Part:
-    """Plate, one edge of whose top is as short as ``rest``."""
+def collapsed(length: float) -> Part:
+    """Plate, one edge of whose top is shortened to ``length`` [-] of its own."""
     part = plate(2.0, 4)
     X = part.X.copy()
     top = np.flatnonzero(X[:, 2] > -1e-9)
     distance = np.linalg.norm(X[top], axis=1)
     middle = top[distance.argmin()]
     other = top[np.argsort(distance)[1]]
-    X[other] = X[middle] + rest * (X[other] - X[middle])
+    X[other] = X[middle] + length * (X[other] - X[middle])
     return replace(part, X=X)
 
 

@@ -29,8 +29,8 @@ from stress.world import Touch, World
 
 __all__ = ["SCHEMES", "growth", "samples"]
 
-# Bytes a step: a lost vector is several hundred. The table of the recorder
-# keeps the iterations of each step.
+# Growth of the memory [bytes a step] that is allowed: a vector that is not freed is several
+# hundred. The table of the recorder stores the iterations of each step.
 _BYTES_PER_STEP = 64
 _NUM_SAMPLES = 10
 _STEPS_OF_A_MEETING = 25

@@ -137,7 +137,7 @@ def both_sides(comm: MPI.Comm, thickness: float) -> Setup:
 
 
 def between(comm: MPI.Comm, gap: float) -> Setup:
-    """A cube rests between two that close in with a gap. Collective."""
+    """A cube without motion between two that close in with a gap. Collective."""
     parts = {
         "middle": cube(0.5, 3),
         "above": cube(0.7, 2).at(0.05, 0.03, 0.5 + gap).flying(0, 0, -1),

@@ -76,8 +76,8 @@ class Part:
             of = {frozenset(f) for f in facets.tolist()}
             nodes = np.unique(facets)
             near = corners[np.isin(corners, nodes).all(axis=1)]
-            kept = [t for t in near.tolist() if any(set(t) <= f for f in of)]
-            sides[name] = np.array(kept)
+            chosen = [t for t in near.tolist() if any(set(t) <= f for f in of)]
+            sides[name] = np.array(chosen)
         return cells, sides
 
 
@@ -109,13 +109,13 @@ def from_blocks(
     X, hexahedra = np.concatenate(points), np.concatenate(cells)
     if len(blocks) > 1:
         grid = np.round((X - X.min(axis=0)) / (_SAME * np.ptp(X))).astype(np.int64)
-        _, kept, same = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-        X, hexahedra = X[kept], same.ravel()[hexahedra]
+        _, chosen, same = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+        X, hexahedra = X[chosen], same.ravel()[hexahedra]
     facets = hexahedra[:, _SIDES].reshape(-1, 4)
-    _, kept, count = np.unique(
+    _, chosen, count = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
     )
-    outer = facets[kept[count == 1]]
+    outer = facets[chosen[count == 1]]
     sides = {"all": outer}
     if side is not None:
         names = np.asarray(side(X[outer]))

@@ -59,7 +59,7 @@ def stays(
 
 
 def stack(comm: MPI.Comm, law: str, blocks: int = 5, until: float = 10.0) -> Setup:
-    """Blocks upon each other, of different width, at rest. Collective."""
+    """Blocks upon each other, of different width, without motion. Collective."""
     parts, touches, below = {}, [], None
     for number in range(blocks):
         width, name = 0.4 - 0.03 * number, f"block {number}"

@@ -162,7 +162,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         wrong = wrong or _too_large(row, values)
         if setup.stepper.pairs:
             deep = _depth(row, values, _allowed(setup, values, approaches))
-            # What stops may have sunk too deep.
+            # A run that stops may have nodes that are too deep.
             wrong = wrong or (deep if not case.stops else "")
     if setup is not None and not error and not wrong:
         wrong = setup.check()
@@ -183,7 +183,7 @@ class _Warnings(logging.Handler):
         logging.getLogger("dolfinx_nts").addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep the text."""
+        """Store the text."""
         self.texts.append(record.getMessage())
 
     def close(self) -> None:
@@ -231,9 +231,9 @@ def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> A
 
     Nodes may be as deep as they were at the start, and deeper: with
     multipliers by the longest approach in one step so far, as elastic
-    impact keeps the gap with which a node came (in equilibrium there is
-    none to keep, the gap is closed); with springs as deep as one that has
-    all the energy of contact.
+    impact preserves the gap with which a node came (in equilibrium the gap
+    is closed); with springs as deep as one that has all the energy of
+    contact.
     """
     start = min(0.0, np.nan_to_num(values["min_gap"][0]))
     depth = np.maximum.accumulate(approaches)

@@ -40,8 +40,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
 def replace_table(readme: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Put the table between its marks in a file."""
     text = readme.read_text(encoding="utf-8")
-    before, rest = text.split(_BEGIN)
-    _, after = rest.split(_END)
+    before, remainder = text.split(_BEGIN)
+    _, after = remainder.split(_END)
     table = f"{before}{_BEGIN}\n{summary(rows)}\n{_END}{after}"
     readme.write_text(table, encoding="utf-8")
 

@@ -25,22 +25,6 @@ from helpers.scenes import BALL_PLATE
 
 pytestmark = pytest.mark.serial
 
-# Public names whose docstrings have no example yet. Nothing is added to this set, and
-# who writes an example takes its name out.
-WITHOUT_EXAMPLE = {
-    "Balance",
-    "CentralDifference",
-    "ConvergenceError",
-    "Diagnostics",
-    "EnergyMomentum",
-    "GeneralizedAlpha",
-    "Midpoint",
-    "QuasiStatic",
-    "Recorder",
-    "StepControl",
-    "StepReport",
-}
-
 # A mesh, and table and fields of a run of three states.
 FILES = ("ball_plate.msh", "run.csv", "run.xdmf")
 
@@ -119,7 +103,7 @@ def folder(constant_names: dict[str, Any], tmp_path_factory: pytest.TempPathFact
     return path
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES.keys() - WITHOUT_EXAMPLE))
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_example_prints_what_the_docstring_says(name, names, folder, tmp_path, monkeypatch):
     example = EXAMPLES[name]
     assert example.examples, f"add an example to the docstring of {name}"
@@ -138,8 +122,3 @@ def test_example_prints_what_the_docstring_says(name, names, folder, tmp_path, m
     with window:
         result = doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=printed.append)
     assert not result.failed, "".join(printed)
-
-
-@pytest.mark.parametrize("name", sorted(WITHOUT_EXAMPLE))
-def test_name_without_an_example_is_public_and_has_none(name):
-    assert not EXAMPLES[name].examples, f"take {name} out of WITHOUT_EXAMPLE"

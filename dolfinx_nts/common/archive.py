@@ -1,10 +1,9 @@
 """Archives, which store the state of a run and give it back later.
 
-Every object with a state lists it once, in a method ``serialize(archive)``: it
-passes each value to the archive and goes on with what the archive returns. That
-is the value itself while the archive stores, and the stored value while it
-restores. A step that is repeated with a smaller dt and a run that is resumed from
-a file both work this way.
+Every object with a state lists it once, in a method ``serialize(archive)``: it passes each
+value to the archive and goes on with what the archive returns. That is the value itself while
+the archive stores, and the stored value while it restores. A step that is repeated with a
+smaller dt and a run that is resumed from a file both work this way.
 """
 
 from abc import ABC, abstractmethod
@@ -24,18 +23,18 @@ class Archive(ABC):
     """Stores named values, or restores them. Collective, as are all its methods.
 
     Attributes:
-        giving: Whether the archive restores.
+        giving: Whether the archive restores, that is, gives values back.
     """
 
     giving: bool = False
 
     @abstractmethod
     def same(self, name: str, value: T) -> T:
-        """Serialize a number or array that is the same on all ranks.
+        """Serialize a number or an array that is the same on all ranks.
 
         Args:
             name: Name of the value.
-            value: The value to store; while restoring, only its type counts.
+            value: The value to store. While the archive restores, only its type counts.
 
         Returns:
             The value itself, or while restoring the stored one.
@@ -47,35 +46,31 @@ class Archive(ABC):
 
         Args:
             name: Name of the values.
-            ids: Numbers of the nodes on which the partition has no influence,
-                shape ``(n,)``.
+            ids: Numbers of the nodes on which the partition has no influence, shape ``(n,)``.
             values: One row for each node, shape ``(n, ...)``.
 
         Returns:
-            The values themselves, or while restoring the stored ones of
-            these nodes.
+            The values themselves, or while restoring the stored ones of these nodes.
         """
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Serialize arrays that have a meaning only on this rank.
+        """Serialize arrays that have a meaning only on this rank, and are never changed in place.
 
-        They save work, or the last digit of a result, and are never changed
-        in place.
+        Such arrays save work, or the last digit of a result.
 
         Args:
             name: Name of the arrays.
             arrays: The arrays to store, or None on all ranks.
 
         Returns:
-            The arrays themselves, or while restoring the stored ones. None on
-            all ranks if none were stored, or if they were stored for another
-            partition of the mesh.
+            The arrays themselves, or while restoring the stored ones. None on all ranks if none
+            were stored, or if they were stored for another partition of the mesh.
         """
 
 
 class Snapshot(Archive):
-    """Archive in memory, which stores first and restores after `rewind`."""
+    """Archive in memory for one step, which stores first and restores after `rewind`. Local."""
 
     def __init__(self) -> None:
         """Start without values."""
@@ -87,7 +82,7 @@ class Snapshot(Archive):
         return self
 
     def same(self, name: str, value: T) -> T:
-        """Serialize a number or array that is the same on all ranks."""
+        """Serialize a number or an array that is the same on all ranks."""
         return self._copy(name, value)
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:

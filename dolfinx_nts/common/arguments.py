@@ -18,8 +18,8 @@ def as_call(item: object, **values: Any) -> str:
 
     Args:
         item: The object.
-        **values: Its arguments by name. Numbers are printed with up to 12
-            digits, functions and UFL expressions by name.
+        **values: Its arguments by name. Numbers are printed with up to 12 digits, functions and
+            UFL expressions by name.
 
     Returns:
         ``Class(name=value, ...)``.

@@ -1,18 +1,16 @@
-r"""Energies, momenta and contact of a stepper's accepted state.
+r"""Energies, momenta and contact forces of a stepper's accepted state.
 
-Integrals take the quadrature of the scheme: what it conserves is conserved
-here to round-off. Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (of
-`CentralDifference`, :math:`p_a = v_a \int \rho_0 \varphi_a`) give
-kinetic energy :math:`\sum v_a \cdot p_a / 2`, linear momentum
-:math:`\sum p_a` and angular momentum :math:`\sum x_a \times p_a`.
-
-The total energy changes in a step, with du = u_{n+1} - u_n, by
+Integrals have the quadrature of the scheme, so that what it conserves is constant to round-off.
+Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (in `CentralDifference`
+:math:`p_a = v_a \int \rho_0 \varphi_a`) give the kinetic energy :math:`\sum v_a \cdot p_a / 2`,
+the linear momentum :math:`\sum p_a` and the angular momentum :math:`\sum x_a \times p_a`. With
+du = u_{n+1} - u_n, the total energy changes in a step by
 
 .. math:: [V_{n+1} - V_n - f_{int} \cdot du] - \sum \lambda_N F \cdot du
    + R \cdot du:
 
-the defect of the stress (bulk), the work of the contact forces and that of
-the residual left by Newton's method. `StepReport` has the last two.
+the defect of the stress (bulk), the work of the contact forces, and that of the residual which
+Newton's method leaves. `StepReport` has the last two.
 """
 
 from dataclasses import dataclass, fields
@@ -24,6 +22,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.stepper import Stepper
@@ -36,7 +35,7 @@ __all__ = ["Balance", "Diagnostics"]
 
 @dataclass(frozen=True)
 class Balance:
-    """Numbers of one state, the same on all ranks.
+    """Energies, momenta and contact forces of one state, the same on all ranks.
 
     Attributes:
         time: Time [s].
@@ -44,13 +43,19 @@ class Balance:
         strain_energy: Strain energy [J].
         contact_energy: Energy of penalty and friction springs [J].
         linear_momentum: Linear momentum, shape ``(3,)`` [kg m/s].
-        angular_momentum: The same about the origin [kg m^2/s].
-        contact_force: Resultant of the last step on the nodes of all
-            pairs, shape ``(3,)`` [N].
-        pairs: Force [N] and torque about the origin [N m] of the last
-            step on the nodes of each pair, shape ``(p, 2, 3)``.
-        active_nodes: Nodes that transmit force.
-        min_gap: Least gap [m], NaN if no node faces a segment.
+        angular_momentum: Angular momentum about the origin, shape ``(3,)`` [kg m^2/s].
+        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N].
+        pairs: Force [N] and torque about the origin [N m] of the last step on the nodes of each
+            pair, shape ``(p, 2, 3)``.
+        active_nodes: Number of nodes that transmit force.
+        min_gap: Least gap [m]; NaN if no node faces a segment.
+
+    Example:
+        >>> balance = nts.Diagnostics(stepper).balance()
+        >>> f"{balance.total_energy:.6g} J"
+        '250 J'
+        >>> list(balance.columns())[:3]
+        ['time', 'kinetic_energy', 'strain_energy']
     """
 
     time: float
@@ -70,7 +75,7 @@ class Balance:
         return self.kinetic_energy + self.strain_energy + self.contact_energy
 
     def columns(self) -> dict[str, float]:
-        """Numbers by name, those of a vector with ``_x``, ``_y``, ``_z``."""
+        """All numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local."""
         columns: dict[str, float] = {}
         names = [field.name for field in fields(self)]
         names.insert(names.index("contact_energy") + 1, "total_energy")
@@ -82,28 +87,32 @@ class Balance:
                         for axis, v in zip("xyz", vector, strict=True):
                             columns[f"pair_{number}_{kind}_{axis}"] = float(v)
             elif isinstance(value, np.ndarray):
-                columns |= {
-                    f"{name}_{axis}": float(v) for axis, v in zip("xyz", value, strict=True)
-                }
+                for axis, v in zip("xyz", value, strict=True):
+                    columns[f"{name}_{axis}"] = float(v)
             else:
                 columns[name] = value
         return columns
 
 
 class Diagnostics:
-    """Evaluates the accepted state of a stepper; never changes it.
+    """Evaluates energies, momenta and contact of a stepper's accepted state, without changing it.
 
-    Collective, as all its methods.
+    Collective, as are all its methods.
 
     Args:
         stepper: The stepper.
 
     Raises:
-        TypeError: ``stepper`` is none.
+        TypeError: ``stepper`` is no stepper.
+
+    Example:
+        >>> diagnostics = nts.Diagnostics(stepper)
+        >>> f"{diagnostics.kinetic_energy():.6g} J, {diagnostics.min_gap():.2g} m"
+        '250 J, 0.01 m'
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Compile the forms."""
+        """Check the stepper, and compile the forms of the energies."""
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         self._stepper = stepper
@@ -127,6 +136,10 @@ class Diagnostics:
         )
         self._nodal_mass: dict[Body, Floats] = {}
 
+    def __repr__(self) -> str:
+        """Return the call that makes such diagnostics, with the class of the stepper. Local."""
+        return as_call(self, stepper=type(self._stepper))
+
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
         return self._motion()[0]
@@ -148,25 +161,23 @@ class Diagnostics:
         return self._motion()[2]
 
     def bulk_defect(self) -> float:
-        """Energy gained in the last step less the work done [J].
+        """Energy that bulk and inertia added to the total energy in the last step [J].
 
-        The integral of psi(C) - psi(C_n) - P : (F - F_n), P the stress of
-        the scheme, and `Stepper.inertia_defect`: what bulk and inertia
-        added to the total energy.
+        It is the integral of psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the
+        scheme, plus `State.inertia_defect`.
         """
         defect = self._sum(fem.assemble_scalar(self._bulk_defect))
         return float(defect + self._stepper.inertia_defect)
 
     def contact_force(self) -> Floats:
-        """Resultant of the last step on all nodes, shape ``(3,)`` [N]."""
+        """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N]."""
         force: Floats = self.pair_resultants()[:, 0].sum(axis=0)
         return force
 
     def pair_resultants(self) -> Floats:
-        """Force [N] and torque [N m] of the last step, ``(p, 2, 3)``.
+        """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
 
-        On the nodes of each pair; the torque is about the origin, with
-        the positions in the middle of the step.
+        The torque is about the origin, with the positions in the middle of the step.
         """
         stepper = self._stepper
         x_m = stepper.x - (stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3) / 2
@@ -178,36 +189,36 @@ class Diagnostics:
         return resultants
 
     def active_nodes(self) -> int:
-        """Nodes that transmit force, on all ranks."""
+        """Number of nodes that transmit force, on all ranks."""
         active = [np.count_nonzero(pair.history.active) for pair in self._stepper.contacts]
         return int(self._sum(sum(active)))
 
     def min_gap(self) -> float:
-        """Least gap of all pairs [m], NaN if no node faces a segment.
+        """Least gap of all pairs [m]; NaN if no node faces a segment.
 
-        Pairs whose boxes are further apart than what has been found are
-        left out, and so are segments further from a node than that.
+        Pairs whose bounding boxes are farther apart than the least gap found so far are left
+        out, and so are segments farther from a node than that.
         """
         x, pairs, least = self._stepper.x, self._stepper.contacts, np.inf
         distances = self._distances(x)
         for i in np.argsort(distances, kind="stable"):
             pair = pairs[i]
-            # A gap is measured across a facet, at its rim to a point beside it.
+            # The point of a gap may lie beside a facet, by up to its size.
             reach = least + pair.pair.segment_size
             if distances[i] > reach:
                 continue
             gap = pair.gap(x, reach)
-            here = float(gap[~np.isnan(gap)].min(initial=least))
-            least = reductions.least(self._comm, here)
+            own = float(gap[~np.isnan(gap)].min(initial=least))
+            least = reductions.least(self._comm, own)
         return least if least < np.inf else np.nan
 
     def _distances(self, x: Floats) -> Floats:
-        """Distances of the boxes around nodes and segments, ``(p,)`` [m].
+        """Distances between the bounding boxes of nodes and segments of the pairs, ``(p,)`` [m].
 
-        Below zero for obstacles, which are asked first: they know their gaps.
+        Those of obstacles are below zero, so that they come first: they know their gaps.
         """
         pairs = self._stepper.contacts
-        # Least coordinates of both, and of their negatives.
+        # Least coordinates of nodes and segments, and least negative ones.
         least = np.full((len(pairs), 2, 2, 3), np.inf)
         for box, pair in zip(least, pairs, strict=True):
             for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
@@ -223,36 +234,30 @@ class Diagnostics:
         return distances
 
     def centre_of_mass(self, body: Body) -> Floats:
-        """Current centre of mass of a body, shape ``(3,)`` [m]. Collective.
+        """Current centre of mass of a body, shape ``(3,)`` [m].
 
         Args:
             body: One of the stepper's bodies.
+
+        Raises:
+            ValueError: The body belongs to another stepper.
         """
         return self._mean(body, self._stepper.x)
 
     def body_velocity(self, body: Body) -> Floats:
-        """Velocity of the centre of mass of a body, ``(3,)`` [m/s]. Collective.
+        """Velocity of the centre of mass of a body, shape ``(3,)`` [m/s].
 
-        Args:
-            body: One of the stepper's bodies.
+        Argument and error are those of `centre_of_mass`.
         """
         return self._mean(body, self._stepper.v.x.array.reshape(-1, 3))
 
     def balance(self) -> Balance:
-        """All numbers of the state."""
-        kinetic_energy, linear_momentum, angular_momentum = self._motion()
-        return Balance(
-            time=self._stepper.t,
-            kinetic_energy=kinetic_energy,
-            strain_energy=self.strain_energy(),
-            contact_energy=self.contact_energy(),
-            linear_momentum=linear_momentum,
-            angular_momentum=angular_momentum,
-            contact_force=self.contact_force(),
-            pairs=self.pair_resultants(),
-            active_nodes=self.active_nodes(),
-            min_gap=self.min_gap(),
-        )
+        """All numbers of the state at once."""
+        kinetic_energy, linear, angular = self._motion()
+        energies = kinetic_energy, self.strain_energy(), self.contact_energy()
+        force, pairs = self.contact_force(), self.pair_resultants()
+        active, gap = self.active_nodes(), self.min_gap()
+        return Balance(self._stepper.t, *energies, linear, angular, force, pairs, active, gap)
 
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""

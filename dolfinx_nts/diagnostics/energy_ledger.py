@@ -1,4 +1,4 @@
-"""Ledger of a run: its steps, and the change of its energy by cause."""
+"""Ledger of a run, which sums the change of its energy by cause."""
 
 from dataclasses import fields
 from operator import attrgetter
@@ -11,12 +11,9 @@ from dolfinx_nts.integrators.report import StepReport
 
 __all__ = ["EnergyLedger"]
 
-_CONSERVED = {
-    "total_energy": "J",
-    "linear_momentum": "kg m/s",
-    "angular_momentum": "kg m^2/s",
-}
-# Why the total energy changes, besides the bulk: where a report has it.
+# Quantities that may be conserved, and their units.
+_CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
+# Causes by which the total energy changes, except the bulk, and their works in a report.
 _WORKS = {
     "loads": attrgetter("load_work"),
     "supports": attrgetter("support_work"),
@@ -30,28 +27,27 @@ _WORKS = {
 
 
 class EnergyLedger:
-    """Sums over the steps since a first state; each cause on its own.
+    """Sums the works of all steps since a first state, each cause on its own.
 
-    Local, but for `serialize`; the same on all ranks.
+    Local, except for `serialize`; the sums are the same on all ranks.
 
     Args:
-        step: Number of the steps that were done before.
+        step: Number of the last step before the first state.
         balance: Numbers of the first state.
 
     Attributes:
         step: Number of the last step.
         first: Numbers of the first state.
         last: Numbers of the last state.
-        num_steps: Steps since the first state.
-        num_iterations: Newton iterations in them.
-        most_iterations: The most in one of them.
-        energy: Change of the total energy since the first state by cause,
-            as far as it is accounted for [J].
-        drift: Largest change of what may be conserved, by its name.
+        num_steps: Number of steps since the first state.
+        num_iterations: Number of Newton iterations in them.
+        most_iterations: Largest number of iterations in one of them.
+        energy: Change of the total energy since the first state by cause [J].
+        drift: Largest change of each quantity that may be conserved, by its name.
     """
 
     def __init__(self, step: int, balance: Balance) -> None:
-        """Start with no step."""
+        """Begin with no step."""
         self.step = step
         self.first = self.last = balance
         self.num_steps = self.num_iterations = self.most_iterations = 0
@@ -59,12 +55,12 @@ class EnergyLedger:
         self.drift = dict.fromkeys(_CONSERVED, 0.0)
 
     def add(self, step: StepReport, bulk_defect: float, balance: Balance) -> None:
-        """Add a step.
+        """Add a step to the sums.
 
         Args:
             step: Report of the step.
-            bulk_defect: `Diagnostics.bulk_defect` after it [J].
-            balance: Numbers of the state after it.
+            bulk_defect: `Diagnostics.bulk_defect` after the step [J].
+            balance: Numbers of the state after the step.
         """
         self.energy["bulk"] += bulk_defect
         for cause, work in _WORKS.items():
@@ -78,11 +74,7 @@ class EnergyLedger:
             self.drift[name] = max(self.drift[name], change)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize all sums. Collective.
-
-        Args:
-            archive: Takes them or gives them.
-        """
+        """Serialize all sums. Collective."""
         for name in ("step", "num_steps", "num_iterations", "most_iterations"):
             setattr(self, name, archive.same(f"ledger/{name}", getattr(self, name)))
         for group in ("energy", "drift"):
@@ -91,16 +83,14 @@ class EnergyLedger:
                 sums[name] = archive.same(f"ledger/{group}/{name}", sums[name])
         for name in ("first", "last"):
             balance = getattr(self, name)
-            kept = {
-                field.name: archive.same(
-                    f"ledger/{name}/{field.name}", getattr(balance, field.name)
-                )
-                for field in fields(Balance)
+            numbers = {
+                key: archive.same(f"ledger/{name}/{key}", getattr(balance, key))
+                for key in (field.name for field in fields(Balance))
             }
-            setattr(self, name, Balance(**kept))
+            setattr(self, name, Balance(**numbers))
 
     def columns(self) -> dict[str, float]:
-        """Sums by name [J]: causes, the rest, and what loads and friction did."""
+        """Sums by name [J]: causes, the remainder, and works of loads and friction."""
         energy = self.energy
         change = self.last.total_energy - self.first.total_energy
         return {
@@ -111,14 +101,14 @@ class EnergyLedger:
         }
 
     def iterations(self) -> str:
-        """Line on the iterations of Newton's method."""
+        """Line of a summary on the iterations of Newton's method."""
         mean = self.num_iterations / max(self.num_steps, 1)
         return (
             f"Newton iterations: {self.num_iterations}, mean {mean:.2f}, max {self.most_iterations}"
         )
 
     def drifts(self) -> list[str]:
-        """A line on each quantity that may be conserved."""
+        """Lines of a summary on the quantities that may be conserved."""
         return [
             f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} {unit}, "
             f"largest change {self.drift[name]:.1e} {unit}"

@@ -1,7 +1,7 @@
-"""Vertices of segments that sink into the surface of the nodes.
+"""Reverse penetration: vertices of segments inside the surface of the nodes.
 
-Node-to-segment contact is one-sided: it keeps nodes out of segments, not the
-vertices of the segments out of the facets between the nodes.
+Node-to-segment contact is one-sided. It stops nodes at segments, but not the vertices of the
+segments at the facets between the nodes.
 """
 
 import logging
@@ -19,27 +19,26 @@ from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["ReversePenetration"]
 
-
 _logger = logging.getLogger("dolfinx_nts")
 
-_DEEP = 0.1  # of the largest facet
+# Depth, relative to the size of the largest facet [-], above which a warning is worthwhile.
+_DEEP = 0.1
 
 
 class ReversePenetration:
-    """Looks for them in the pairs of a stepper, and warns once for each pair.
+    """Finds vertices of segments inside the surface of the nodes, and warns once for each pair.
 
-    Self contact and pairs that are there in both directions are left out.
-    Collective, as its methods.
+    Self contact and pairs in both directions are left out. Collective, as are all its methods.
 
     Args:
-        stepper: What is run.
+        stepper: The stepper.
 
     Attributes:
         deepest: Largest depth found so far by position of the pair [m].
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Turn the pairs around."""
+        """Make the searches, in which nodes and segments change places."""
         self._stepper = stepper
         directions = {(pair.nodes, pair.segments) for pair in stepper.pairs}
         self._turned = {
@@ -50,7 +49,7 @@ class ReversePenetration:
         self.deepest = dict.fromkeys(self._turned, 0.0)
 
     def look(self) -> None:
-        """Look at the pairs in contact as they are now."""
+        """Look at the pairs that are in contact in the present state."""
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
         for i, (search, vertices) in self._turned.items():
             contact = self._stepper.contacts[i]
@@ -71,13 +70,13 @@ class ReversePenetration:
 
 
 def _depth(vertices: Ints, search: GlobalSearch, x: Floats, reach: float) -> float:
-    """Depth of the deepest of some nodes of this rank [m]. Collective.
+    """Depth of the deepest of some vertices of this rank [m]. Collective.
 
     Args:
-        vertices: The nodes, shape ``(v,)``.
+        vertices: Local indices of the vertices, shape ``(v,)``.
         search: Finds the facets between the contact nodes.
         x: Positions of the local nodes, shape ``(l, 3)`` [m].
-        reach: Largest gap of interest [m].
+        reach: Largest depth of interest [m].
     """
     facets, _ = search.update(x, reach)
     none = np.full(len(vertices), -1, dtype=np.int32)

@@ -17,8 +17,7 @@ class CellSizes:
 
     Attributes:
         smallest: Smallest diameter of all cells [m].
-        nodal: Largest diameter of the cells at each owned node, shape
-            ``(n,)`` [m].
+        nodal: Largest diameter of the cells at each owned node, shape ``(n,)`` [m].
     """
 
     smallest: float

@@ -1,10 +1,9 @@
 """Elements of degree 1 and 2, and checks of the spaces and tags of users.
 
-Contact, output and pictures see positions of nodes only. For them a cell of
-degree 2 consists of eight cells of degree 1 on its nodes, its *pieces*: a
-hexahedron of 27 nodes is cut into eight hexahedra, each of its faces into four
-quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its faces
-into four triangles.
+Contact, output and pictures see positions of nodes only. For them a cell of degree 2 consists
+of eight cells of degree 1 on its nodes, its *pieces*: a hexahedron of 27 nodes is cut into
+eight hexahedra, each of its faces into four quadrilaterals; a tetrahedron of 10 nodes into
+eight tetrahedra, each of its faces into four triangles.
 """
 
 from functools import cache, cached_property
@@ -20,12 +19,12 @@ from dolfinx_nts.common.arrays import Floats, Ints
 __all__ = ["Element", "check_space", "check_tag"]
 
 _CELLS = ("tetrahedron", "hexahedron")  # on which the package works
-# Distance on the reference cell [-] below which two points are the same: far above
-# round-off, far below the distance of two nodes, 1/2.
+# Distance on the reference cell [-] below which two points are the same: far above round-off,
+# far below the distance of two nodes, 1/2.
 _COINCIDENT = 1e-6
-# Pieces of a tetrahedron of degree 2: four at the corners, and four around the diagonal
-# from the middle of edge 02 to that of edge 13. Each node is given by the two vertices
-# in whose middle it lies.
+# Pieces of a tetrahedron of degree 2: four at the corners, and four around the diagonal from
+# the middle of edge 02 to that of edge 13. Each node is given by the two vertices in whose
+# middle it lies.
 _TETRAHEDRA = (
     *(tuple(f"{i}{j}" for j in range(4)) for i in range(4)),
     *(("02", "13", *ring) for ring in (("01", "12"), ("12", "23"), ("23", "03"), ("03", "01"))),
@@ -44,21 +43,18 @@ class Element:
         degree: The degree.
         basix: The scalar element in Basix.
         points: Positions of the nodes on the reference cell, shape ``(n, 3)``.
-        mass_degree: Degree of the quadrature of inertia and of loads on facets,
-            which is exact for the consistent mass of straight cells.
-        stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2
-            points in a hexahedron of degree 1, 3 x 3 x 3 in one of degree 2,
-            4 points in a tetrahedron. Every deformation of a cell has energy.
+        mass_degree: Degree of the quadrature of inertia and of loads on facets, which is exact
+            for the consistent mass of straight cells.
+        stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2 points in a
+            hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron.
+            Every deformation of a cell has energy.
     """
 
     def __init__(self, cell: str, degree: int) -> None:
         """Create the element in Basix and choose the degrees of quadrature."""
         self.cell, self.degree = cell, degree
         self.basix = basix.create_element(
-            basix.ElementFamily.P,
-            basix.CellType[cell],
-            degree,
-            basix.LagrangeVariant.gll_warped,
+            basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.gll_warped
         )
         self.points: Floats = self.basix.points
         self.mass_degree = 2 * degree
@@ -73,8 +69,8 @@ class Element:
     def diagonals(self) -> list[Ints]:
         """Pairs of vertices in whose middle each node lies, by node, shape ``(d, 2)``.
 
-        A node on an edge has one pair, one on a quadrilateral two, one inside
-        a hexahedron four. A vertex is paired with itself.
+        A node on an edge has one pair, one on a quadrilateral two, one inside a hexahedron
+        four. A vertex is paired with itself.
         """
         vertices = basix.geometry(basix.CellType[self.cell])
         middles = (vertices[:, None] + vertices[None]) / 2
@@ -104,8 +100,8 @@ class Element:
     def sides(self) -> list[tuple[Ints, Ints]]:
         """Sides of pieces that lie on each facet of the cell, by facet.
 
-        Nodes of each side, shape ``(s, k)``, and nodes of the piece that it
-        belongs to, shape ``(s, m)``, in Basix order.
+        Nodes of each side, shape ``(s, k)``, and nodes of the piece that it belongs to, shape
+        ``(s, m)``, in Basix order.
         """
         facets = np.array(basix.topology(basix.CellType[self.cell])[2])
         sides = self.pieces[:, facets]
@@ -126,9 +122,8 @@ def check_space(V: fem.FunctionSpace) -> None:
         V: Space of the displacement.
 
     Raises:
-        ValueError: The mesh does not consist of straight tetrahedra or
-            hexahedra, or the element is no vector of Lagrange elements of
-            degree 1 or 2.
+        ValueError: The mesh does not consist of straight tetrahedra or hexahedra, or the
+            element is no vector of Lagrange elements of degree 1 or 2.
     """
     mesh = V.mesh
     cell = mesh.topology.cell_name()

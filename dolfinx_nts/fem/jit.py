@@ -13,14 +13,14 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["assembled", "compile_expression", "compile_form"]
 
-# GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels
-# a fifth to a third slower.
+# GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels a fifth
+# to a third slower.
 _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD64") else []
 # With this macro, which nothing else reads, glibc declares vector versions of log, exp and
 # pow. GCC vectorises no kernel that calls them without: those of NeoHookean take a third.
 _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
-# Flags of -ffast-math without the one that assumes that there are no NaNs, on which
-# checks depend; kernels are as fast.
+# Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
+# depend; kernels are as fast.
 _OPTIONS = {
     "cffi_extra_compile_args": [
         "-O3",
@@ -42,8 +42,8 @@ compile_form = partial(fem.form, jit_options=_OPTIONS)
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:
     """Compile an expression at points of the reference cell. Collective.
 
-    Variables of UFL are replaced by what they stand for: each has a new number,
-    so that FFCx would compile the same expression again and again.
+    Variables of UFL are replaced by what they stand for: each has a new number, so that FFCx
+    would compile the same expression again and again.
 
     Args:
         expression: UFL expression.

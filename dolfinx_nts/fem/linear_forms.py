@@ -1,8 +1,8 @@
 """Linear forms that are assembled again and again, in every Newton iteration or step.
 
-`PackedForm` takes any form and leaves the assembly to DOLFINx, but packs functions
-only when they have changed. `CellForm` takes forms over cells and calls FFCx's
-kernels itself, which reads most functions without packing them.
+`PackedForm` takes any form and leaves the assembly to DOLFINx, but packs functions only when
+they have changed. `CellForm` takes forms over cells and calls FFCx's kernels itself, which
+reads most functions without packing them.
 """
 
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.jit import compile_form
 
-__all__ = ["CellForm", "Coefficients", "PackedForm"]
+__all__ = ["CellForm", "PackedForm"]
 
 # Packed values of an integral without functions of other spaces.
 _NOTHING: Floats = np.empty((0, 0))
 
 
-class Coefficients:
+class _Coefficients:
     """Values of a form's functions by cell, packed when one of them has changed. Local.
 
     Args:
@@ -67,14 +67,13 @@ class PackedForm:
     def __init__(self, form: ufl.Form) -> None:
         """Compile the form."""
         self._form = compile_form(form)
-        self._coefficients = Coefficients(self._form, form.coefficients())
+        self._coefficients = _Coefficients(self._form, form.coefficients())
 
     def assemble(self, b: Floats) -> None:
         """Add the form on the cells and facets of this rank to a vector. Local.
 
         Args:
-            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in
-                place.
+            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
         """
         self._coefficients.update()
         fem.assemble_vector(b, self._form, coeffs=self._coefficients.packed)
@@ -88,11 +87,10 @@ def _same(values: Floats, before: Floats) -> bool:
 class CellForm:
     """A linear form over cells, assembled by a loop of the package. Collective.
 
-    `fem.assemble_vector` reads functions that were packed cell by cell, and
-    with 380 000 unknowns waits a quarter of its time for them. This loop
-    gathers the values of a cell's nodes when it comes to the cell. Only
-    functions of other spaces than that of the argument are packed, when one of
-    them has changed.
+    `fem.assemble_vector` reads functions that were packed cell by cell, and with 380 000
+    unknowns waits a quarter of its time for them. This loop gathers the values of a cell's
+    nodes when it comes to the cell. Only functions of other spaces than that of the argument
+    are packed, when one of them has changed.
 
     Args:
         form: Linear form, made by `bulk_form`.
@@ -111,7 +109,7 @@ class CellForm:
         places = dict(zip(functions, first, strict=True))
         ours = [f for f in functions if f.function_space == V]
         others = [f for f in functions if f.function_space != V]
-        self._others = Coefficients(self._form, others) if others else None
+        self._others = _Coefficients(self._form, others) if others else None
         regions = dict(form.integrals()[0].subdomain_data())
         begin, end = compiled.form_integral_offsets[0:2]  # integrals over cells
         self._regions: list[Ints] = [regions[i] for i in compiled.form_integral_ids[begin:end]]
@@ -142,13 +140,12 @@ class CellForm:
         """Add the form on the cells of this rank to a vector. Local.
 
         Args:
-            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in
-                place.
+            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
         """
         if self._others is not None and self._others.update():
             by_key = self._others.packed
-            # The second entry of a key is the integral's number, or its index in some
-            # releases; both are in the order of the integrals.
+            # The second entry of a key is the integral's number, or its index in some releases;
+            # both are in the order of the integrals.
             rows = [by_key[key] for key in sorted(by_key, key=lambda key: key[1])]
             self._packed = list(map(self._by_cell, self._regions, rows))
         constants = cpp.fem.pack_constants(self._form._cpp_object)

@@ -1,8 +1,8 @@
 """Numbers of nodes that do not depend on the partition of the mesh.
 
-A vertex has its number in the mesh as read. Any other node is the middle of an
-edge, a face or a cell. Its number is made of those of two vertices between which
-it lies: the least vertex of the edge, face or cell, and the opposite one.
+A vertex has its number in the mesh as read. Any other node is the middle of an edge, a face or
+a cell. Its number is made of those of two vertices between which it lies: the least vertex of
+the edge, face or cell, and the opposite one.
 """
 
 import numpy as np
@@ -27,8 +27,8 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
         V: Space on the mesh.
 
     Returns:
-        Numbers, shape ``(l,)``: of a vertex that in the mesh as read, of the
-        middle between vertices a < b :math:`2^{31} (a + 1) + b`.
+        Numbers, shape ``(l,)``: of a vertex that in the mesh as read, of the middle between
+        vertices a < b :math:`2^{31} (a + 1) + b`.
     """
     geometry = V.mesh.geometry
     vertices = geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
@@ -52,8 +52,7 @@ def listed(nodes: GlobalInts) -> str:
         nodes: Numbers of nodes, as `input_ids` makes them.
 
     Returns:
-        Numbers with commas, ``12`` for a vertex and ``12-13`` for the middle
-        between two.
+        Numbers with commas, ``12`` for a vertex and ``12-13`` for the middle between two.
     """
     names = []
     for node in nodes[:_MOST]:

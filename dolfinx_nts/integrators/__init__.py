@@ -1,1 +1,1 @@
-"""Time integration: the schemes, the stepper, runs in time."""
+"""Time integration: schemes, and the steppers that advance bodies and their contact by them."""

@@ -1,23 +1,21 @@
-r"""Central differences: explicit steps with lumped mass.
+r"""Explicit stepper: central differences with lumped mass.
 
-Velocity Verlet form, with the velocity at the same time as the positions,
+A step has the velocity Verlet form, in which the velocity belongs to the same time as the
+positions:
 
 .. math:: v_{n+1/2} = v_n + \frac{\Delta t}{2} a_n, \quad
    u_{n+1} = u_n + \Delta t\, v_{n+1/2}, \quad
    v_{n+1} = v_{n+1/2} + \frac{\Delta t}{2} a_{n+1}, \quad
    M a = f(u).
 
-The kinetic energy changes in a step by the work of the mean of the forces at
-both ends plus :math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, the
-`State.inertia_defect`.
+The kinetic energy changes in a step by the work of the mean of the forces at both ends plus
+:math:`\Delta t^2/8\, [a \cdot M a]_n^{n+1}`, which is the `State.inertia_defect`.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-from mpi4py import MPI
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -43,50 +41,18 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["CentralDifference"]
 
-
-# Steps after which sizes of cells and energy are looked at. Cells can collapse within
-# twice as many.
+# Number of steps [-] from one check of energy and cell sizes to the next: cells can collapse
+# within twice as many.
 _WATCH = 50
+# Part of a step [-] by which controlled runs stay below the stable one, because they lengthen
+# steps by up to `ROUND_OFF` to meet a time.
+_MARGIN = 1e-5
 
 
 def _mean_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Mean of the stresses at both ends, see `Scheme`."""
+    """Mean of the stresses at both ends of a step, see `Scheme`."""
     stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
     return sum(stresses) / 2
-
-
-# Velocity and acceleration are lumped, so that they need no forms.
-_SCHEME = Scheme(
-    contact="static", stress=_mean_stress, rates=NoRates, load_point=1.0, loads_at="end"
-)
-
-
-class _Work(NamedTuple):
-    """Work of a step by cause [J], and what it looked at.
-
-    Attributes:
-        load: Work of the loads.
-        damping: Work of damping.
-        support: Work of the reactions at moving supports.
-        defect: As of `State.inertia_defect`.
-        num_segments: Segments in reach of nodes.
-        num_active: Active nodes.
-        contact: Work of contact.
-    """
-
-    load: float
-    damping: float
-    support: float
-    defect: float
-    num_segments: float
-    num_active: float
-    contact: ContactWork
-
-    @classmethod
-    def total(cls, comm: MPI.Comm, own: Sequence[float]) -> "_Work":
-        """Sum over the ranks of these numbers, contact by cause at the end. Collective."""
-        load, damping, support, defect, segments, active, *contact = reductions.total(comm, own)
-        return cls(load, damping, support, defect, segments, active, ContactWork(*contact))
 
 
 @dataclass
@@ -94,10 +60,10 @@ class _Forces:
     """Forces of the present state.
 
     Attributes:
-        acceleration: Of the owned nodes, shape ``(n, 3)`` [m/s^2].
+        acceleration: Acceleration of the owned nodes, shape ``(n, 3)`` [m/s^2].
         contact: Forces of the springs of each pair.
-        power: Force times acceleration on this rank [N m/s^2].
-        known: Whether they belong to the present state.
+        power: Sum of force times acceleration on this rank [N m/s^2].
+        known: Whether the forces belong to the present state.
     """
 
     acceleration: Floats
@@ -106,60 +72,49 @@ class _Forces:
     known: bool = False
 
 
-class _Arrays(NamedTuple):
-    """Values of the owned nodes, shape ``(n, 3)``, and room for positions.
-
-    Attributes:
-        u_n, u, v, rate: Views on the values of functions.
-        du: Displacement of a step [m].
-        x: Positions of the local nodes, shape ``(l, 3)`` [m].
-    """
-
-    u_n: Floats
-    u: Floats
-    v: Floats
-    rate: Floats
-    du: Floats
-    x: Floats
-
-
 class CentralDifference(Stepper):
-    r"""Explicit central differences (velocity Verlet) with lumped mass.
+    """Advances bodies by explicit central differences (velocity Verlet) with lumped mass.
 
-    Conserves linear and angular momentum to round-off; the energy error is
-    of second order in the step and bounded. Contact is by `Penalty` and
-    friction by its spring. One assembly of the internal forces and no
-    linear system per step, which must be shorter than `stable_step`:
-    about the time in which a wave crosses the smallest cell.
-
-    Damping lags half a step behind, which makes it accurate to first order.
-    Collective, as all its methods.
+    It conserves linear and angular momentum to round-off. The energy error is bounded and of
+    second order in the step. A step has one assembly of the internal forces and no linear
+    system, but must be shorter than `stable_step`, about the time in which a wave crosses the
+    smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
+    behind, so that it is accurate to first order. Further attributes are those of
+    `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty
-            that is left open gets half of the room that ``dt`` leaves for
-            it: the smaller the step, the stiffer.
-        dt: Length of a step [s]; None: 0.7 of the estimate.
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
+        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty without a number
+            gets half of the room that ``dt`` leaves for it: the smaller the step, the stiffer
+            it is.
+        dt: Length of a step [s]; None for 0.7 of the estimate.
+        bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
+        update: See `EnergyMomentum`.
 
     Attributes:
-        stable_step: Estimate of the largest stable step [s], from the
-            sizes of the cells, the materials at C = 1, damping and the
-            penalty; renewed every 50 steps.
+        stable_step: Estimate of the largest stable step [s] from the sizes of the cells, the
+            materials at C = 1, damping and the penalty. It is renewed every 50 steps.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: As of `EnergyMomentum`; ``dt`` is above the estimate;
-            a pair is enforced by multipliers.
+        ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, or a pair is
+            enforced by multipliers.
+
+    Example:
+        >>> pair = nts.ContactPair(bottom, top, enforcement=nts.Penalty())
+        >>> stepper = nts.CentralDifference(bodies, [pair])
+        >>> 0.5 * stepper.stable_step < stepper.dt < stepper.stable_step
+        True
+        >>> stepper.advance().newton_iterations
+        0
     """
 
+    # Velocity and acceleration are lumped, so that they need no forms.
+    scheme = Scheme(
+        contact="static", stress=_mean_stress, rates=NoRates, load_point=1.0, loads_at="end"
+    )
     stable_step: float = math.inf
 
     def __init__(
@@ -172,9 +127,9 @@ class CentralDifference(Stepper):
         loads: Sequence[Load] = (),
         update: Callable[[float], None] | None = None,
     ) -> None:
-        """Compile the forms; the bodies are at rest and undeformed."""
+        """Check the arguments, compile the forms, and estimate the stable step."""
         first = 1.0 if dt is None else dt
-        super().__init__(_SCHEME, bodies, pairs, dt=first, loads=loads, update=update)
+        super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
         V, n = self.u.function_space, len(self.node_ids)
         self.supports = Supports(V, bcs)
         self.supports.check()
@@ -190,15 +145,17 @@ class CentralDifference(Stepper):
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         self._forces = _Forces(np.zeros((n, 3)))
+        # Views of the owned values, and room for displacements and positions.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         u_n, u, v, rate = (f.x.array.reshape(-1, 3)[:n] for f in functions)
-        self._arrays = _Arrays(u_n, u, v, rate, np.empty((n, 3)), np.empty_like(self._X))
-        # What the forces need of other ranks.
+        self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty((n, 3)))
+        self._v, self._positions = v, np.empty_like(self._X)
+        # Vectors whose ghosts the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also the forces."""
+        """Serialize the state, also the forces, so that none are evaluated anew."""
         super().serialize(archive)
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
@@ -210,7 +167,7 @@ class CentralDifference(Stepper):
             return
         for number, force in enumerate((forces.acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
-        # Summed anew, in another order than by the step, its last digit would differ.
+        # A step sums it in another order, so that a new sum would differ in the last digit.
         stored = archive.local("power", None if archive.giving else [np.array(forces.power)])
         anew = np.vdot(self._bulk.total, forces.acceleration)
         forces.power = float(anew if stored is None else stored[0])
@@ -223,16 +180,16 @@ class CentralDifference(Stepper):
         )
 
     def nodal_momentum(self) -> Floats:
-        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self.mass[:, None] * self._arrays.v
+        """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
+        momentum: Floats = self.mass[:, None] * self._v
         return momentum
 
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
 
-    def longest_step(self) -> float:
-        """Length that a step must not exceed [s]."""
-        return self.stable_step / (1 + 1e-5)
+    def _longest_step(self) -> float:
+        """Length that a step of a controlled run must not exceed [s]."""
+        return self.stable_step / (1 + _MARGIN)
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
@@ -248,20 +205,20 @@ class CentralDifference(Stepper):
             springs.forget()
 
     def _check_state(self) -> None:
-        # Of forces that are known, the first motion tells.
+        # Where forces are known, `_move` finds what is not finite.
         if not self._forces.known:
             super()._check_state()
 
     def _evaluate(self, step: float) -> None:
-        """Forces of the present u, where no node is farther than a step from the last. Collective.
+        """Evaluate the forces at the present u. Collective.
 
         Args:
-            step: The greatest displacement [m].
+            step: Distance from the place of the last evaluation that no node exceeds [m].
         """
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = np.add(self._X, self._u.reshape(-1, 3), out=self._arrays.x)
+            x = np.add(self._X, self._u.reshape(-1, 3), out=self._positions)
             rubs = any(pair.friction is not None for pair in self.pairs)
             x_n = self._X + self._u_n.reshape(-1, 3) if rubs else x
             self._forces.contact = tuple(s.evaluate(x_n, x, step) for s in self._springs)
@@ -269,12 +226,12 @@ class CentralDifference(Stepper):
                 contact.add_to(self._bulk.total)
 
     def _start(self) -> None:
-        """Forces of a state that was set."""
+        """Evaluate the forces of a state that was set."""
         self._load_at(0.0)
         self._bulk.rate.x.array[:] = self.v.x.array
         self._evaluate(0.0)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._arrays.v
+        forces, v = self._forces, self._v
         for contact, force in zip(self.contacts, forces.contact, strict=True):
             contact.accept(force.history)
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
@@ -284,11 +241,11 @@ class CentralDifference(Stepper):
         forces.known = True
 
     def _step(self) -> StepReport:
-        """Move, evaluate the forces there, and complete the velocity."""
+        """Move, evaluate the forces at the new place, and complete the velocity."""
         if not self._forces.known:
             self._start()
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
-        _, _, v, rate, du, _ = self._arrays
+        _, _, v, rate, du = self._arrays
         moved = self._move()
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         reaction = bulk.total[given] if self.supports.exist else np.empty(0)
@@ -305,14 +262,16 @@ class CentralDifference(Stepper):
         for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
             contact += springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
         defect = dt**2 / 8 * (forces.power - power)
-        work = _Work.total(self._comm, [load, damping, support, defect, *contact.tolist()])
-        self._stability.count((work.load, work.support), work.damping + work.contact.friction)
+        works = reductions.total(self._comm, [load, damping, support, defect, *contact.tolist()])
+        load, damping, support, defect, num_segments, num_active, *by_cause = works
+        contact_work = ContactWork(*by_cause)
+        self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate
         if self._ghosts:
             self.v.x.scatter_forward()
-        self.inertia_defect = work.defect
+        self.inertia_defect = defect
         for state, force in zip(self.contacts, forces.contact, strict=True):
             state.accept(force.history)
         return StepReport(
@@ -322,19 +281,19 @@ class CentralDifference(Stepper):
             newton_iterations=0,
             active_set_changes=0,
             residual_norms=(),
-            num_active=int(work.num_active),
-            num_segments=int(work.num_segments),
+            num_active=int(num_active),
+            num_segments=int(num_segments),
             num_sleeping=0,
-            contact_work=work.contact,
-            load_work=work.load,
-            support_work=work.support,
-            damping_work=work.damping,
+            contact_work=contact_work,
+            load_work=load,
+            support_work=support,
+            damping_work=damping,
             solver_work=0.0,
         )
 
     def _move(self) -> float:
         """Move to the end of the step; returns the greatest displacement [m]. Collective."""
-        u_n, u, v, rate, du, _ = self._arrays
+        u_n, u, v, rate, du = self._arrays
         moved = _kernels.drift(self.dt, v, self._forces.acceleration, rate, u, du)
         if self.supports.exist:
             self._u[:] = self.supports.applied(self._u)
@@ -343,7 +302,7 @@ class CentralDifference(Stepper):
             moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
-        # A maximum may pass over NaN.
+        # A maximum over ranks may ignore NaN, but not infinity.
         moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
         moved = reductions.largest(self._comm, moved)
         if not moved <= self._stability.smallest:
@@ -360,7 +319,7 @@ class CentralDifference(Stepper):
         return float(reductions.total(self._comm, energy))
 
     def _watch(self, v: Floats) -> None:
-        """Refuse the step if it is too long for the cells, or energy grows."""
+        """Raise if the step is too long for the cells, or if the energy has grown."""
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")
@@ -368,7 +327,7 @@ class CentralDifference(Stepper):
             self._refuse(growth)
 
     def _refuse(self, reason: str) -> None:
-        """Return to the last accepted state and raise on all ranks."""
+        """Return to the last accepted state, and raise on all ranks."""
         self._u[:] = self._u_n
         self._state_was_set()
         stable = self._stability.longest_step(self.x)

@@ -1,4 +1,4 @@
-"""Forces of the bodies at one time, with lumped mass: for explicit steps."""
+"""Forces of the bodies at one time, with lumped mass, for explicit steps."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,19 +19,19 @@ __all__ = ["ExplicitBulk", "NodalForce"]
 
 
 class NodalForce:
-    """A linear form, assembled on the owned dofs.
+    """Assembles a linear form to forces on the owned nodes.
 
     Args:
         form: Virtual work.
         V: Space of its test function.
 
     Attributes:
-        values: The force on the owned nodes, shape ``(n, 3)`` [N].
-        num_assemblies: How often it was assembled.
+        values: Forces on the owned nodes, shape ``(n, 3)`` [N].
+        num_assemblies: Number of assemblies so far.
     """
 
     def __init__(self, form: CellForm | PackedForm, V: fem.FunctionSpace) -> None:
-        """Allocate."""
+        """Make room for the values."""
         self._form = form
         index_map = V.dofmap.index_map
         self._vector = la.vector(index_map, 3)
@@ -40,7 +40,7 @@ class NodalForce:
         self.num_assemblies = 0
 
     def assemble(self) -> None:
-        """Set the values at the present state. Collective."""
+        """Set the values to those of the present state. Collective."""
         self._local.fill(0.0)
         self._form.assemble(self._local)
         self._vector.scatter_reverse(la.InsertMode.add)
@@ -48,11 +48,11 @@ class NodalForce:
 
 
 class ExplicitBulk:
-    """Lumped mass and forces of bodies; contact is added by the stepper.
+    """Evaluates all forces on bodies except those of contact, which the stepper adds.
 
     Args:
         bodies: The bodies.
-        u: Displacement at which forces are evaluated.
+        u: Displacement at which the forces are evaluated.
         loads: Loads on the bodies.
 
     Attributes:
@@ -60,14 +60,14 @@ class ExplicitBulk:
         rate: Velocity on which damping acts.
         internal: Internal forces.
         loads: Forces of the loads.
-        damping: Forces of damping, empty without.
-        total: Sum of all, and what else is added to it, shape ``(n, 3)`` [N].
+        damping: Forces of damping; empty without damping.
+        total: Sum of all, and of what is added to it, shape ``(n, 3)`` [N].
     """
 
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         """Compile the forms."""
         V = u.function_space
-        self._u, self._eta = u, ufl.TestFunction(V)
+        self._F, self._eta = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
         damped = [body for body in bodies if body.material.is_damped]
@@ -77,11 +77,11 @@ class ExplicitBulk:
         )
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
         self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
-        # Without a copy, as it is made anew by every evaluation.
+        # The sum takes the place of the internal forces, which each evaluation makes anew.
         self.total = self.internal.values
 
     def evaluate(self) -> None:
-        """Set all forces but those of contact. Collective."""
+        """Set all forces to those of the present state. Collective."""
         self.internal.assemble()
         for part in (*self.loads, *self.damping):
             part.assemble()
@@ -89,11 +89,11 @@ class ExplicitBulk:
 
     @property
     def forces(self) -> list[Floats]:
-        """Those of the last evaluation, each ``(n, 3)`` [N], the total first. Local."""
+        """Forces of the last evaluation, the total first, each ``(n, 3)`` [N]. Local."""
         return [self.internal.values, *(part.values for part in (*self.loads, *self.damping))]
 
     def work(self, du: Floats) -> tuple[float, float]:
-        """Half of the work of the present loads, and of damping, on this rank [J]. Local.
+        """Halves of the works of the present loads and of damping on this rank [J]. Local.
 
         Args:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
@@ -109,20 +109,17 @@ class ExplicitBulk:
         return float(fem.assemble_scalar(self._strain_energy))
 
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        P = F * material.stress(right_cauchy_green(F), **parameters)
+        P = self._F * material.stress(right_cauchy_green(self._F), **parameters)
         return -ufl.inner(P, ufl.grad(self._eta))
 
     def _damping_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        mesh = self._u.function_space.mesh
+        mesh = self.rate.function_space.mesh
         alpha = fem.Constant(mesh, material.mass_damping)
         beta = fem.Constant(mesh, material.stiffness_damping)
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        strain_rate = ufl.sym(F.T * ufl.grad(self.rate))
-        P = beta * F * material.linear_stress(strain_rate, **parameters)
+        strain_rate = ufl.sym(self._F.T * ufl.grad(self.rate))
+        P = beta * self._F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
         return -drag - ufl.inner(P, ufl.grad(self._eta))
 
     def _strain_energy_density(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        F = ufl.Identity(3) + ufl.grad(self._u)
-        return material.psi(right_cauchy_green(F), **parameters)
+        return material.psi(right_cauchy_green(self._F), **parameters)

@@ -1,7 +1,8 @@
-r"""Generalised-alpha method: a dissipative scheme for comparison.
+r"""Generalised-alpha method, a dissipative scheme to compare with.
 
-J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993): Newmark's formulas for
-displacement and velocity, with the balance of momentum
+Displacement and velocity follow from the acceleration by Newmark's formulas, and the balance of
+momentum is taken between both ends of a step (J. Chung and G. M. Hulbert, J. Appl. Mech. 60,
+1993):
 
 .. math:: M [(1 - \alpha_m) a_{n+1} + \alpha_m a_n]
    + f_{int}(F_{n+1-\alpha_f}) + \sum \lambda_N \nabla g_{n+1} = f_{ext}.
@@ -25,7 +26,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.state import serialize_nodal
+from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
@@ -33,14 +34,14 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["GeneralizedAlpha"]
 
-# Conjugate gradients for the mass matrix, which is well-conditioned: most iterations,
-# and reduction of the residual, which is that of rounding.
+# Most iterations of conjugate gradients with the mass matrix [-], far more than it ever takes,
+# and the reduction of the residual at which they stop [-], which is that of round-off.
 _MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Parameters of the method by its spectral radius at infinite frequency."""
+    """Parameters of the method, which follow from its spectral radius rho_inf."""
 
     alpha_m: float
     alpha_f: float
@@ -49,25 +50,26 @@ class _Parameters:
 
     @classmethod
     def of(cls, rho_inf: float) -> "_Parameters":
+        """Parameters that Chung and Hulbert found optimal for a spectral radius."""
         alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         beta = (1 - alpha_m + alpha_f) ** 2 / 4
         return cls(alpha_m, alpha_f, beta, 0.5 - alpha_m + alpha_f)
 
 
 class GeneralizedAlpha(ImplicitStepper):
-    r"""Generalised-alpha method, which damps high frequencies.
+    """Advances bodies by the generalised-alpha method, which damps high frequencies.
 
-    Second order in the step. It conserves the linear momentum, but neither
-    the energy nor the angular momentum: it is here to be compared with.
-    Contact is closed at the end of a step, g = 0, so that nodes lose their
-    impact energy. Collective, as all its methods.
+    It is of second order in the step and conserves the linear momentum, but neither the energy
+    nor the angular momentum. Contact is closed at the end of a step, g = 0, so that nodes give
+    up their impact energy. Further attributes are those of `EnergyMomentum`. Collective, as are
+    all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs, by `Penalty` or ``LagrangeMultiplier("plastic")``.
+        pairs: Contact pairs with `Penalty` or ``LagrangeMultiplier("plastic")``.
         dt: Length of a step [s].
-        rho_inf: Spectral radius at infinite frequency, from 0 (what is not
-            resolved is gone after one step) to 1 (no damping).
+        rho_inf: Spectral radius at infinite frequency, from 0, where what a step does not
+            resolve is gone after it, to 1, which damps nothing.
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
         update: See `EnergyMomentum`.
@@ -75,14 +77,21 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Attributes:
         rho_inf: The spectral radius.
-        a: Acceleration at t [m/s^2]; from the balance of momentum at the
-            start. The others are those of `EnergyMomentum`.
+        a: Acceleration at t [m/s^2], a Function; at the start from the balance of momentum.
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: As of `EnergyMomentum`; ``rho_inf`` is not in [0, 1]; a
-            pair has elastic impact.
+        ValueError: As in `EnergyMomentum`; or ``rho_inf`` is not in [0, 1], or a pair has
+            elastic impact.
+
+    Example:
+        >>> stepper = nts.GeneralizedAlpha(bodies, dt=0.01, rho_inf=0.5)
+        >>> stepper.set_velocity(other, (0.0, 0.0, 1.0))
+        >>> stepper.advance().newton_iterations
+        0
     """
+
+    _rates: "_NewmarkRates"
 
     def __init__(
         self,
@@ -96,7 +105,7 @@ class GeneralizedAlpha(ImplicitStepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Check the laws of contact and make the scheme."""
+        """Check the spectral radius and the laws of contact, and make the scheme."""
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
@@ -107,85 +116,62 @@ class GeneralizedAlpha(ImplicitStepper):
                     "given elastic impact"
                 )
         parameters = _Parameters.of(rho_inf)
-        super().__init__(
-            Scheme(
-                contact="static",
-                stress=partial(_stress, parameters.alpha_f),
-                rates=partial(_NewmarkRates, parameters),
-                stress_share=1 - parameters.alpha_f,
-                load_point=1 - parameters.alpha_f,
-            ),
-            bodies,
-            pairs,
-            dt=dt,
-            bcs=bcs,
-            loads=loads,
-            update=update,
-            petsc_options=petsc_options,
+        self.scheme = Scheme(
+            contact="static",
+            stress=partial(_stress, parameters.alpha_f),
+            rates=partial(_NewmarkRates, parameters),
+            stress_share=1 - parameters.alpha_f,
+            load_point=1 - parameters.alpha_f,
         )
-        self.rho_inf = float(rho_inf)
-
-    @property
-    def a(self) -> fem.Function:
-        """Acceleration at t [m/s^2]."""
-        assert isinstance(self._rates, _NewmarkRates)
-        return self._rates.a
+        super().__init__(
+            bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update, petsc_options=petsc_options
+        )
+        self.rho_inf, self.a = float(rho_inf), self._rates.a
 
 
 def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Stress at the weighted deformation gradient, see `Scheme`."""
+    """Stress at a weighted mean of both deformation gradients, see `Scheme`."""
     F_m = (1 - alpha_f) * F + alpha_f * F_n
     return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
 
 class _NewmarkRates(Rates):
-    """Newmark's formulas, with the acceleration as a state, see `Rates`.
+    """Rates by Newmark's formulas, with the acceleration as a part of the state.
 
-    Args:
-        parameters: Of the method.
-        u_n: As of `Rates`, and so are the others.
-        u: Displacement at the end of a step.
-        v: Velocity at its start.
-        dt: Its length [s].
-        bodies: The bodies.
+    The arguments are the parameters of the method and those of `Rates`.
 
     Attributes:
         a: Acceleration at t [m/s^2].
     """
 
     def __init__(
-        self,
-        parameters: _Parameters,
-        u_n: fem.Function,
-        u: fem.Function,
-        v: fem.Function,
-        dt: fem.Constant,
-        bodies: Sequence[Body],
+        self, parameters: _Parameters, state: State, dt: fem.Constant, bodies: Sequence[Body]
     ) -> None:
         """Begin with an acceleration that is not known."""
         self._parameters = p = parameters
+        u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")
         self._mass_times_a, self._mass_times_v = (ConsistentMass(bodies, f) for f in (self.a, v))
         self.acceleration = (1 - p.alpha_m) * self._newmark(u, u_n, v, self.a, dt)
         self.acceleration += p.alpha_m * self.a
-        super().__init__(u_n, u, v, dt, bodies)
+        super().__init__(state, dt, bodies)
 
     def _newmark(self, u: Any, u_n: Any, v: Any, a: Any, dt: Any) -> Any:
-        """Acceleration at the end of a step."""
+        """Acceleration at the end of a step, from UFL or from arrays."""
         beta = self._parameters.beta
         return ((u - u_n) / dt - v) / (beta * dt) - (1 / (2 * beta) - 1) * a
 
     def forget(self) -> None:
-        """Compute the acceleration anew at the next step, as the state was set."""
+        """Let the next step compute the acceleration anew, because the state was set."""
         super().forget()
         self._known = False
 
     def begin(self, forces: Callable[[], Floats], free: Floats | None) -> None:
-        """Acceleration of a state that was set: M a = f, without contact."""
+        """Set the acceleration of a state that was set by M a = f, without contact."""
         if self._known:
             return
         p = self._parameters
-        # Part of the residual is that of the inertia at u = u_n.
+        # The residual at u = u_n also has a part of the inertia.
         self.a.x.array[:] = 0
         factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
         force = factor * self._mass_times_v.momentum().ravel() - forces()
@@ -193,13 +179,13 @@ class _NewmarkRates(Rates):
         self._known = True
 
     def _momentum_of(self, a: Floats) -> Floats:
-        """Consistent mass times owned values, both ``(3 n,)``. Collective."""
+        """Consistent mass times values of the owned dofs, both ``(3 n,)``. Collective."""
         self.a.x.array[: len(a)] = a
         self.a.x.scatter_forward()
         return self._mass_times_a.momentum().ravel()
 
     def _solve_mass(self, force: Floats, free: Floats) -> None:
-        """Set the acceleration where it is free by conjugate gradients. Collective."""
+        """Set the free acceleration to that of a force, by conjugate gradients."""
         comm: MPI.Comm = self.u.function_space.mesh.comm
         a, r = np.zeros(len(force)), free * force
         first = square = float(reductions.total(comm, r @ r))
@@ -216,7 +202,7 @@ class _NewmarkRates(Rates):
         self._momentum_of(a)
 
     def _set_velocity(self) -> float:
-        """Newmark's formulas; returns the energy that they do not account for."""
+        """Set the velocity; returns the energy for which the formulas do not account."""
         p, dt, mass = self._parameters, float(self.dt.value), self._mass_times_v
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()

@@ -1,15 +1,14 @@
-r"""Implicit steps: Newton's method on the balance of momentum of a step.
+r"""Implicit steppers, which solve the balance of momentum of a step by Newton's method.
 
-The unknown of a step is u_{n+1}; the velocity follows from it,
-:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum
-of a step, divided by its length, is
+The unknown is u_{n+1}, from which the velocity follows,
+:math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum of a step, divided
+by its length, is
 
 .. math:: M \frac{2}{\Delta t} \left( \frac{u_{n+1} - u_n}{\Delta t} - v_n
    \right) + f_{int} + f_{damp} + \sum \lambda_N F = f_{ext}.
 
-The schemes differ in the stress of f_int and in the kernel of the contact
-force F, see `Scheme`; the generalised-alpha method also in its acceleration, see
-`Rates`.
+Schemes differ in the stress of f_int and in the kernel of the contact force F, see `Scheme`;
+statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -31,9 +30,8 @@ from dolfinx_nts.fem.cell_sizes import cell_sizes
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
@@ -48,48 +46,42 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
 
+# Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
+# body in free flight has no other force, and its round-off is that of its momentum.
+_INERTIA_PART = 1e-3
+
 
 class ImplicitStepper(Stepper):
-    """A stepper that solves for the displacement at the end of a step.
+    """Base class of steppers that solve for the displacement at the end of a step.
 
-    Collective, as all its methods.
-
-    Args:
-        scheme: What is evaluated where within a step.
-        bodies: As of `EnergyMomentum`, and so are the others.
-        pairs: Contact pairs.
-        dt: Length of a step [s].
-        bcs: Dirichlet conditions.
-        loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s].
-        petsc_options: Options of the linear solver.
+    Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its
+    methods.
     """
 
     def __init__(
         self,
-        scheme: Scheme,
         bodies: Sequence[Body],
-        pairs: Sequence[ContactPair],
+        pairs: Sequence[ContactPair] = (),
         *,
         dt: float,
-        bcs: Sequence[fem.DirichletBC],
-        loads: Sequence[Load],
-        update: Callable[[float], None] | None,
-        petsc_options: Mapping[str, Any] | None,
+        bcs: Sequence[fem.DirichletBC] = (),
+        loads: Sequence[Load] = (),
+        update: Callable[[float], None] | None = None,
+        petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Compile the forms; the bodies are at rest and undeformed."""
-        super().__init__(scheme, bodies, pairs, dt=dt, loads=loads, update=update)
-        self._rates = scheme.rates(self.u_n, self.u, self.v, self._dt, bodies)
+        """Check the arguments, and compile the forms of the scheme."""
+        super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
+        self._rates = self.scheme.rates(self, self._dt, bodies)
         self._mass = ConsistentMass(bodies, self.v)
-        forms = StepForms(bodies, self.u_n, self.u, self._dt, scheme, self._rates.acceleration)
-        u_load = self.u if scheme.loads_at == "end" else self.u_n
+        forms = StepForms(bodies, self._rates, self.scheme)
+        u_load = self.u if self.scheme.loads_at == "end" else self.u_n
         works = forms.residual(), self.u, bcs, [load.form(u_load, self.u) for load in self.loads]
         self._bulk, self._tangent = Bulk(*works), Tangent(*works, forms.nearby_tangent())
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
-        # Lumped mass, where only the size of a force counts.
+        # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
-        share = partial(_inertia_share, self._rates, self._lumped_mass)
+        share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
@@ -103,34 +95,30 @@ class ImplicitStepper(Stepper):
         self._internal_force = 0.0
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also that of rates and of the linear solver."""
+        """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
         self._internal_force = archive.same("internal_force", self._internal_force)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
 
     def nodal_momentum(self) -> Floats:
-        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s].
-
-        That of the consistent mass. Collective.
-        """
+        """Momentum of the owned nodes by the consistent mass, shape ``(n, 3)`` [kg m/s]."""
         return self._mass.momentum()
 
     def _state_was_set(self) -> None:
         self._rates.forget()
 
     def _step(self) -> StepReport:
-        """Try Newton's method from several states."""
+        """Try Newton's method from several displacements, until one succeeds."""
         self._rates.begin(self._forces_at_start, self._free)
-        x_n, starts = self.x, self._rates.starts()
-        starts = {name: self.supports.applied(start) for name, start in starts.items()}
-        x_trial = self._X + starts[self._rates.trial].reshape(-1, 3)
+        starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
+        x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
         force_scale = self._force_scale()
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
-            steps, solution = self._solve(start, x_n, x_trial, force_scale)
+            steps, solution = self._solve(start, x, force_scale)
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(start, x_n, x_trial, force_scale, all_awake=True)
+                steps, solution = self._solve(start, x, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 reason = self._volume_ratio.inverted() or next(
@@ -150,9 +138,9 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _force_scale(self) -> float:
-        """Forces that can be at work, with which the residual is compared [N]."""
+        """Norm of the forces at work, with which the residual is compared [N]."""
         momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
-        scale = self._internal_force + 1e-3 * self._norm(momentum) / self.dt
+        scale = self._internal_force + _INERTIA_PART * self._norm(momentum) / self.dt
         if self.loads:
             scale += self._norm(self._bulk.load())
         return scale
@@ -160,7 +148,7 @@ class ImplicitStepper(Stepper):
     def _failure(
         self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
     ) -> newton.ConvergenceError:
-        """What all attempts have failed for; ``steps`` of the last. Collective."""
+        """Error that says why all attempts have failed; ``steps`` are those of the last."""
         reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
         materials = {body.material for body in self.bodies}
         weak = {type(m).__name__ for m in materials if not m.resists_collapse}
@@ -184,7 +172,7 @@ class ImplicitStepper(Stepper):
         solution: newton.Solution,
         attempts: Collection[newton.NewtonReport],
     ) -> StepReport:
-        """Set velocity and history by the solution; the works of the step."""
+        """Set the velocity and the contact by the solution, and compute all works."""
         dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
         for contact, step, pairs in zip(self.contacts, steps, solution.states, strict=True):
@@ -193,16 +181,16 @@ class ImplicitStepper(Stepper):
             contact.accept(history)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
-        lost = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
+        damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
-        sums = [float(value) for value in (loaded, -lost, solution.R @ du, near)]
+        sums = [float(value) for value in (loaded, -damped, solution.R @ du, near)]
         sums.append(self._rates.accept())
         sums = reductions.total(self._comm, sums)
         load_work, damping_work, solver_work, in_reach, self.inertia_defect = sums
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
-        # Without inertia it may be supports alone against which bodies press.
+        # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
         self._internal_force = self._norm(internal - inertia)
         return StepReport(
@@ -223,19 +211,14 @@ class ImplicitStepper(Stepper):
         )
 
     def _solve(
-        self,
-        start: Floats,
-        x_n: Floats,
-        x_trial: Floats,
-        force_scale: float,
-        all_awake: bool = False,
+        self, start: Floats, x: tuple[Floats, Floats], force_scale: float, all_awake: bool = False
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Newton's method from one state."""
+        """Solve the step from a displacement; ``x`` are positions at its start and on trial."""
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             steps = [
-                ContactStep(contact, self.scheme.contact, x_n, x_trial, stiffness, self._free)
+                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free)
                 for contact in self.contacts
             ]
         if not all_awake:
@@ -256,7 +239,7 @@ class ImplicitStepper(Stepper):
         return self._bulk.num_residuals, self._solver.statistics
 
     def _norm(self, values: Floats) -> float:
-        """Euclidean norm of values on the owned dofs. Collective."""
+        """Euclidean norm over all ranks of values of the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
 
     def _support_work(
@@ -266,13 +249,7 @@ class ImplicitStepper(Stepper):
         fixed = self._bulk.fixed
         if not reductions.anywhere(self._comm, bool(du[fixed].any())):
             return 0.0
-        # States keep the forces on given displacements apart.
+        # The residual of a state has no forces on given displacements; ``force`` has all.
         everywhere = [state._replace(residual=state.force) for state in states]
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
-
-
-def _inertia_share(rates: Rates, mass: Floats) -> Floats:
-    """Lumped part of inertia in the tangent at the owned dofs, ``(3 n,)`` [N/m]."""
-    share: Floats = rates.inertia_factor * mass
-    return share

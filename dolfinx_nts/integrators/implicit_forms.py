@@ -1,4 +1,4 @@
-"""Forms of an implicit step: balance of momentum, its tangent, damping."""
+"""Forms of an implicit step: the balance of momentum, its tangent, and damping."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -7,6 +7,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -15,34 +16,22 @@ __all__ = ["StepForms"]
 
 
 class StepForms:
-    """Forms of a step from u_n to u; virtual works in it. Local.
+    """Makes the forms of a step from u_n to u, whose value is virtual work in the step. Local.
 
     Args:
         bodies: Bodies of one space.
-        u_n: Displacement at the start of the step.
-        u: Displacement at its end, the unknown.
-        dt: Length of the step, a constant [s].
+        rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
-        acceleration: Acceleration in the step, UFL (3,), a function of
-            ``u``; None: neither inertia nor damping.
     """
 
-    def __init__(
-        self,
-        bodies: Sequence[Body],
-        u_n: fem.Function,
-        u: fem.Function,
-        dt: fem.Constant,
-        scheme: Scheme,
-        acceleration: Any | None,
-    ) -> None:
+    def __init__(self, bodies: Sequence[Body], rates: Rates, scheme: Scheme) -> None:
         """Build the deformation gradients at both ends of the step."""
-        self._bodies, self._u_n, self._u, self._dt = bodies, u_n, u, dt
-        self._scheme, self._acceleration = scheme, acceleration
-        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(state) for state in (u_n, u))
+        self._bodies, self._scheme, self._acceleration = bodies, scheme, rates.acceleration
+        self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
+        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(u) for u in (rates.u_n, rates.u))
 
     def residual(self) -> ufl.Form:
-        """Balance of momentum without loads and contact, linear in a test function."""
+        """Balance of momentum without loads and contact, linear in a test function [J]."""
         eta = ufl.TestFunction(self._u.function_space)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
@@ -56,10 +45,10 @@ class StepForms:
         return bulk_form(self._bodies, integrand)
 
     def nearby_tangent(self) -> ufl.Form:
-        """Tangent at u_n without initial stress, with the moduli at C = 1.
+        """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.
 
-        Definite, where cells far from balance, or pressed, make the
-        tangent indefinite, which spoils incomplete factorisations.
+        It is always definite. Cells that are pressed or far from balance make the exact tangent
+        indefinite, which spoils incomplete factorisations.
         """
         V, dt = self._u.function_space, self._dt
         eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)
@@ -87,7 +76,7 @@ class StepForms:
         return bulk_form(damped, partial(self._damping, eta=self._u - self._u_n))
 
     def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
-        """Virtual work of damping per reference volume, >= 0 for u - u_n."""
+        """Virtual work of damping per reference volume, which is >= 0 for u - u_n."""
         u, u_n, dt = self._u, self._u_n, self._dt
         mesh, work = u.function_space.mesh, 0
         if material.mass_damping > 0:

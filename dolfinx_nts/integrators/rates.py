@@ -1,4 +1,4 @@
-"""Velocity and acceleration in a step, and mass."""
+"""Rates, by which velocity and acceleration of a step follow from its displacements."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -10,18 +10,18 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.fem.jit import assembled, compile_form
-from dolfinx_nts.integrators.state import serialize_nodal
+from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
 
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
 
 class ConsistentMass:
-    """Consistent mass matrix of bodies, which is never assembled. Collective.
+    """Multiplies velocities or accelerations by the consistent mass, without a matrix. Collective.
 
     Args:
         bodies: The bodies.
-        rate: Velocity or acceleration of the bodies' space.
+        rate: Velocity or acceleration, a Function of the bodies' space.
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
@@ -36,49 +36,43 @@ class ConsistentMass:
 
 
 class Rates(ABC):
-    """How velocity and acceleration follow from displacements. Collective.
+    """Base class of the ways in which velocity and acceleration follow from displacements.
+
+    Collective, except where a method says otherwise.
 
     Args:
-        u_n: Displacement at the start of a step.
-        u: Displacement at its end, the unknown.
-        v: Velocity at the start of a step.
-        dt: Its length, a constant [s].
+        state: Its ``u``, the displacement at the end of a step, is the unknown; ``u_n`` and
+            ``v`` are displacement and velocity at the start.
+        dt: Length of a step, a constant [s].
         bodies: The bodies.
 
     Attributes:
-        acceleration: Mean acceleration of a step, UFL (3,), a function of
-            ``u``; None without inertia.
-        inertia_factor: Factor of the lumped mass in the tangent [1/s^2].
-        trial: Which of `starts` decides which nodes may touch.
+        u_n, u, v, dt: Functions of the state, and the constant.
+        mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
+        acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
+            inertia.
+        trial: Name of the displacement among `starts` that decides which nodes may touch.
     """
 
     acceleration: Any | None
     trial: ClassVar[str] = "ballistic"
 
-    def __init__(
-        self,
-        u_n: fem.Function,
-        u: fem.Function,
-        v: fem.Function,
-        dt: fem.Constant,
-        bodies: Sequence[Body],
-    ) -> None:
-        """Begin with the velocity as the mean of the last step."""
-        self.u_n, self.u, self.v, self.dt = u_n, u, v, dt
-        # Contact makes velocities alternate from step to step; their mean over the
-        # last step is free of that.
-        self.mean_velocity = fem.Function(u.function_space)
+    def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
+        """Take the velocity as the mean one of the last step."""
+        self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
+        # Contact makes velocities alternate from step to step, but not their mean in a step.
+        self.mean_velocity = fem.Function(self.u.function_space)
         self.forget()
 
-    @property
-    def inertia_factor(self) -> float:
-        """Factor of the lumped mass in the tangent [1/s^2]."""
-        return 2 / float(self.dt.value) ** 2
+    def inertia_share(self, mass: Floats) -> Floats:
+        """Lumped inertia in the tangent by the masses of the dofs [kg], ``(3 n,)`` [N/m]."""
+        share: Floats = 2 / float(self.dt.value) ** 2 * mass
+        return share
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn. Local.
+        """Displacements from which Newton's method is tried in turn, by name. Local.
 
-        Where the first fails (the first contact of a fast body), others may not.
+        Where the first one fails, as at the first contact of a fast body, another may not.
         """
         u_n, dt = self.u_n.x.array, float(self.dt.value)
         return {
@@ -88,7 +82,7 @@ class Rates(ABC):
         }
 
     def forget(self) -> None:
-        """Take the velocity as the mean of the last step, as the state was set."""
+        """Take the velocity as the mean one of the last step, because the state was set."""
         self.mean_velocity.x.array[:] = self.v.x.array
 
     def begin(  # noqa: B027 (most rates have nothing to prepare)
@@ -97,37 +91,32 @@ class Rates(ABC):
         """Prepare a step.
 
         Args:
-            forces: Residual at the start of the step, by its unknowns, on
-                the owned dofs, ``(3 n,)`` [N].
-            free: 1 where the displacement is unknown, 0 where it is given,
-                shape ``(n, 3)``; None if all are unknown.
+            forces: Returns the residual at the start of the step at the owned dofs, ``(3 n,)``
+                [N].
+            free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
+                None if all are unknown.
         """
 
     def accept(self) -> float:
         """Set the velocity at the end of the step that was solved.
 
         Returns:
-            Kinetic energy on this rank that the step does not account for [J].
+            Kinetic energy on this rank for which the step does not account [J].
         """
         self.mean_velocity.x.array[:] = (self.u.x.array - self.u_n.x.array) / float(self.dt.value)
         return self._set_velocity()
 
     @abstractmethod
     def _set_velocity(self) -> float:
-        """Set the velocity by the mean one, see `accept`."""
+        """Set the velocity from the mean one, see `accept`."""
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize what the next step depends on.
-
-        Args:
-            archive: Takes it or gives it.
-            ids: Numbers of the owned nodes, shape ``(n,)``.
-        """
+        """Serialize all on which the next step depends, by the numbers of the owned nodes."""
         serialize_nodal(archive, "mean_velocity", self.mean_velocity, ids)
 
 
 class MidpointRates(Rates):
-    """The velocity changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
+    """Velocity that changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
     @property
     def acceleration(self) -> Any:  # type: ignore[override]
@@ -141,18 +130,17 @@ class MidpointRates(Rates):
 
 
 class NoRates(Rates):
-    """No inertia: the velocity stays zero, time only counts the load."""
+    """Absence of inertia: the velocity stays zero, and time only counts the load."""
 
     acceleration = None
     trial = "extrapolated"
 
-    @property
-    def inertia_factor(self) -> float:
-        """No inertia in the tangent."""
-        return 0.0
+    def inertia_share(self, mass: Floats) -> Floats:
+        """Zero, because the tangent has no inertia."""
+        return 0.0 * mass
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried, in turn. Local."""
+        """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 

@@ -1,4 +1,4 @@
-"""Report of an accepted step."""
+"""Reports, which tell the user what happened in an accepted step."""
 
 from typing import NamedTuple
 
@@ -8,29 +8,32 @@ __all__ = ["StepReport"]
 
 
 class StepReport(NamedTuple):
-    """What happened in an accepted step.
+    """What happened in an accepted step, the same on all ranks.
 
-    The same on all ranks. The works are energy given to the bodies; with that of the bulk,
-    `Diagnostics.bulk_defect`, they add up to the change of kinetic and
-    strain energy.
+    The works are energy given to the bodies. Together with `Diagnostics.bulk_defect` they are
+    the change of kinetic and strain energy.
 
     Attributes:
         step: Number of the step, from 1.
         t: Time at its end [s].
         dt: Its length [s].
-        newton_iterations: Linear systems solved, all attempts.
+        newton_iterations: Linear systems solved in all attempts.
         active_set_changes: Pairs that changed during the iteration.
-        residual_norms: Norms before each linear solve, and the last [N].
-        num_active: Active pairs on all ranks.
-        num_segments: Segments in reach of nodes, on all ranks; without any
-            nothing was projected.
-        num_sleeping: Bodies that the step left out, being at rest.
+        residual_norms: Norms of the residual before each linear solve, and the last one [N].
+        num_active: Active pairs.
+        num_segments: Segments in reach of nodes; with none of them nothing was projected.
+        num_sleeping: Sleeping bodies, which the step left out.
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].
-        solver_work: Work of the residual that Newton left [J].
-        rejected: Longer steps that were tried before this one.
+        solver_work: Work of the residual that Newton's method left [J].
+        rejected: Number of longer steps that were tried before this one.
+
+    Example:
+        >>> step = stepper.advance()
+        >>> step.step, step.t, step.num_active
+        (1, 0.01, 0)
     """
 
     step: int

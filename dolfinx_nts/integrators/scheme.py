@@ -1,4 +1,4 @@
-"""Schemes: what is evaluated where within a step."""
+"""Schemes, which say what is evaluated at which state of a step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,32 +7,27 @@ from typing import Any, Literal
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
-__all__ = ["Scheme", "Stress"]
-
-Stress = Callable[[Hyperelastic, Any, Any, Any], Any]
+__all__ = ["Scheme"]
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A time integration scheme as a value.
+    """A time integration scheme as a value, from which a stepper takes all that differs.
 
     Attributes:
-        contact: Kernel of contact: ``"conserving"``, ``"midpoint"`` or
-            ``"static"``.
-        stress: ``stress(material, parameters, F_n, F)``: first
-            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the
-            numbers of the material, as constants, and the deformation
-            gradients at both ends of the step, UFL (3, 3).
-        rates: Makes what velocity and acceleration follow from.
-        stress_share: Part of the stress that belongs to the end of the
-            step: derivative by the strain there over that by all of it.
-        load_point: Where in a step the time of the loads is, from 0 to 1.
-        loads_at: Displacement at which loads act: the mean of the step or
-            that at its end.
+        contact: Kernel of the contact force: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+        stress: Function ``stress(material, parameters, F_n, F)`` that returns the first
+            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the numbers of the material,
+            as constants, and the deformation gradients at both ends of the step, UFL (3, 3).
+        rates: Makes the `Rates` by which velocity and acceleration follow from displacements.
+        stress_share: Derivative of the stress by the strain at the end of the step, as a part
+            of that by a strain that is the same at both ends [-].
+        load_point: Time of the loads, from 0 at the start of a step to 1 at its end [-].
+        loads_at: Displacement at which loads act: the mean of the step or that at its end.
     """
 
     contact: Literal["conserving", "midpoint", "static"]
-    stress: Stress
+    stress: Callable[[Hyperelastic, Any, Any, Any], Any]
     rates: Callable[..., Rates]
     stress_share: float = 0.5
     load_point: float = 0.5

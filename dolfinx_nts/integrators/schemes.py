@@ -1,21 +1,15 @@
-"""Implicit schemes: what is evaluated where within a step.
+"""Implicit steppers whose schemes have no parameters.
 
-They differ in the stress, in the kernel of the contact force, and in whether
-there is inertia; all else is `ImplicitStepper`.
+They differ in the stress, in the kernel of the contact force, and in whether there is inertia;
+`ImplicitStepper` does all else.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
-from dolfinx import fem
-
-from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import MidpointRates, NoRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
-from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads import Load
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 
@@ -27,7 +21,7 @@ def _midpoint_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) 
 
 
 def _conserving_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Conserving stress on the mean deformation gradient, see `Scheme`."""
+    """Conserving stress with the mean deformation gradient, see `Scheme`."""
     C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
     return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
 
@@ -37,104 +31,92 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
     return F * material.stress(right_cauchy_green(F), **parameters)
 
 
-class _FixedScheme(ImplicitStepper):
-    """A stepper whose scheme has no parameters."""
+class Midpoint(ImplicitStepper):
+    """Midpoint rule, with stress and contact gradient at (x_n + x_{n+1})/2, to compare with.
 
-    _scheme: ClassVar[Scheme]
+    It conserves both momenta but not the energy (Franke, Hesch and Betsch 2011, eqs. 47-52).
+    Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its
+    methods.
 
-    def __init__(
-        self,
-        bodies: Sequence[Body],
-        pairs: Sequence[ContactPair] = (),
-        *,
-        dt: float,
-        bcs: Sequence[fem.DirichletBC] = (),
-        loads: Sequence[Load] = (),
-        update: Callable[[float], None] | None = None,
-        petsc_options: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Compile the forms; the bodies are at rest and undeformed."""
-        super().__init__(
-            self._scheme,
-            bodies,
-            pairs,
-            dt=dt,
-            bcs=bcs,
-            loads=loads,
-            update=update,
-            petsc_options=petsc_options,
-        )
-
-
-class Midpoint(_FixedScheme):
-    """Midpoint rule: stress and contact gradient at (x_n + x_{n+1})/2.
-
-    Conserves momenta; energy is not conserved (Franke, Hesch and Betsch 2011,
-    eqs. 47-52). Arguments, attributes and errors are those of
-    `EnergyMomentum`. Collective, as all its methods.
+    Example:
+        >>> stepper = nts.Midpoint(bodies, [pair], dt=0.01)
+        >>> stepper.set_velocity(other, (0.0, 0.0, -1.0))
+        >>> [step.num_active for step in stepper.run(until=0.02)]
+        [0, 4]
     """
 
-    _scheme = Scheme(contact="midpoint", stress=_midpoint_stress, rates=MidpointRates)
+    scheme = Scheme(contact="midpoint", stress=_midpoint_stress, rates=MidpointRates)
 
 
-class EnergyMomentum(_FixedScheme):
-    """Energy-momentum scheme: conserving stress and discrete gradient.
+class EnergyMomentum(ImplicitStepper):
+    """Advances bodies and their contact by the energy-momentum scheme.
 
-    Conserves linear and angular momentum and, with elastic impact, the
-    total energy, to the tolerance of Newton's method (Franke, Hesch and
-    Betsch 2011, eqs. 53-58). Collective, as all its methods.
+    It conserves linear and angular momentum and, with elastic impact, the total energy, to the
+    tolerance of Newton's method: the stress is a conserving one, and the contact force a
+    discrete gradient of the gap (Franke, Hesch and Betsch 2011, eqs. 53-58). Collective, as are
+    all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs of these bodies.
         dt: Length of a step [s].
-        bcs: Dirichlet conditions on the displacement at the end of a
-            step. Nodes of a moving support should start with its
-            velocity: as of any node, it follows from the displacements.
+        bcs: Dirichlet conditions on the displacement at the end of a step. Nodes of a moving
+            support should start with its velocity, because the velocity of all nodes follows
+            from their displacements.
         loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s], to
-            set the functions and constants in ``bcs`` and ``loads``.
-        petsc_options: Options of the linear solver: ``ksp_...`` for the
-            Krylov method; all others, such as ``pc_type``, for the
-            preconditioner of the bulk, which PETSc makes if there are
-            any. Tolerances are set by Newton's method.
+        update: Called before each step with the time at its end [s], to set the functions and
+            constants in ``bcs`` and ``loads``.
+        petsc_options: Options of the linear solver. Those called ``ksp_...`` are for the Krylov
+            method. All others, such as ``pc_type``, are for the preconditioner of the bulk,
+            which PETSc makes if there are any. Tolerances are set by Newton's method.
 
     Attributes:
-        bodies: The bodies.
-        pairs: The contact pairs.
+        bodies, pairs, loads: The arguments.
         contacts: What this stepper remembers of each pair.
-        loads: The loads.
         t: Time [s].
         dt: Length of the next step [s].
         step: Number of accepted steps.
+        statistics: Counts of the work that has been done so far.
         timings: Wall time by phase.
         u: Displacement at t [m], a Function of the bodies' space.
-        v: Velocity at t [m/s].
-        x: Current positions of the local nodes, owned then ghost, shape
-            ``(l, 3)`` [m].
+        v: Velocity at t [m/s], a Function of the same space.
+        x: Current positions of the local nodes, owned then ghost, shape ``(l, 3)`` [m].
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: Bodies overlap or do not fill the mesh; something
-            belongs to another space; ``dt`` is not positive; conditions
-            conflict.
+        ValueError: Bodies overlap or do not fill the mesh; something belongs to another space;
+            ``dt`` is not positive; conditions conflict.
+
+    Example:
+        >>> gravity = nts.Gravity(bodies, (0.0, 0.0, -9.81))
+        >>> stepper = nts.EnergyMomentum(bodies, [pair], dt=0.01, loads=[gravity])
+        >>> step = stepper.advance()
+        >>> stepper
+        EnergyMomentum(t=0.01, dt=0.01, step=1, bodies=2, pairs=1, loads=1)
     """
 
-    _scheme = Scheme(contact="conserving", stress=_conserving_stress, rates=MidpointRates)
+    scheme = Scheme(contact="conserving", stress=_conserving_stress, rates=MidpointRates)
 
 
-class QuasiStatic(_FixedScheme):
-    """Equilibrium at the end of each step; time only counts the load.
+class QuasiStatic(ImplicitStepper):
+    """Finds the equilibrium at the end of each step; the time only counts the load.
 
-    Contact is closed, g = 0 (there is no impact, so the kind of impact of
-    a multiplier does not matter); friction follows the slip from step to
-    step. Supports must leave no body free to move rigidly, unless contact
-    holds it. Arguments, attributes and errors are those of
-    `EnergyMomentum`; the velocity stays zero, and damping has no effect.
-    Collective, as all its methods.
+    Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
+    multiplier does not matter. Friction follows the slip from step to step. Supports must leave
+    no body free to move rigidly, unless contact holds it. The velocity stays zero, and damping
+    has no effect. Arguments, attributes and errors are those of `EnergyMomentum`. Collective,
+    as are all its methods.
+
+    Example:
+        >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
+        >>> clamp = fem.dirichletbc(np.zeros(3), ends, V)
+        >>> gravity = nts.Gravity(bodies, (0.0, 0.0, -9.81))
+        >>> stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=[clamp], loads=[gravity])
+        >>> float(stepper.advance().load_work) > 0.0
+        True
     """
 
-    _scheme = Scheme(
+    scheme = Scheme(
         contact="static",
         stress=_end_stress,
         rates=NoRates,

@@ -1,7 +1,7 @@
-"""Bodies at rest: nothing acts on them, so a step can leave them out.
+"""Sleeping bodies, on which nothing acts, so that a step can leave them out.
 
-A body rests while it does not move, is in equilibrium, carries no load, its
-supports stay, and no contact can reach it within the step.
+A body sleeps in a step if it does not move, is in equilibrium, carries no load, its supports do
+not move, and no contact can reach it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,24 +21,26 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SleepingBodies"]
 
-
-# Of the size of a cell: displacement by which a body may miss equilibrium.
+# Displacement, relative to the size of the smallest cell [-], by which a sleeping body may miss
+# its equilibrium: some fifty times the machine epsilon.
 _ROUNDING = 1e-14
 
 
 class SleepingBodies:
-    """Keeps bodies at rest out of the forms. Collective, as all its methods.
+    """Finds the sleeping bodies of each step, and leaves them out of the forms.
+
+    Collective, as are all its methods.
 
     Args:
         bulk: Residual of the bodies.
-        tangent: Its matrix.
-        sizes: Of the cells.
+        tangent: Matrix of the residual.
+        sizes: Sizes of the cells.
         bodies: The bodies.
-        pairs: Contact pairs.
-        loads: Loads.
+        pairs: What the stepper remembers of the contact pairs.
+        loads: The loads.
 
     Attributes:
-        bodies: Those at rest.
+        bodies: The bodies that sleep now.
     """
 
     def __init__(
@@ -50,7 +52,7 @@ class SleepingBodies:
         pairs: Sequence[PairState],
         loads: Sequence[Load],
     ) -> None:
-        """Find out what can act on which body."""
+        """Find out which loads and pairs can act on which body."""
         self._bulk, self._all = bulk, tuple(bodies)
         self._tangent, self._sizes = tangent, sizes
         comm, num_owned = bulk.comm, bulk.num_owned // 3
@@ -62,7 +64,7 @@ class SleepingBodies:
             inside = np.isin(surface.nodes, self._nodes[body])
             return reductions.anywhere(comm, bool(inside.any()))
 
-        # A list, as the answer is collective for loads on surfaces.
+        # A list, because all ranks must ask all loads: some answer collectively.
         self._loaded = {b for b in bodies if any([load.acts_on(b) for load in loads])}
         self._pairs: Mapping[Body, list[int]] = {
             body: [
@@ -77,13 +79,13 @@ class SleepingBodies:
         self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
-        """Bodies at rest in a step; the forms leave them out from now on.
+        """Find the bodies that sleep in a step; the forms leave them out from now on.
 
         Args:
-            v: Velocity of the local dofs [m/s].
-            u_n: Accepted displacement [m]; that of ``bulk`` is the start
-                of Newton's method, with the supports at the step's end.
-            steps: Contact attempts.
+            v: Velocity of the local dofs, shape ``(3 l,)`` [m/s].
+            u_n: Accepted displacement, shape ``(3 l,)`` [m]. That of ``bulk`` is the start of
+                Newton's method, with the supports where they are at the end of the step.
+            steps: Contact in the step, for each pair.
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
@@ -94,7 +96,7 @@ class SleepingBodies:
             moves = np.any(v[nodes]) or np.any(moved[nodes])
             touched = any(steps[i].may_touch for i in self._pairs[body])
             still = not (moves or touched or body in self._loaded)
-            # Its displacement may have been set since its balance was looked at.
+            # Its displacement may have been set since its equilibrium was checked.
             known = body in self.bodies and not np.any(displaced[nodes])
             flags.append((still, known))
         counts = reductions.total(comm, np.array(flags, dtype=np.int64)) == comm.size
@@ -108,14 +110,14 @@ class SleepingBodies:
         self._leave_out(frozenset(candidates))
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
-        """Whether contact has reached one after all; then all wake."""
+        """Wake all bodies if contact has reached one after all; returns whether it has."""
         reached = any(steps[i].touched for body in self.bodies for i in self._pairs[body])
         if reached:
             self._wake_all()
         return reached
 
     def _balanced(self, bodies: Sequence[Body], u_n: Floats) -> set[Body]:
-        """Those that are in equilibrium where they are."""
+        """Those of some bodies that are in equilibrium where they are."""
         bulk = self._bulk
         u = bulk.u.x.array
         before = u.copy()

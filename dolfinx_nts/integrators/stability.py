@@ -1,13 +1,11 @@
-r"""Stability of central differences: the longest step, and energy that must not grow.
+"""Stability of central differences: the longest step, and energy that must not grow.
 
-Largest stable step of central differences, an estimate on the safe side.
-
-With lumped mass no frequency of an assembly exceeds the highest one of its
-parts (Irons and Treharne 1971). That of a cell of degree 1 is taken from its
-uniform strains, with the moduli at C = 1: 2 c/h, c the speed of the P-wave in
-a cell of length h that can move in one direction only, and more in one that
-can swell. That of a cell of degree 2 is an eigenvalue. When cells deform it
-changes as 1/h. Contact springs add their own.
+The estimate of the longest step is on the safe side. With lumped mass no frequency of an
+assembly exceeds the highest one of its parts (Irons and Treharne 1971). For a cell of degree 1
+that is taken from its uniform strains, with the moduli at C = 1: 2 c/h, with the speed c of the
+P-wave, for a cell of length h that can move in one direction only, and more for one that can
+swell. For a cell of degree 2 it is an eigenvalue. It changes as 1/h when cells deform, and
+contact springs add to it.
 """
 
 import math
@@ -31,24 +29,35 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Cells", "Damping", "Stability", "cell_frequency", "highest_frequency", "largest_step"]
 
-
-# Parts of the estimate: the default step, and the longest step where springs
-# are to be chosen, which need what is left.
+# Parts of the estimate [-]: the default step; and the longest step where springs are to be
+# chosen, which need the remainder.
 _DEFAULT, _WITH_SPRINGS = 0.7, 0.9
-_GROWTH = 0.25  # of the energy that is taken for an instability
-_ROUNDING = 1e-20  # energy relative to that of one cell a step
+# Growth of the energy, relative to all energy that there was [-], that is taken for an
+# instability: far above the bounded error of a stable run.
+_GROWTH = 0.25
+# Energy relative to that of the mass at one cell a step [-], which is round-off of a body
+# without motion.
+_ROUNDING = 1e-20
+# Least time of a wave through a cell [s] whose inverse square is a finite number.
+_SHORTEST_TIME = 1e-150
+# Numbers of cells of degree 1 and 2 whose matrices are computed at once [-], so that they take
+# little memory.
+_BLOCK, _MATRICES = 4096, 64
 
 
 class Stability:
-    """What limits the step. Collective.
+    """Limits the step of an explicit stepper, and watches over its energy.
+
+    Collective, except where a method says otherwise. Positions ``x`` are those of the local
+    nodes, shape ``(l, 3)`` [m].
 
     Args:
         bodies: The bodies.
         springs: Springs of the contact pairs.
-        mass: Of all bodies [kg].
+        mass: Mass of all bodies [kg].
 
     Attributes:
-        smallest: Length of the smallest cell when it was last looked at [m].
+        smallest: Length of the smallest cell when the cells were last looked at [m].
     """
 
     def __init__(
@@ -58,7 +67,7 @@ class Stability:
         self._cells, self._damping = Cells(bodies), Damping.of(bodies)
         self._springs, self._mass = springs, mass
         self.smallest = 0.0
-        # Since the state was set: energy then, work since, and its turnover [J].
+        # Energy of the state that was set, work since then, and sum of its magnitudes [J].
         self._energy = self._worked = self._turnover = 0.0
 
     def serialize(self, archive: Archive) -> None:
@@ -68,61 +77,39 @@ class Stability:
         self._energy, self._worked, self._turnover, self.smallest = (float(t) for t in totals)
 
     def longest_step(self, x: Floats) -> float:
-        """Estimate of the largest stable step [s].
-
-        Args:
-            x: Positions of the local nodes, shape ``(l, 3)`` [m].
-        """
+        """Estimate of the largest stable step at positions [s]."""
         return largest_step(self._squared_frequency(x), self._damping)
 
     def room(self, x: Floats) -> tuple[float, float]:
-        """Longest step and default [s], with room for springs that are open."""
+        """Longest step and default step [s], with room for springs to be chosen."""
         estimate = self.longest_step(x)
         part = _WITH_SPRINGS if any(springs.is_open for springs in self._springs) else 1.0
         return part * estimate, _DEFAULT * estimate
 
     def choose_penalties(self, x: Floats, dt: float) -> float:
-        """Choose springs that are open, as stiff as a step allows.
-
-        Args:
-            x: As of `longest_step`.
-            dt: The step [s].
-
-        Returns:
-            The longest step with them [s].
-        """
+        """Make springs to be chosen as stiff as dt allows; returns the longest step [s]."""
         squared = (self._damping.highest(dt) - self._squared_frequency(x)) / 2
         for springs in self._springs:
             springs.choose_penalty(squared)
         return self.longest_step(x)
 
     def start(self, energy: float) -> None:
-        """Count energy from now on. Local.
-
-        Args:
-            energy: Of the state that was set [J].
-        """
+        """Begin to count from a state that was set, with this energy [J]. Local."""
         self._energy, self._worked, self._turnover = energy, 0.0, 0.0
 
-    def count(self, driven: Sequence[float], lost: float) -> None:
+    def count(self, driven: Sequence[float], dissipated: float) -> None:
         """Count the work of a step. Local.
 
         Args:
-            driven: Work of loads and of supports [J].
-            lost: Of damping and friction [J].
+            driven: Work of the loads and of the supports [J].
+            dissipated: Work of damping and friction, which is not positive [J].
         """
-        self._worked += sum(driven) + lost
+        self._worked += sum(driven) + dissipated
         self._turnover += sum(map(abs, driven))
 
     def growth(self, energy: float, dt: float) -> str:
-        """What is wrong with an energy; empty if nothing is. Local.
-
-        Args:
-            energy: Present energy [J].
-            dt: The step [s].
-        """
+        """Tell by how much an energy [J] has grown after steps dt [s]; empty if not. Local."""
         grown = energy - self._energy - self._worked
-        # Round-off of a body at rest is no growth.
         whole = self._mass * (self.smallest / dt) ** 2
         if grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
             return ""
@@ -135,24 +122,81 @@ class Stability:
         return bulk + contact
 
 
-_SHORTEST_TIME = 1e-150  # of a wave through a cell, whose square is a number [s]
-# Cells that are looked at together, of degree 1 and 2.
-_BLOCK, _MATRICES = 4096, 64
+class Cells:
+    """Finds the highest frequency and the least length of all cells, which limit the step.
+
+    The length of a cell is twice the least radius of gyration of its nodes, which is the edge
+    of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
+
+    Args:
+        bodies: The bodies, of one space.
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Compute the wave speed in each cell: half of its frequency times its length."""
+        V = bodies[0].V
+        self._comm: MPI.Comm = V.mesh.comm
+        X, element = V.tabulate_dof_coordinates(), Element.of(V)
+        nodes, k = V.dofmap.list, element.pieces.shape[1]
+        cells = {
+            material: np.concatenate([b.cells for b in bodies if b.material is material])
+            for material in dict.fromkeys(body.material for body in bodies)
+        }
+        self._nodes = np.concatenate([nodes[part] for part in cells.values()])
+        squared = []
+        for material, part in cells.items():
+            x = X[nodes[part, :k]]
+            if element.degree == 1:
+                squared.append(cell_frequency(material, x))
+            else:
+                squared.append(highest_frequency(material, element, x))
+        self._speed = np.sqrt(np.concatenate(squared)) * _kernels.cell_lengths(X, self._nodes) / 2
+
+    def limits(self, x: Floats) -> tuple[float, float]:
+        """Highest squared frequency [1/s^2] and least length [m] at positions. Collective."""
+        length = _kernels.cell_lengths(x, self._nodes)
+        time = float((length / self._speed).min(initial=np.inf))
+        limits = [time, float(length.min(initial=np.inf))]
+        least, shortest = reductions.least(self._comm, limits)
+        return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping by the largest coefficients of several bodies, as far as it limits the step.
+
+    Attributes:
+        mass: Coefficient alpha [1/s].
+        stiffness: Coefficient beta [s].
+    """
+
+    mass: float
+    stiffness: float
+
+    @classmethod
+    def of(cls, bodies: Sequence[Body]) -> "Damping":
+        """Largest coefficients of the bodies' materials."""
+        laws = [body.material for body in bodies]
+        return cls(max(m.mass_damping for m in laws), max(m.stiffness_damping for m in laws))
+
+    def highest(self, dt: float) -> float:
+        """Squared frequency without damping for which a step dt [s] is just stable [1/s^2]."""
+        return (1 - dt * self.mass / 2) / (dt**2 / 4 + dt * self.stiffness / 2)
 
 
 def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
-    r"""Highest squared frequency of the uniform strains of cells.
+    r"""Highest squared frequency of the uniform strains of cells of degree 1. Local.
 
-    With displacements u = H r of the vertices and lumped mass, the largest
-    value of :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at
-    C = 1 and :math:`G = \sum_a r_a \otimes r_a / k`. Local.
+    With displacements u = H r of the vertices and lumped mass it is the largest value of
+    :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at C = 1 and
+    :math:`G = \sum_a r_a \otimes r_a / k`.
 
     Args:
         material: Material of the cells.
-        x: Vertices, shape ``(c, k, 3)`` [m, reference].
+        x: Vertices in the reference configuration, shape ``(c, k, 3)`` [m].
 
     Returns:
-        Squared frequency, shape ``(c,)`` [1/s^2].
+        Squared frequencies, shape ``(c,)`` [1/s^2].
     """
     basis = Hyperelastic.strain_basis()
     D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)
@@ -166,15 +210,15 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
 
 
 def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Floats:
-    r"""Highest squared frequency of cells with the moduli at C = 1. Local.
+    """Highest squared frequency of cells of any degree, with the moduli at C = 1. Local.
 
     Args:
         material: Material of the cells.
         element: Their element.
-        x: Vertices, shape ``(c, k, 3)`` [m, reference].
+        x: Vertices in the reference configuration, shape ``(c, k, 3)`` [m].
 
     Returns:
-        Squared frequency, shape ``(c,)`` [1/s^2].
+        Squared frequencies, shape ``(c,)`` [1/s^2].
     """
     basis, moduli = Hyperelastic.strain_basis(), material.moduli
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
@@ -195,94 +239,20 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     return squared
 
 
-def _moments(x: Floats) -> Floats:
-    """Mean products of the positions of vertices about their centre."""
-    r = x - x.mean(axis=1, keepdims=True)
-    moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
-    return moments
-
-
-class Cells:
-    """The cells of bodies, as far as they limit the step.
-
-    The length of a cell is twice the least radius of gyration of its nodes,
-    the edge of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
-
-    Args:
-        bodies: The bodies, of one space.
-    """
-
-    def __init__(self, bodies: Sequence[Body]) -> None:
-        """Compute the speed in each cell, half of its frequency times length."""
-        V = bodies[0].V
-        self._comm: MPI.Comm = V.mesh.comm
-        X, element = V.tabulate_dof_coordinates(), Element.of(V)
-        nodes, k = V.dofmap.list, element.pieces.shape[1]
-        cells = {
-            material: np.concatenate([b.cells for b in bodies if b.material is material])
-            for material in dict.fromkeys(body.material for body in bodies)
-        }
-        self._nodes = np.concatenate([nodes[part] for part in cells.values()])
-        squared = []
-        for material, part in cells.items():
-            x = X[nodes[part, :k]]
-            if element.degree == 1:
-                squared.append(cell_frequency(material, x))
-            else:
-                squared.append(highest_frequency(material, element, x))
-        self._speed = np.sqrt(np.concatenate(squared)) * _kernels.cell_lengths(X, self._nodes) / 2
-
-    def limits(self, x: Floats) -> tuple[float, float]:
-        """Highest squared frequency [1/s^2] and least length [m]. Collective.
-
-        Args:
-            x: Positions of the local nodes, shape ``(l, 3)`` [m].
-        """
-        length = _kernels.cell_lengths(x, self._nodes)
-        time = float((length / self._speed).min(initial=np.inf))
-        limits = [time, float(length.min(initial=np.inf))]
-        least, shortest = reductions.least(self._comm, limits)
-        # A cell without any length has no frequency that a number can hold.
-        return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
-
-
-@dataclass(frozen=True)
-class Damping:
-    """Largest coefficients of Rayleigh damping of several bodies.
-
-    Attributes:
-        mass: Coefficient alpha [1/s].
-        stiffness: Coefficient beta [s].
-    """
-
-    mass: float
-    stiffness: float
-
-    @classmethod
-    def of(cls, bodies: Sequence[Body]) -> "Damping":
-        """Largest coefficients of the bodies' materials."""
-        materials = [body.material for body in bodies]
-        return cls(
-            max(material.mass_damping for material in materials),
-            max(material.stiffness_damping for material in materials),
-        )
-
-    def highest(self, dt: float) -> float:
-        """Squared frequency for which a step is just stable [1/s^2]."""
-        return (1 - dt * self.mass / 2) / (dt**2 / 4 + dt * self.stiffness / 2)
-
-
 def largest_step(squared: float, damping: Damping) -> float:
-    r"""Largest stable step [s].
+    r"""Largest stable step [s] for the highest squared frequency without damping [1/s^2]. Local.
 
-    From :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`,
-    as damping lags half a step behind; 0 where the frequency is infinite.
-
-    Args:
-        squared: Highest squared frequency without damping [1/s^2].
-        damping: The damping.
+    It follows from :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, as
+    damping lags half a step behind, and is 0 where the frequency is infinite.
     """
     if math.isinf(squared):
         return 0.0
     c = (damping.mass + damping.stiffness * squared) / 2
     return float(2 / (c + np.sqrt(c**2 + squared)))
+
+
+def _moments(x: Floats) -> Floats:
+    """Mean products of the positions of vertices about their centre, ``(c, 3, 3)`` [m^2]."""
+    r = x - x.mean(axis=1, keepdims=True)
+    moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
+    return moments

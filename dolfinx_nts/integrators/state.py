@@ -14,7 +14,6 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.integrators.step_control import Pace
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.errors import agreed
 
@@ -22,9 +21,9 @@ __all__ = ["State", "serialize_nodal"]
 
 
 class State(ABC):
-    """Displacement, velocity and time, and what says how long steps are.
+    """Displacement, velocity and time of bodies, which the user may set between steps.
 
-    Collective, as its methods, but for `x`.
+    Collective, as are all its methods, except for `x`.
 
     Args:
         V: Space of the displacement.
@@ -35,20 +34,19 @@ class State(ABC):
         step: Number of accepted steps.
         u: Displacement at t [m], a Function.
         v: Velocity at t [m/s], a Function.
-        u_n: Displacement at the start of the last step [m].
-        node_ids: Numbers of the owned nodes, see `node_numbering`, ``(n,)``.
-        pace: How steps follow each other in a run.
-        inertia_defect: Kinetic energy gained in the last step less the
-            work of all forces in it [J].
+        u_n: Displacement at the start of the last step [m], a Function.
+        node_ids: Numbers of the owned nodes, see `node_numbering`, shape ``(n,)``.
+        inertia_defect: Kinetic energy gained in the last step minus the work of all forces in
+            it [J].
     """
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
-        """Begin at rest, undeformed, at the time 0."""
+        """Begin with undeformed bodies without motion at the time 0."""
         self.t, self.step, self.inertia_defect = 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
-        self.pace = Pace()
+        self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = V.tabulate_dof_coordinates()
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
@@ -56,7 +54,7 @@ class State(ABC):
     @property
     def dt(self) -> float:
         """Length of the next step [s]."""
-        return self._length
+        return self._usual_dt
 
     @dt.setter
     def dt(self, dt: float) -> None:
@@ -67,17 +65,14 @@ class State(ABC):
         positive("a step dt", dt)
 
     def _set_dt(self, dt: float) -> None:
-        self._length = float(dt)  # asking the constant takes 1 % of a small explicit step
+        # Beside the constant, which takes 1 % of a small explicit step to read.
+        self._usual_dt = float(dt)
         self._dt.value = dt
 
     @contextmanager
-    def steps_of(self, dt: float) -> Iterator[None]:
-        """Context in which a step has another length than usual. Local.
-
-        Args:
-            dt: The length [s].
-        """
-        usual = self._length
+    def _steps_of(self, dt: float) -> Iterator[None]:
+        """Context in which steps have the length dt [s] instead of the usual one."""
+        usual = self._usual_dt
         try:
             self.dt = dt
             yield
@@ -86,61 +81,47 @@ class State(ABC):
 
     @property
     def x(self) -> Floats:
-        """Positions of the local nodes, owned then ghost, ``(l, 3)`` [m]."""
+        """Current positions of the local nodes, owned then ghost, shape ``(l, 3)`` [m]."""
         x: Floats = self._X + self.u.x.array.reshape(-1, 3)
         return x
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the accepted state and all that the next step depends on.
+        """Serialize the state and all else on which the next step depends.
 
-        But for what ``update`` and the functions of loads remember.
-
-        Args:
-            archive: Takes the state or gives it.
+        What ``update`` and the functions of loads remember is not part of it.
         """
         self.t = archive.same("t", self.t)
         self.step = archive.same("step", self.step)
         self._set_dt(archive.same("dt", self.dt))
-        self.pace.serialize(archive)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             serialize_nodal(archive, name, function, self.node_ids)
 
     def set_displacement(self, body: Body, value: Any) -> None:
-        """Set the displacement of a body, before or between steps.
+        """Set the displacement of a body, before the first step or between steps.
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function of the bodies' space.
+            value: Three numbers [m]; or a function of the reference positions, shape
+                ``(3, n)``, that returns ``(3, n)``; or a Function of the bodies' space.
 
         Raises:
-            ValueError: The body is of another stepper, the Function of
-                another space, or the value has the wrong shape.
+            ValueError: The body belongs to another stepper, the Function to another space, or
+                the value has the wrong shape.
         """
         self._set(self.u, body, value)
 
     def set_velocity(self, body: Body, value: Any) -> None:
-        """Set the velocity of a body, before or between steps.
+        """Set the velocity of a body [m/s], before the first step or between steps.
 
-        Args:
-            body: One of the bodies.
-            value: Three numbers [m/s]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``; or
-                a Function of the bodies' space.
-
-        Raises:
-            ValueError: The body is of another stepper, the Function of
-                another space, or the value has the wrong shape.
+        Arguments and errors are those of `set_displacement`.
         """
         self._set(self.v, body, value)
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         self._check_body(body)
         V, X = self.u.function_space, self._X[body.nodes].T
-        comm: MPI.Comm = V.mesh.comm
-        with agreed(comm):
+        with agreed(self._comm):
             if isinstance(value, fem.Function):
                 if value.function_space != V:
                     raise ValueError(
@@ -155,18 +136,18 @@ class State(ABC):
 
     @abstractmethod
     def _check_body(self, body: Body) -> None:
-        """Raise unless a body is one of those that have the state."""
+        """Raise unless a body is one of those whose state this is."""
 
     @abstractmethod
     def _state_was_set(self) -> None:
-        """Forget what belongs to the state before it was set."""
+        """Forget what depends on the state that has been replaced."""
 
 
 def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: Any) -> None:
-    """Serialize the values of a function with three values a node. Collective.
+    """Serialize the values of a function at all nodes, three a node. Collective.
 
     Args:
-        archive: Takes them or gives them.
+        archive: Stores the values or gives stored ones back.
         name: Name of the values.
         function: The function; its ghosts are set too.
         ids: Numbers of the owned nodes, shape ``(n,)``.

@@ -1,4 +1,4 @@
-"""Work of a stepper in numbers."""
+"""Statistics, which tell the user how much work a stepper has done."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,20 @@ __all__ = ["StepperStatistics"]
 
 @dataclass(frozen=True)
 class StepperStatistics:
-    """What a stepper has done so far. Local.
+    """What a stepper has done so far, in numbers. Local.
 
-    ``str`` has a line for each pair and one for the linear solver.
+    The text ``str(statistics)`` has a line for each pair and one for the linear solver.
 
     Attributes:
         pairs: Laws of each pair, and the stiffness of its springs.
-        num_searches: Global searches of each pair.
-        num_forces: Evaluations of the internal forces of the bodies.
-        solver: Work of the linear solver; None without one.
+        num_searches: Number of global searches of each pair.
+        num_forces: Number of evaluations of the internal forces of the bodies.
+        solver: Work of the linear solver; None for a stepper without one.
+
+    Example:
+        >>> step = stepper.advance()
+        >>> stepper.statistics.num_searches, stepper.statistics.num_forces
+        ((1,), 2)
     """
 
     pairs: tuple[str, ...]

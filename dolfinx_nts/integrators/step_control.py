@@ -5,35 +5,48 @@ import math
 from collections.abc import Sequence
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import positive
+from dolfinx_nts.common.arguments import as_call, positive
 
-__all__ = ["EvenSteps", "Pace", "StepControl", "StepLength"]
+__all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
-# Part of a step that is round-off of its times.
-_SLIVER = 1e-6
-# Number of steps of one length after which a longer one is tried.
+# Part of a step [-] that is taken for round-off of its times: far above that of any run, and
+# far below any part that matters.
+ROUND_OFF = 1e-6
+# Part of the usual step [-] below which a step fails for good unless the user says otherwise:
+# 20 halvings, so that a run which cannot go on ends after about 20 attempts.
+_SMALLEST = 2.0**-20
+# Number of steps [-] of one length after which a longer one is tried: few, as short steps take
+# time, but not one, as a longer step that fails takes time too.
 _PATIENCE = 3
 
 
 class StepControl:
-    """Cuts steps that fail and lets them grow again.
+    """Cuts steps that fail, and lets them grow again. Local.
 
-    A step is tried again with half its length when Newton's method fails, a
-    cell is inverted, a normal turns by more than 90 degrees, an explicit
-    step is not stable, or a gap is held that exceeds ``gap_tol``; a cut step
-    leaves no trace. After some steps the length doubles again, up to the
-    ``dt`` of the stepper. Steps end exactly at the given times.
+    A step is tried again with half its length when Newton's method fails, a cell is inverted, a
+    normal turns by more than 90 degrees, an explicit step is not stable, or contact holds a
+    node at a gap above ``gap_tol``. A cut step leaves no trace. The length doubles after some
+    steps, up to the ``dt`` of the stepper. Steps end exactly at the given times.
 
     Args:
-        smallest: Length below which a step fails for good [s]; None:
-            2**-20 of the ``dt`` of the stepper.
-        gap_tol: Largest distance from the surface at which a node may be
-            caught, or be inside, of contact by elastic impact [m]; None:
-            any. A node that was further inside before stays what it is.
-        times: Times at which a step must end, for output for instance [s].
+        smallest: Length below which a step fails for good [s]; None for 2**-20 of the ``dt`` of
+            the stepper.
+        gap_tol: Largest distance from the surface at which contact by elastic impact may catch
+            a node or hold it inside [m]; None for any. A node that was deeper before may stay.
+        times: Times at which a step must end, for instance for output [s].
+
+    Attributes:
+        smallest, gap_tol: The arguments.
+        times: The times, sorted.
 
     Raises:
-        ValueError: A number is not positive or not finite.
+        TypeError: ``smallest`` or ``gap_tol`` is no number.
+        ValueError: ``smallest`` or ``gap_tol`` is not positive, or a number is not finite.
+
+    Example:
+        >>> control = nts.StepControl(times=[0.005, 0.015])
+        >>> [f"{step.t:g}" for step in stepper.run(0.02, control)]
+        ['0.005', '0.015', '0.02']
     """
 
     def __init__(
@@ -43,7 +56,7 @@ class StepControl:
         gap_tol: float | None = None,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the numbers."""
+        """Check the numbers, and sort the times."""
         for name, value in (("smallest", smallest), ("gap_tol", gap_tol)):
             if value is not None:
                 positive(name, value)
@@ -52,30 +65,38 @@ class StepControl:
             raise ValueError(f"expected finite times, given {self.times}")
         self.smallest, self.gap_tol = smallest, gap_tol
 
-    def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
-        """Length [s] of the next step, and its end [s]. Local.
+    def __repr__(self) -> str:
+        """Return the call that makes such a control, in one line. Local."""
+        return as_call(self, smallest=self.smallest, gap_tol=self.gap_tol, times=self.times)
 
-        The last two steps before a given time are of equal length, so that
-        none is much shorter than the others.
+    def shortest(self, dt: float) -> float:
+        """Length below which a step fails for good [s], for a usual length dt [s]."""
+        return _SMALLEST * dt if self.smallest is None else self.smallest
+
+    def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
+        """Length and end of the next step, both [s].
+
+        The last two steps before a given time have equal lengths, so that none is much shorter
+        than the others.
 
         Args:
-            t: Time at its start [s].
-            dt: Length that it may have [s].
+            t: Time at the start of the step [s].
+            dt: Length that the step may have [s].
             until: Time at the end of the run [s].
         """
-        next_time = bisect.bisect_right(self.times, t + _SLIVER * dt)
+        next_time = bisect.bisect_right(self.times, t + ROUND_OFF * dt)
         target = min([until, *self.times[next_time : next_time + 1]])
         remaining = (target - t) / dt
-        if remaining <= 1 + _SLIVER:
+        if remaining <= 1 + ROUND_OFF:
             return target - t, target
-        dt *= remaining / 2 if remaining < 2 - _SLIVER else 1.0
+        dt *= remaining / 2 if remaining < 2 - ROUND_OFF else 1.0
         return dt, t + dt
 
 
 class EvenSteps:
-    """Times at the ends of equal steps, counted from the start of a run. Local.
+    """Ends of equal steps, counted from the start of a run so that they gather no round-off.
 
-    So that they do not gather round-off.
+    Local, except where a method says otherwise.
     """
 
     def __init__(self) -> None:
@@ -83,19 +104,14 @@ class EvenSteps:
         self._t, self._step = 0.0, 0
 
     def end(self, step: int, dt: float) -> float:
-        """Time at the end of a step [s].
-
-        Args:
-            step: Number of the step.
-            dt: Length of all steps [s].
-        """
+        """Time at the end of a step with this number [s], if all steps have the length dt [s]."""
         return self._t + (step - self._step) * dt
 
     def go_on(self, t: float, step: int, dt: float) -> None:
-        """Count on, with the same round-off, or from now on if this is a new run.
+        """Continue the count of the last run, or begin a new one if the run is another.
 
         Args:
-            t: Time now [s].
+            t: Present time [s].
             step: Number of the last step.
             dt: Length of all steps [s].
         """
@@ -103,64 +119,35 @@ class EvenSteps:
             self._t, self._step = t, step
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize where steps are counted from. Collective.
-
-        Args:
-            archive: Takes it or gives it.
-        """
+        """Serialize where the count begins. Collective."""
         self._t = archive.same("start_time", self._t)
         self._step = archive.same("start_step", self._step)
 
 
 class StepLength:
-    """Length of the steps, as a part of the usual one: 1, 1/2, 1/4, ...
+    """Length of controlled steps as a part of the usual one: 1, 1/2, 1/4, and so on.
+
+    Local, except where a method says otherwise.
 
     Attributes:
         cuts: Number of halvings.
-        accepted: Steps of this length or of what was left before a time.
     """
 
     def __init__(self) -> None:
         """Begin with the usual length."""
-        self.cuts = self.accepted = 0
+        self.cuts = self._accepted = 0
 
     def cut(self) -> None:
-        """Halve it."""
-        self.cuts, self.accepted = self.cuts + 1, 0
+        """Halve the length after a step that failed."""
+        self.cuts, self._accepted = self.cuts + 1, 0
 
     def accept(self) -> None:
-        """Count a step; double the length after some."""
-        self.accepted += 1
-        if self.accepted >= _PATIENCE and self.cuts:
-            self.cuts, self.accepted = self.cuts - 1, 0
+        """Count a step that succeeded, and double the length after some of them."""
+        self._accepted += 1
+        if self._accepted >= _PATIENCE and self.cuts:
+            self.cuts, self._accepted = self.cuts - 1, 0
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize both numbers. Collective.
-
-        Args:
-            archive: Takes them or gives them.
-        """
+        """Serialize both counts. Collective."""
         self.cuts = archive.same("cuts", self.cuts)
-        self.accepted = archive.same("accepted", self.accepted)
-
-
-class Pace:
-    """How steps follow each other in a run, in equal steps or controlled ones.
-
-    Attributes:
-        even: Times at the ends of equal steps.
-        length: Length of a step as a part of the usual one.
-    """
-
-    def __init__(self) -> None:
-        """Begin at the time 0 with steps of the usual length."""
-        self.even, self.length = EvenSteps(), StepLength()
-
-    def serialize(self, archive: Archive) -> None:
-        """Serialize both. Collective.
-
-        Args:
-            archive: Takes them or gives them.
-        """
-        self.even.serialize(archive)
-        self.length.serialize(archive)
+        self._accepted = archive.same("accepted", self._accepted)

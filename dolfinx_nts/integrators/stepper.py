@@ -1,19 +1,17 @@
-"""Stepper: owns the accepted state of bodies and their contact, and advances it.
+"""Steppers, which own the state of bodies and their contact and advance it in time.
 
-How a step is solved is up to `ImplicitStepper` and `CentralDifference`.
+This module has what all of them share: checks, the order of things in a step, and the public
+interface. How a step is solved is up to `ImplicitStepper` and `CentralDifference`.
 """
 
 import logging
-import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-
-from mpi4py import MPI
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import as_call, finite, instances
+from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
@@ -21,10 +19,8 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.start import check_start
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.statistics import StepperStatistics
-from dolfinx_nts.integrators.step_control import StepControl
-from dolfinx_nts.integrators.time_loop import run_controlled, run_evenly
+from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.inverted_cells import VolumeRatio
@@ -38,34 +34,22 @@ __all__ = ["Stepper"]
 _logger = logging.getLogger("dolfinx_nts")
 
 
-class Stepper(State):
-    """Owns the accepted state and advances it.
+class Stepper(TimeLoop):
+    """Base class of all time integrators. Collective, as are all its methods.
 
-    Collective, as all its methods.
-
-    Args:
-        scheme: What is evaluated where within a step.
-        bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies.
-        dt: Length of a step [s].
-        loads: Loads on the bodies.
-        update: Called before each step with the time at its end [s].
+    A class sets ``scheme`` before it calls ``__init__``. Arguments, further attributes and
+    errors are those of `EnergyMomentum`.
 
     Attributes:
-        scheme: The scheme.
-        bodies: The bodies.
-        pairs: The contact pairs.
-        contacts: What this stepper remembers of each pair.
-        loads: The loads.
+        scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
-        timings: Wall time by phase.
     """
 
+    scheme: Scheme
     supports: Supports
 
     def __init__(
         self,
-        scheme: Scheme,
         bodies: Sequence[Body],
         pairs: Sequence[ContactPair],
         *,
@@ -73,15 +57,15 @@ class Stepper(State):
         loads: Sequence[Load],
         update: Callable[[float], None] | None,
     ) -> None:
-        """Check the arguments; the bodies are at rest and undeformed."""
+        """Check the arguments, and begin with undeformed bodies without motion."""
         V = check_bodies(bodies)
-        self.scheme, self.bodies = scheme, tuple(bodies)
+        self.bodies = tuple(bodies)
         self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
         self.loads: tuple[Load, ...] = instances(Load, loads)
         for pair in self.pairs:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
-            if pair.is_convective and scheme.contact != "midpoint":
+            if pair.is_convective and self.scheme.contact != "midpoint":
                 raise ValueError(
                     f"expected Midpoint with convective friction, given {type(self).__name__}"
                 )
@@ -95,7 +79,6 @@ class Stepper(State):
         self._update = update
         # Asking a Function for its values takes as long as copying those of a small mesh.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
-        self._comm: MPI.Comm = V.mesh.comm
         self._volume_ratio = VolumeRatio(self.u)
 
     @abstractmethod
@@ -104,11 +87,11 @@ class Stepper(State):
 
     @abstractmethod
     def _step(self) -> StepReport:
-        """Solve a step from u_n, v to u, v and accept the contact."""
+        """Solve a step from u_n, v to u, v, and accept the contact at its end."""
 
     @property
     def statistics(self) -> StepperStatistics:
-        """What has been done so far, in numbers. Local."""
+        """Counts of the work that has been done so far. Local."""
         return StepperStatistics(
             tuple(map(str, self.contacts)),
             tuple(contact.search.num_searches for contact in self.contacts),
@@ -117,21 +100,15 @@ class Stepper(State):
 
     @abstractmethod
     def _work_of_solvers(self) -> tuple[int, SolverStatistics | None]:
-        """Evaluations of internal forces, and the work of the linear solver."""
+        """Number of evaluations of internal forces, and the linear solver's work."""
 
     def __repr__(self) -> str:
-        """Time, steps, and what is advanced, one line. Local."""
+        """Time, number of steps, and what is advanced, in one line. Local."""
         counts = {name: len(getattr(self, name)) for name in ("bodies", "pairs", "loads")}
         return as_call(self, t=self.t, dt=self.dt, step=self.step, **counts)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the accepted state and all that the next step depends on.
-
-        But for what ``update`` and the functions of loads remember.
-
-        Args:
-            archive: Takes the state or gives it.
-        """
+        """Serialize the state, the contact, and all else on which the next step depends."""
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
@@ -147,11 +124,9 @@ class Stepper(State):
             Report of the step.
 
         Raises:
-            ConvergenceError: The step could not be solved. The state is
-                as before the call.
-            ValueError: The state, a load or a condition is not finite,
-                conditions conflict, or the first step starts inside a
-                rigid obstacle. The state is as before the call.
+            ConvergenceError: The step could not be solved. The state is as before the call.
+            ValueError: The state, a load or a condition is not finite, conditions conflict, or
+                the first step starts inside a rigid obstacle. The state is as before the call.
         """
         self._check_state()
         if self.step == 0:
@@ -167,48 +142,14 @@ class Stepper(State):
         report = self._step()
         self.t, self.step = report.t, report.step
         if self._comm.rank == 0:
-            _logger.info(
-                "step %d, t = %g: %d iterations, %d active",
-                report.step,
-                report.t,
-                report.newton_iterations,
-                report.num_active,
-            )
+            numbers = report.step, report.t, report.newton_iterations, report.num_active
+            _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
 
     def _load_at(self, point: float) -> None:
-        """Set the time of the loads. Local.
-
-        Args:
-            point: Where in the next step, from 0 to 1.
-        """
+        """Set the time of the loads to a point of the next step, from 0 to 1. Local."""
         for load in self.loads:
             load.update(self.t + point * self.dt)
-
-    def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
-        """Advance step by step; the last step ends exactly at ``until``.
-
-        Args:
-            until: Time at the end [s].
-            control: Cuts steps that fail; None: every step has the length
-                `dt`, but for the last.
-
-        Yields:
-            The report of each step, after it has been accepted.
-
-        Raises:
-            ConvergenceError: A step failed, with a control at its smallest
-                length. The state is that of the last accepted step.
-        """
-        finite("until", until)
-        if control is None:
-            yield from run_evenly(self, until)
-        else:
-            yield from run_controlled(self, until, control)
-
-    def longest_step(self) -> float:
-        """Length that a step must not exceed [s]. Collective."""
-        return math.inf
 
     def _check_state(self) -> None:
         n = 3 * len(self.node_ids)

@@ -1,191 +1,160 @@
-"""Runs: step by step to a time, in equal steps or in steps that are cut and grow."""
+"""Runs: step by step to a given time, in equal steps or in steps that are cut and grow."""
 
 import logging
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
-from typing import Any, Protocol
-
-from mpi4py import MPI
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
 from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arguments import finite
+from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.step_control import Pace, StepControl
+from dolfinx_nts.integrators.state import State
+from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.solvers.newton import ConvergenceError
 
-__all__ = ["Steps", "progress", "run_controlled", "run_evenly"]
-
+__all__ = ["TimeLoop"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Of a bar in seconds of the run.
+# Format of a progress bar that counts the seconds of the run instead of its steps.
 _BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
 
 
-class Steps(Protocol):
-    """What can be run: a stepper, see there."""
+class TimeLoop(State):
+    """A state that is advanced step by step. Collective, as are all its methods.
 
-    t: float
-    step: int
-    u: fem.Function
-    pace: Pace
+    The arguments are those of `State`.
+
+    Attributes:
+        contacts: What this stepper remembers of each contact pair.
+    """
+
     contacts: tuple[PairState, ...]
 
-    @property
-    def dt(self) -> float:
-        """Length of a step that is not cut [s]."""
+    def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
+        """Begin at the time 0, with steps of the usual length."""
+        super().__init__(V, dt)
+        self._even, self._length = EvenSteps(), StepLength()
 
-    @property
-    def x(self) -> Floats:
-        """Positions of the local nodes [m]."""
-
-    def longest_step(self) -> float:
-        """Length that a step must not exceed [s]."""
-
-    def steps_of(self, dt: float) -> AbstractContextManager[None]:
-        """Context in which a step has another length."""
-
+    @abstractmethod
     def advance(self) -> StepReport:
-        """Advance by one step."""
+        """Advance by one step of length ``dt``."""
+
+    def _longest_step(self) -> float:
+        """Length that a step must not exceed [s]."""
+        return math.inf
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the accepted state."""
+        """Serialize the state, and how steps follow each other."""
+        super().serialize(archive)
+        self._even.serialize(archive)
+        self._length.serialize(archive)
 
+    def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
+        """Advance step by step; the last step ends exactly at ``until``.
 
-def run_evenly(stepper: Steps, until: float) -> Iterator[StepReport]:
-    """Advance in equal steps; the last ends at a given time. Collective.
+        Args:
+            until: Time at the end [s].
+            control: Cuts steps that fail; with None every step has the length ``dt``, except
+                the last one.
 
-    Args:
-        stepper: What is run.
-        until: Time at the end [s].
+        Yields:
+            The report of each step, after the step has been accepted.
 
-    Yields:
-        The report of each step, after it has been accepted.
+        Raises:
+            ConvergenceError: A step failed, with a control at its smallest length. The state is
+                that of the last accepted step.
+        """
+        finite("until", until)
+        yield from self._run_evenly(until) if control is None else self._run(until, control)
 
-    Raises:
-        ConvergenceError: A step failed. The state is that of the last
-            accepted step.
-    """
-    dt, even = stepper.dt, stepper.pace.even
-    even.go_on(stepper.t, stepper.step, dt)
-    num_steps = math.ceil((until - stepper.t) / dt - 1e-6)
-    with progress(stepper.u.function_space.mesh.comm, num_steps, unit="step") as bar:
-        for i in range(num_steps):
-            end = even.end(stepper.step + 1, dt)
-            if i == num_steps - 1 and end != until:
-                yield _advance_to(stepper, until, until - stepper.t)
-            else:
-                yield _advance_to(stepper, end, dt)
-            bar.update()
+    def _run_evenly(self, until: float) -> Iterator[StepReport]:
+        """Advance in equal steps."""
+        dt, even = self.dt, self._even
+        even.go_on(self.t, self.step, dt)
+        num_steps = math.ceil((until - self.t) / dt - ROUND_OFF)
+        with self._progress(num_steps, unit="step") as bar:
+            for i in range(num_steps):
+                end = even.end(self.step + 1, dt)
+                if i == num_steps - 1 and end != until:
+                    yield self._advance_to(until, until - self.t)
+                else:
+                    yield self._advance_to(end, dt)
+                bar.update()
 
+    def _run(self, until: float, control: StepControl) -> Iterator[StepReport]:
+        """Advance in steps that are each as long as the control and the scheme permit."""
+        smallest, gap_tol = control.shortest(self.dt), control.gap_tol
+        apart = None if gap_tol is None else self._held_apart(gap_tol)
+        rejected = 0
+        with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
+            while until - self.t > ROUND_OFF * smallest:
+                longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
+                dt, end = control.next_step(self.t, longest, until)
+                before = Snapshot()
+                self.serialize(before)
+                try:
+                    report = self._advance_to(end, dt)
+                    if apart is not None and gap_tol is not None:
+                        apart = self._checked(apart, gap_tol)
+                except ConvergenceError as error:
+                    self.serialize(before.rewind())
+                    if dt / 2 < smallest:
+                        raise ConvergenceError(
+                            f"{error}; dt has been cut to {dt:.3g} s, half of which is "
+                            f"less than the smallest step of {smallest:.3g} s",
+                            error.reports,
+                        ) from None
+                    if self._comm.rank == 0:
+                        number, t = self.step + 1, self.t
+                        _logger.info("step %d from t = %g is cut: %s", number, t, error)
+                    self._length.cut()
+                    rejected += 1
+                    continue
+                self._length.accept()
+                yield report._replace(rejected=rejected)
+                bar.update(dt)
+                rejected = 0
 
-def run_controlled(stepper: Steps, until: float, control: StepControl) -> Iterator[StepReport]:
-    """Advance step by step, each as long as it can be. Collective.
+    def _advance_to(self, end: float, dt: float) -> StepReport:
+        """Advance by one step of length dt [s], and remove the round-off of its end [s]."""
+        with self._steps_of(dt):
+            report = self.advance()
+        self.t = end
+        return report._replace(t=end)
 
-    Args:
-        stepper: What is run.
-        until: Time at the end [s].
-        control: Says how long a step may be.
+    def _held_apart(self, gap_tol: float) -> list[Flags]:
+        """Nodes of each pair that contact holds off the surface, or inside, by over gap_tol."""
+        x = self.x
+        return [pair.held_apart(x, gap_tol) for pair in self.contacts]
 
-    Yields:
-        The report of each step, after it has been accepted.
+    def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
+        """Such nodes after the present step; raises if there are new ones."""
+        after = self._held_apart(gap_tol)
+        new = [
+            pair.nodes.node_ids[now & ~then]
+            for pair, now, then in zip(self.contacts, after, before, strict=True)
+        ]
+        none = np.empty(0, dtype=np.int64)
+        nodes = np.unique(np.concatenate(self._comm.allgather(np.concatenate([none, *new]))))
+        if len(nodes):
+            raise ConvergenceError(
+                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than "
+                f"gap_tol = {gap_tol:g} m from the surface that catches them: {listed(nodes)}; "
+                "the state is that of the last accepted step",
+                [],
+            )
+        return after
 
-    Raises:
-        ConvergenceError: A step failed at its smallest length. The state is
-            that of the last accepted step.
-    """
-    comm: MPI.Comm = stepper.u.function_space.mesh.comm
-    smallest = 2.0**-20 * stepper.dt if control.smallest is None else control.smallest
-    apart = None if control.gap_tol is None else _held_apart(stepper, control.gap_tol)
-    rejected = 0
-    with progress(comm, until, initial=stepper.t, bar_format=_BAR) as bar:
-        while until - stepper.t > 1e-6 * smallest:
-            longest = min(stepper.dt * 0.5**stepper.pace.length.cuts, stepper.longest_step())
-            dt, end = control.next_step(stepper.t, longest, until)
-            before = Snapshot()
-            stepper.serialize(before)
-            try:
-                report = _advance_to(stepper, end, dt)
-                if apart is not None and control.gap_tol is not None:
-                    apart = _checked(stepper, apart, control.gap_tol)
-            except ConvergenceError as error:
-                stepper.serialize(before.rewind())
-                if dt / 2 < smallest:
-                    raise ConvergenceError(
-                        f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                        f"less than the smallest step of {smallest:.3g} s",
-                        error.reports,
-                    ) from None
-                if comm.rank == 0:
-                    number, t = stepper.step + 1, stepper.t
-                    _logger.info("step %d from t = %g is cut: %s", number, t, error)
-                stepper.pace.length.cut()
-                rejected += 1
-                continue
-            stepper.pace.length.accept()
-            yield report._replace(rejected=rejected)
-            bar.update(dt)
-            rejected = 0
-
-
-def _advance_to(stepper: Steps, end: float, dt: float) -> StepReport:
-    """Advance by one step that ends exactly at a time.
-
-    Args:
-        stepper: What is run.
-        end: Time at its end [s].
-        dt: Its length [s], the difference of the times but for round-off.
-    """
-    with stepper.steps_of(dt):
-        report = stepper.advance()
-    stepper.t = end
-    return report._replace(t=end)
-
-
-def _held_apart(stepper: Steps, gap_tol: float) -> list[Flags]:
-    """Nodes of each pair that are held, or inside, beyond the tolerance."""
-    x = stepper.x
-    return [pair.held_apart(x, gap_tol) for pair in stepper.contacts]
-
-
-def _checked(stepper: Steps, before: list[Flags], gap_tol: float) -> list[Flags]:
-    """Such nodes after the step just done; raises if there are new ones."""
-    after = _held_apart(stepper, gap_tol)
-    comm = stepper.u.function_space.mesh.comm
-    new = [
-        pair.nodes.node_ids[now & ~then]
-        for pair, now, then in zip(stepper.contacts, after, before, strict=True)
-    ]
-    none = np.empty(0, dtype=np.int64)
-    nodes = np.unique(np.concatenate(comm.allgather(np.concatenate([none, *new]))))
-    if len(nodes):
-        raise ConvergenceError(
-            f"step {stepper.step} to t = {stepper.t:g} brings {len(nodes)} nodes more than "
-            f"gap_tol = {gap_tol:g} m from the surface that catches them: {listed(nodes)}; the "
-            "state is that of the last accepted step",
-            [],
-        )
-    return after
-
-
-def progress(comm: MPI.Comm, total: float, **options: Any) -> Any:
-    """Bar on the terminal of rank 0, if it takes longer than a second. Local.
-
-    Args:
-        comm: Communicator of the run.
-        total: What is to be done.
-        options: Those of tqdm: the unit, for instance.
-
-    Returns:
-        The bar, a context; its method ``update`` takes what has been done.
-    """
-    # None: where there is a terminal.
-    silent = None if comm.rank == 0 else True
-    return tqdm(total=total, delay=1, leave=False, disable=silent, **options)
+    def _progress(self, total: float, **options: Any) -> Any:
+        """Progress bar on the terminal of rank 0, if there is one and it takes over a second."""
+        silent = None if self._comm.rank == 0 else True  # None: where there is no terminal
+        return tqdm(total=total, delay=1, leave=False, disable=silent, **options)

@@ -1,8 +1,8 @@
 """Files that are replaced as a whole, in one instant.
 
-The new content is written to a second file, which then takes the name of the
-first. A reader, and a program that is started again after it was killed,
-find either the former file or the new one, never a part of one.
+The new content is written to a second file, which then takes the name of the first. A reader,
+and a program that is started again after it was killed, find either the former file or the new
+one, never a part of one.
 """
 
 import os
@@ -55,12 +55,11 @@ def replace(path: Path, image: bytes, *, durable: bool = False) -> None:
     Args:
         path: The file; ``.new`` is added to its name for the second file.
         image: The new content.
-        durable: Also wait until the disk has it, so that it survives a
-            power failure.
+        durable: Also wait until the disk has it, so that it survives a power failure.
 
     Raises:
-        OSError: The content cannot be written, for instance because the
-            disk is full. A file that existed before is unchanged.
+        OSError: The content cannot be written, for instance because the disk is full. A file
+            that existed before is unchanged.
     """
     beside = path.with_name(f"{path.name}.new")
     try:

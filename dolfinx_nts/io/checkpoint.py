@@ -1,9 +1,9 @@
 """Checkpoints: the state of a run in an HDF5 file, from which the run can go on.
 
-Values of nodes are stored by the numbers of the nodes in the mesh as read, so
-that a run can continue on any number of ranks. Rank 0 collects everything and
-needs the memory for the whole state. A new checkpoint takes the place of the
-former one in one instant, so there is a whole one at any time.
+Values of nodes are stored by the numbers of the nodes in the mesh as read, so that a run can
+continue on any number of ranks. Rank 0 collects everything and needs the memory for the whole
+state. A new checkpoint takes the place of the former one in one instant, so there is a whole
+one at any time.
 """
 
 import hashlib
@@ -48,8 +48,8 @@ def save(path: Path, stepper: Stepper, *others: HasState) -> None:
         others: Objects whose state belongs to the run too.
 
     Raises:
-        OSError: The file cannot be written, for instance because the disk
-            is full. A checkpoint that existed before is unchanged.
+        OSError: The file cannot be written, for instance because the disk is full. A checkpoint
+            that existed before is unchanged.
     """
     scene = fingerprint(stepper)
     archive = _Writer(stepper)
@@ -73,8 +73,8 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
         others: The objects that were given to `save`, in the same order.
 
     Raises:
-        ValueError: The file is no checkpoint, is damaged, or belongs to
-            another scene. Nothing has been changed.
+        ValueError: The file is no checkpoint, is damaged, or belongs to another scene. Nothing
+            has been changed.
     """
     comm = stepper.u.function_space.mesh.comm
     expected = fingerprint(stepper)

@@ -21,8 +21,8 @@ class Table:
 
     Attributes:
         path: The file.
-        size: Length of the file when `sync` was called last [bytes]. A
-            resumed run cuts the file to it.
+        size: Length of the file when `sync` was called last [bytes]. A resumed run cuts the
+            file to it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,8 +35,7 @@ class Table:
         """Serialize `size`. Collective.
 
         Args:
-            archive: Takes the size that rank 0 has, or gives it to all
-                ranks.
+            archive: Takes the size that rank 0 has, or gives it to all ranks.
         """
         self.size = archive.same("table_size", self.size)
 
@@ -48,8 +47,7 @@ class Table:
 
         Raises:
             OSError: The file cannot be created.
-            ValueError: The file to continue is shorter than `size`. It has
-                not been changed.
+            ValueError: The file to continue is shorter than `size`. It has not been changed.
         """
         self._has_head = resume
         if not resume:
@@ -71,8 +69,7 @@ class Table:
             row: Values by name, with the same names in each row.
 
         Raises:
-            OSError: The row cannot be written, for instance because the
-                disk is full.
+            OSError: The row cannot be written, for instance because the disk is full.
         """
         assert self._file is not None
         rows = csv.writer(self._file)

@@ -20,25 +20,24 @@ _VTK_ORDER = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6
 def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
     """Collect the mesh on rank 0, in the numbering of the file it was read from.
 
-    Collective. A cell of degree 2 becomes eight cells of degree 1 between
-    its nodes, so that every reader can show all nodes.
+    Collective. A cell of degree 2 becomes eight cells of degree 1 between its nodes, so that
+    every reader can show all nodes.
 
     Args:
         stepper: Stepper whose bodies fill the mesh.
 
     Returns:
-        On rank 0 ``points``, the reference positions of the nodes, shape
-        ``(n, 3)`` [m]; ``cells``, the nodes of each cell in the order of
-        VTK, shape ``(m, 4)`` or ``(m, 8)``; and ``body``, the position of
-        each cell's body in ``stepper.bodies``, shape ``(m,)``. On other
-        ranks the arrays have no meaning.
+        On rank 0 ``points``, the reference positions of the nodes, shape ``(n, 3)`` [m];
+        ``cells``, the nodes of each cell in the order of VTK, shape ``(m, 4)`` or ``(m, 8)``;
+        and ``body``, the position of each cell's body in ``stepper.bodies``, shape ``(m,)``. On
+        other ranks the arrays have no meaning.
     """
     V = stepper.u.function_space
     mesh, element = V.mesh, Element.of(V)
     comm: MPI.Comm = mesh.comm
     points = V.tabulate_dof_coordinates()
-    # The vertices as they were read: tabulated ones have a round-off error
-    # that depends on the partition.
+    # The vertices as they were read: tabulated ones have a round-off error that depends on the
+    # partition.
     corners = geometry_nodes(mesh)
     points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
     cell = np.arange(mesh.topology.index_map(3).size_local)
@@ -62,24 +61,21 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
 def nodal_fields(stepper: Stepper) -> dict[str, Array]:
     """Displacement, velocity and contact at the owned nodes. Collective.
 
-    Where a node belongs to several pairs, it has their smallest gap, the
-    sum of their pressures, slips and tractions, and the largest of the
-    others.
+    Where a node belongs to several pairs, it has their smallest gap, the sum of their
+    pressures, slips and tractions, and the largest of the others.
 
     Args:
         stepper: Stepper whose present state is described.
 
     Returns:
-        Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the
-        shape ``(n, 3)`` for ``n`` owned nodes.
+        Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
+        for ``n`` owned nodes.
 
-        With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where
-        contact is open, and NaN where a node faces no segment or belongs
-        to no pair; ``contact_pressure`` [Pa]; ``active``, 1 where contact
-        transmits force. With friction also ``friction_traction`` [Pa],
-        shape ``(n, 3)``; ``slip_state``, 0 open, 1 sticking, 2 sliding;
-        and ``accumulated_slip`` [m]. All but the gap are 0 at nodes
-        without a pair.
+        With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where contact is open, and
+        NaN where a node faces no segment or belongs to no pair; ``contact_pressure`` [Pa];
+        ``active``, 1 where contact transmits force. With friction also ``friction_traction``
+        [Pa], shape ``(n, 3)``; ``slip_state``, 0 open, 1 sticking, 2 sliding; and
+        ``accumulated_slip`` [m]. All but the gap are 0 at nodes without a pair.
     """
     n = len(stepper.node_ids)
     fields: dict[str, Array] = {

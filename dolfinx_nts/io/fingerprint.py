@@ -1,7 +1,7 @@
 """Fingerprint of a scene: what must not change between the parts of a run.
 
-It has a text for each part of the scene, in which digests stand for long
-values. The texts do not depend on the partition of the mesh.
+It has a text for each part of the scene, in which digests stand for long values. The texts do
+not depend on the partition of the mesh.
 """
 
 import hashlib
@@ -27,17 +27,15 @@ __all__ = ["fingerprint"]
 def fingerprint(stepper: Stepper) -> dict[str, str]:
     """Describe the scene of a stepper. Collective.
 
-    The description has the mesh, the bodies with their materials, the
-    pairs with their laws, the kinds of loads, the degrees of freedom that
-    supports fix, and the integrator. It has neither the state nor the
-    values of loads and supports.
+    The description has the mesh, the bodies with their materials, the pairs with their laws,
+    the kinds of loads, the degrees of freedom that supports fix, and the integrator. It has
+    neither the state nor the values of loads and supports.
 
     Args:
         stepper: Stepper of the scene.
 
     Returns:
-        Texts by name, the same on all ranks. Those of two steppers agree
-        where their scenes do.
+        Texts by name, the same on all ranks. Those of two steppers agree where their scenes do.
     """
     V = stepper.u.function_space
     mesh = V.mesh
@@ -50,8 +48,8 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
     owned = np.arange(mesh.topology.index_map(3).size_local)
     original = mesh.topology.original_cell_index
     n = mesh.geometry.index_map().size_local
-    # The coordinates of the mesh are those that were read. Those of the degrees of freedom
-    # are computed, with a round-off error that depends on the partition.
+    # The coordinates of the mesh are those that were read. Those of the degrees of freedom are
+    # computed, with a round-off error that depends on the partition.
     nodes = rows(mesh.geometry.input_global_indices[:n], mesh.geometry.x[:n])
     cells = rows(original[owned], ids[V.dofmap.list[owned]])
     scene = {"integrator": type(stepper).__name__, "mesh": f"{nodes} {cells}"}

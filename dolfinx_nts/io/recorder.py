@@ -28,65 +28,58 @@ _logger = logging.getLogger("dolfinx_nts")
 class Recorder:
     """Writes a table, the fields and checkpoints of a run.
 
-    A recorder works in a ``with`` block. Entering the block creates the
-    files, in the place of those of the same name, and writes the present
-    state. `write` adds a step. Leaving the block, also by an exception,
-    closes the files. All files can be read at any time, also after the
-    program has been killed. Collective, as all methods except `summary`.
+    A recorder works in a ``with`` block. Entering the block creates the files, in the place of
+    those of the same name, and writes the present state. `write` adds a step. Leaving the
+    block, also by an exception, closes the files. All files can be read at any time, also after
+    the program has been killed. Collective, as all methods except `summary`.
 
-    The **table** ``name.csv`` has a row for each step. Its columns, in SI
-    units, are ``step``, ``dt``, those of `Balance`, ``newton_iterations``,
-    ``rejected``, and the change of the total energy since the first row by
-    cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
-    ``energy_damping``, ``energy_persistent_contact``,
-    ``energy_activation``, ``energy_facet_change``, ``energy_friction`` and
-    ``energy_solver``. Each cause is summed on its own. What they leave of
-    the change is ``energy_unaccounted``: round-off, unless the script sets
-    the state between steps. ``external_work`` is the work of loads and
-    supports, ``friction_dissipation`` the energy that friction has taken.
+    The **table** ``name.csv`` has a row for each step. Its columns, in SI units, are ``step``,
+    ``dt``, those of `Balance`, ``newton_iterations``, ``rejected``, and the change of the total
+    energy since the first row by cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
+    ``energy_damping``, ``energy_persistent_contact``, ``energy_activation``,
+    ``energy_facet_change``, ``energy_friction`` and ``energy_solver``. Each cause is summed on
+    its own. What they leave of the change is ``energy_unaccounted``: round-off, unless the
+    script sets the state between steps. ``external_work`` is the work of loads and supports,
+    ``friction_dissipation`` the energy that friction has taken.
 
-    The **fields** ``name.xdmf`` can be opened with ParaView, VTK and
-    meshio. Their values lie in the folder ``name_fields``, in one HDF5 file
-    for each state and one for the mesh.
+    The **fields** ``name.xdmf`` can be opened with ParaView, VTK and meshio. Their values lie
+    in the folder ``name_fields``, in one HDF5 file for each state and one for the mesh.
 
-    A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends
-    on. With ``checkpoint_every`` it is replaced at these steps, at the end,
-    and after Ctrl-C or SIGTERM. Such a signal takes effect when the
-    present step is complete, a second one at once. With ``resume`` a script
-    that is started again continues from the checkpoint, on any number of
+    A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
+    ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.
+    Such a signal takes effect when the present step is complete, a second one at once. With
+    ``resume`` a script that is started again continues from the checkpoint, on any number of
     ranks; rows and states after the step of the checkpoint are removed.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
         stepper: Stepper of the run.
-        every: Number of steps from one state of the fields to the next.
-            The first and the last state are always written.
-        times: Times at which the fields are written instead [s], for
-            instance those of a `StepControl`.
-        checkpoint_every: Number of steps from one checkpoint to the next;
-            without it there are no checkpoints.
+        every: Number of steps from one state of the fields to the next. The first and the last
+            state are always written.
+        times: Times at which the fields are written instead [s], for instance those of a
+            `StepControl`.
+        checkpoint_every: Number of steps from one checkpoint to the next; without it there are
+            no checkpoints.
         resume: Whether to continue from the checkpoint if there is one.
-        fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The
-            latter is a folder ``name.bp``, which all ranks write and which
-            cannot be resumed; it needs a DOLFINx with ADIOS2.
+        fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The latter is a folder
+            ``name.bp``, which all ranks write and which cannot be resumed; it needs a DOLFINx
+            with ADIOS2.
 
     Attributes:
         diagnostics: Energies, momenta and contact forces of the stepper.
 
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1, or
-            ``fields`` is another kind, or one that cannot be resumed.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1, or ``fields`` is another
+            kind, or one that cannot be resumed.
 
     Example:
-        Write all rows, every tenth state and a checkpoint every 50 steps::
-
-            with nts.Recorder(
-                "run", stepper, every=10, checkpoint_every=50, resume=True
-            ) as record:
-                for step in stepper.run(until=1.0):
-                    record.write(step)
-            print(record.summary())
+        >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
+        ...     for step in stepper.run(until=0.05):
+        ...         record.write(step)
+        >>> print(record.summary())
+        run: 5 steps from t = 0 to 0.05 s
+        Newton iterations: ...
     """
 
     def __init__(
@@ -120,11 +113,10 @@ class Recorder:
         """Create the files and write the present state, or resume the run.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be created
-                or replaced. Nothing has been created.
-            ValueError: The checkpoint is damaged or of another scene, or
-                the table does not reach to its step. Nothing has been
-                changed.
+            OSError: The folder does not exist, or a file cannot be created or replaced. Nothing
+                has been created.
+            ValueError: The checkpoint is damaged or of another scene, or the table does not
+                reach to its step. Nothing has been changed.
         """
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
@@ -146,8 +138,7 @@ class Recorder:
             step: Report of the step that the stepper has just done.
 
         Raises:
-            OSError: A file cannot be written, for instance because the disk
-                is full.
+            OSError: A file cannot be written, for instance because the disk is full.
             ValueError: The recorder is not open, or a step is left out.
         """
         if self._open is None:
@@ -174,8 +165,8 @@ class Recorder:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Write the last state and close the files.
 
-        After an error other than `ConvergenceError` the ranks may be apart,
-        so that nothing is written any more.
+        After an error other than `ConvergenceError` the ranks may be apart, so that nothing is
+        written any more.
         """
         assert self._open is not None
         stack, self._open = self._open, None
@@ -193,8 +184,8 @@ class Recorder:
         """Describe the run after the ``with`` block. Local.
 
         Returns:
-            Lines with the number of steps and Newton iterations, changes of
-            conserved quantities, and wall time by phase [s] on this rank.
+            Lines with the number of steps and Newton iterations, changes of conserved
+            quantities, and wall time by phase [s] on this rank.
         """
         return self._summary.text(self._ledger, self._penetration)
 

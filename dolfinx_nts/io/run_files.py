@@ -55,11 +55,10 @@ class RunFiles:
             Whether the run has been resumed.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be created
-                or replaced. Nothing has been created.
-            ValueError: The checkpoint is damaged or of another scene, or
-                the table does not reach to its step. Nothing has been
-                changed.
+            OSError: The folder does not exist, or a file cannot be created or replaced. Nothing
+                has been created.
+            ValueError: The checkpoint is damaged or of another scene, or the table does not
+                reach to its step. Nothing has been changed.
         """
         resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
         if resume:
@@ -91,15 +90,13 @@ class RunFiles:
     def save(self, ledger: EnergyLedger) -> None:
         """Replace the checkpoint by one of the present step, unless that has been done.
 
-        Before, the disk gets all rows and fields that a run which is
-        resumed from it relies on.
+        Before, the disk gets all rows and fields that a run which is resumed from it relies on.
 
         Args:
             ledger: Ledger of the run.
 
         Raises:
-            OSError: A file cannot be written. The former checkpoint is
-                unchanged.
+            OSError: A file cannot be written. The former checkpoint is unchanged.
         """
         if self._saved_step == ledger.step:
             return

@@ -36,8 +36,8 @@ class Summary:
             penetration: Vertices of segments that sank into other surfaces.
 
         Returns:
-            Lines with the number of steps and Newton iterations, changes of
-            conserved quantities, and wall time by phase [s] on this rank.
+            Lines with the number of steps and Newton iterations, changes of conserved
+            quantities, and wall time by phase [s] on this rank.
         """
         phases = {
             name: seconds - self._before.get(name, 0.0)

@@ -19,8 +19,8 @@ __all__ = ["VtxFile"]
 class VtxFile:
     """Writes the fields of `nodal_fields` and the number of the body of each node.
 
-    All ranks write their own nodes, nothing is gathered. Collective, as
-    all its methods except `check`.
+    All ranks write their own nodes, nothing is gathered. Collective, as all its methods except
+    `check`.
 
     Args:
         path: The file, ``.bp``, which is a folder.

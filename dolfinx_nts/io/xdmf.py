@@ -1,13 +1,12 @@
 """XDMF file with the fields of a run, and the HDF5 files that hold their values.
 
-``run.xdmf`` tells ParaView, VTK and meshio which states there are. The values
-lie in the folder ``run_fields``: the mesh in ``mesh.h5``, and each state in a
-file of its own, that of step 50 in ``000000050.h5``. Each of these files
-appears as a whole in one instant, so a killed program leaves whole states.
+``run.xdmf`` tells ParaView, VTK and meshio which states there are. The values lie in the folder
+``run_fields``: the mesh in ``mesh.h5``, and each state in a file of its own, that of step 50 in
+``000000050.h5``. Each of these files appears as a whole in one instant, so a killed program
+leaves whole states.
 
-Rank 0 collects and writes everything in the numbering of the mesh as read.
-The files do not depend on the partition, and a run on another number of ranks
-can continue them.
+Rank 0 collects and writes everything in the numbering of the mesh as read. The files do not
+depend on the partition, and a run on another number of ranks can continue them.
 """
 
 import itertools
@@ -55,12 +54,12 @@ _OWN = re.compile(r"(\d{9}|mesh)\.h5(\.new)?")
 class XdmfFile:
     """Writes the fields of `nodal_fields` and the number of the body of each cell.
 
-    Cells of degree 2 are shown as eight cells of degree 1 between their
-    nodes. Collective, as all its methods except `check`.
+    Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
+    all its methods except `check`.
 
     Args:
-        path: The XDMF file. The folder beside it has its name with
-            ``_fields`` in the place of ``.xdmf``.
+        path: The XDMF file. The folder beside it has its name with ``_fields`` in the place of
+            ``.xdmf``.
         stepper: Stepper whose states are written.
     """
 
@@ -79,8 +78,8 @@ class XdmfFile:
         """Refuse names under which nothing can be written. Local.
 
         Raises:
-            OSError: Something that cannot be replaced has the name of one
-                of the files or of the folder.
+            OSError: Something that cannot be replaced has the name of one of the files or of
+                the folder.
         """
         folder = self._folder
         if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
@@ -91,8 +90,7 @@ class XdmfFile:
         """Serialize the steps whose states have been written.
 
         Args:
-            archive: Takes the steps, or gives those which `open` expects
-                to find.
+            archive: Takes the steps, or gives those which `open` expects to find.
         """
         steps = np.array(sorted(self._steps), dtype=np.int64)
         self._steps = set(map(int, archive.same("field_steps", steps)))
@@ -101,10 +99,9 @@ class XdmfFile:
         """Write the mesh, and remove the states that do not belong to the run.
 
         Args:
-            resume: Whether to continue the states up to the present step.
-                Otherwise all states of an earlier run are removed. If one
-                of them is damaged or missing, a warning tells so, and all
-                are moved to another folder.
+            resume: Whether to continue the states up to the present step. Otherwise all states
+                of an earlier run are removed. If one of them is damaged or missing, a warning
+                tells so, and all are moved to another folder.
 
         Raises:
             OSError: The files cannot be written.
@@ -116,8 +113,8 @@ class XdmfFile:
         """Write the present state, unless that has been done.
 
         Raises:
-            OSError: The state cannot be written, for instance because the
-                disk is full. The earlier states are unchanged.
+            OSError: The state cannot be written, for instance because the disk is full. The
+                earlier states are unchanged.
         """
         step = self._stepper.step
         if step in self._steps:

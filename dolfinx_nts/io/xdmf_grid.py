@@ -1,8 +1,7 @@
 """XML by which an XDMF file describes a mesh and a state.
 
-The values themselves lie in HDF5 files. Each array is described by its shape,
-its type and the file that holds it, so datasets of HDF5 serve as well as
-arrays of NumPy.
+The values themselves lie in HDF5 files. Each array is described by its shape, its type and the
+file that holds it, so datasets of HDF5 serve as well as arrays of NumPy.
 """
 
 from collections.abc import Mapping

@@ -19,23 +19,22 @@ __all__ = ["GENERIC_STRAIN", "EnergyCurve"]
 
 # A direction of C [-] in which no usual invariant is stationary at C = 1.
 GENERIC_STRAIN = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
-# Step in s [-] of the difference of slopes: near the cube root of the machine epsilon,
-# where round-off and truncation are alike.
+# Step in s [-] of the difference of slopes: near the cube root of the machine epsilon, where
+# round-off and truncation are alike.
 _STEP = 1e-5
-# Parts of the slopes and of the curvatures [-] by which the difference may miss the
-# curvature: generous bounds of its round-off and of its truncation.
+# Parts of the slopes and of the curvatures [-] by which the difference may miss the curvature:
+# generous bounds of its round-off and of its truncation.
 _ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 
 
 class EnergyCurve:
     r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
 
-    They are expanded once; UFL would expand them at every evaluation, which
-    takes longer than everything else in it.
+    They are expanded once; UFL would expand them at every evaluation, which takes longer than
+    everything else in it.
 
     Args:
-        psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without
-            fields.
+        psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without fields.
 
     Raises:
         ArithmeticError, TypeError, ValueError: UFL cannot differentiate psi.

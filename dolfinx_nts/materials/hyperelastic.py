@@ -1,9 +1,9 @@
 r"""Hyperelastic materials: strain energy psi(C), its stress, and a conserving stress.
 
-Everything is UFL. ``C`` is the right Cauchy-Green tensor and ``psi`` the strain
-energy per reference volume; bodies turn both into forms. The numbers of a material
-reach the forms as constants, so that nothing is compiled again when one changes.
-Materials that have a name are in `library`.
+Everything is UFL. ``C`` is the right Cauchy-Green tensor and ``psi`` the strain energy per
+reference volume; bodies turn both into forms. The numbers of a material reach the forms as
+constants, so that nothing is compiled again when one changes. Materials that have a name are in
+`library`.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,13 +27,13 @@ _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 # |dC| [-] above which the average misses the energy by more than round-off and is
 # corrected; below it the correction would be round-off divided by |dC|.
 _SMALL_STRAIN_INCREMENT = 1e-2
-# Size of a strain [-] at which an energy is compared with the sum of its parts: so large
-# that terms of every order count.
+# Size of a strain [-] at which an energy is compared with the sum of its parts: so large that
+# terms of every order count.
 _LARGE_STRAIN = 0.1
 # Relative errors [-] of energies, and of eigenvalues of moduli, that are round-off.
 _ROUND_OFF = 1e-10
-# Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one
-# to the other a logarithm of the volume doubles, a bounded energy hardly changes.
+# Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
+# other a logarithm of the volume doubles, a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
 
 
@@ -45,23 +45,21 @@ def right_cauchy_green(F: Any) -> Any:
 class Hyperelastic:
     r"""A material given by its strain energy. Local.
 
-    Damping, if any, is Rayleigh damping: a force :math:`-\alpha \rho_0 v` per
-    reference volume, and a stress :math:`S = \beta\, 4 \psi''(1) : \dot E`
-    with the moduli of the undeformed material. The force also slows rigid
-    motion, the stress does not.
+    Damping, if any, is Rayleigh damping: a force :math:`-\alpha \rho_0 v` per reference volume,
+    and a stress :math:`S = \beta\, 4 \psi''(1) : \dot E` with the moduli of the undeformed
+    material. The force also slows rigid motion, the stress does not.
 
     Args:
-        psi: Strain energy density ``psi(C, **parameters)`` [J/m^3] of the
-            right Cauchy-Green tensor, a UFL scalar, twice differentiable.
+        psi: Strain energy density ``psi(C, **parameters)`` [J/m^3] of the right Cauchy-Green
+            tensor, a UFL scalar, twice differentiable.
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: Names of parameters whose terms of ``psi`` are integrated
-            with one point a cell. If these are the volumetric terms,
-            hexahedra of nearly incompressible materials do not lock. ``psi``
-            must be linear in its parameters. Energy is conserved as well as
-            without, because every point has an energy and a conserving
-            stress of its own.
+        one_point: Names of parameters whose terms of ``psi`` are integrated with one point a
+            cell. If these are the volumetric terms, hexahedra of nearly incompressible
+            materials do not lock. ``psi`` must be linear in its parameters. Energy is conserved
+            as well as without, because every point has an energy and a conserving stress of its
+            own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
@@ -71,12 +69,11 @@ class Hyperelastic:
 
     Raises:
         TypeError: ``psi`` cannot be called.
-        ValueError: A number is not finite or has the wrong sign; ``psi`` is
-            no scalar, or not twice differentiable at C = 1, where energies
-            without fields are evaluated; stiffness damping would add energy,
-            as the moduli at C = 1 have a negative eigenvalue; ``one_point``
-            names no parameter or all of them, or ``psi`` is not the sum of
-            both parts.
+        ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or not
+            twice differentiable at C = 1, where energies without fields are evaluated;
+            stiffness damping would add energy, as the moduli at C = 1 have a negative
+            eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is not the
+            sum of both parts.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -165,11 +162,10 @@ class Hyperelastic:
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         r"""Stress whose work in a step is exactly the change of the strain energy.
 
-        :math:`S : (C_{n+1} - C_n)/2 = \psi_{n+1} - \psi_n`. It is the average
-        of the stress on the straight path between the states, by three Gauss
-        points. The correction along dC of Gonzalez (2000) is added where dC is
-        so large that the average needs it; there is no 0/0 where C does not
-        change.
+        :math:`S : (C_{n+1} - C_n)/2 = \psi_{n+1} - \psi_n`. It is the average of the stress on
+        the straight path between the states, by three Gauss points. The correction along dC of
+        Gonzalez (2000) is added where dC is so large that the average needs it; there is no 0/0
+        where C does not change.
 
         Args:
             C_n: Right Cauchy-Green tensor at t_n, UFL (3, 3).
@@ -307,9 +303,7 @@ class MassOnly(Hyperelastic):
     def __init__(self, material: Hyperelastic) -> None:
         """Take over density and mass damping; the energy is zero."""
         super().__init__(
-            lambda C, **parameters: ufl.zero(),
-            rho=material.rho,
-            mass_damping=material.mass_damping,
+            lambda C, **parameters: ufl.zero(), rho=material.rho, mass_damping=material.mass_damping
         )
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:

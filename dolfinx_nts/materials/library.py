@@ -1,7 +1,7 @@
 """Materials with a name: strain energies psi(C) with their usual numbers.
 
-Everything is UFL. Stresses, moduli, damping and quadrature are those of
-`Hyperelastic`, from which all classes derive and whose options they take.
+Everything is UFL. Stresses, moduli, damping and quadrature are those of `Hyperelastic`, from
+which all classes derive and whose options they take.
 """
 
 from typing import Any
@@ -18,8 +18,8 @@ class SaintVenantKirchhoff(Hyperelastic):
     r"""St. Venant-Kirchhoff material, for large rotations and small strains. Local.
 
     :math:`\psi = \lambda/2\, (\mathrm{tr}\, E)^2 + \mu\, E : E`, so that
-    :math:`S = \lambda\, \mathrm{tr}(E)\, 1 + 2 \mu E`, with the
-    Green-Lagrange strain E. The energy stays finite where the volume vanishes.
+    :math:`S = \lambda\, \mathrm{tr}(E)\, 1 + 2 \mu E`, with the Green-Lagrange strain E. The
+    energy stays finite where the volume vanishes.
 
     Args:
         E: Young's modulus [Pa].
@@ -28,8 +28,7 @@ class SaintVenantKirchhoff(Hyperelastic):
         **options: Damping and quadrature, as for `Hyperelastic`.
 
     Raises:
-        ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in
-            (-1, 0.5).
+        ValueError: ``E`` or ``rho`` is not positive, or ``nu`` is not in (-1, 0.5).
 
     Example:
         >>> nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)  # Pa, -, kg/m^3
@@ -60,9 +59,8 @@ class SaintVenantKirchhoff(Hyperelastic):
 class NeoHookean(Hyperelastic):
     r"""Compressible neo-Hookean material, for large strains. Local.
 
-    :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2`
-    with :math:`U = \ln J` (``"log"``) or :math:`U = J - 1`
-    (``"quadratic"``).
+    :math:`\psi = \mu/2\, (\mathrm{tr}\, C - 3) - \mu \ln J + \lambda/2\, U^2` with
+    :math:`U = \ln J` (``"log"``) or :math:`U = J - 1` (``"quadratic"``).
 
     Args:
         E: Young's modulus of small strains [Pa].
@@ -75,8 +73,8 @@ class NeoHookean(Hyperelastic):
         volumetric: As given.
 
     Raises:
-        ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in
-            (-1, 0.5), or ``volumetric`` is unknown.
+        ValueError: ``E`` or ``rho`` is not positive, ``nu`` is not in (-1, 0.5), or
+            ``volumetric`` is unknown.
 
     Example:
         >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point=["lmbda"])
@@ -100,8 +98,8 @@ class NeoHookean(Hyperelastic):
 class MooneyRivlin(Hyperelastic):
     r"""Mooney-Rivlin material for rubber, of both isochoric invariants. Local.
 
-    :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\,
-    (J - 1)^2`; the shear modulus of small strains is 2 (c10 + c01).
+    :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\, (J - 1)^2`; the
+    shear modulus of small strains is 2 (c10 + c01).
 
     Args:
         c10: Coefficient of the first invariant [Pa].
@@ -132,8 +130,8 @@ class MooneyRivlin(Hyperelastic):
 class Yeoh(Hyperelastic):
     r"""Yeoh material for rubber that stiffens, of the first isochoric invariant. Local.
 
-    :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\,
-    (J - 1)^2`; the shear modulus of small strains is 2 c10.
+    :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\, (J - 1)^2`; the shear
+    modulus of small strains is 2 c10.
 
     Args:
         c10: Linear coefficient [Pa].

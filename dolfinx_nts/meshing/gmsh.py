@@ -1,8 +1,8 @@
 """Meshes from gmsh: of files, of live models, and of functions that fill a model.
 
-Physical volumes and surfaces of gmsh become tagged cells and facets of a distributed
-DOLFINx mesh, and the names of the physical groups lead to the tags. Simple bodies to
-fill a model with are in `parts`.
+Physical volumes and surfaces of gmsh become tagged cells and facets of a distributed DOLFINx
+mesh, and the names of the physical groups lead to the tags. Simple bodies to fill a model with
+are in `parts`.
 """
 
 import os
@@ -41,12 +41,12 @@ __all__ = [
 ]
 
 _KINDS = ("point", "curve", "surface", "volume")  # by dimension
-# gmsh's numbers of element types: a tetrahedron, 4, has triangles, 2, as facets, a
-# hexahedron, 5, has quadrilaterals, 3. Points are 15 and lines are 1.
+# gmsh's numbers of element types: a tetrahedron, 4, has triangles, 2, as facets, a hexahedron,
+# 5, has quadrilaterals, 3. Points are 15 and lines are 1.
 _FACETS = {4: 2, 5: 3}
 _POINT, _LINE = 15, 1
-# det J at a corner, relative to the cube of the longest tangent of the cell [-], below
-# which the corner is flat but for round-off.
+# det J at a corner, relative to the cube of the longest tangent of the cell [-], below which
+# the corner is flat but for round-off.
 _FLAT = 1e-12
 
 
@@ -54,13 +54,13 @@ class MeshData(NamedTuple):
     """A distributed mesh with named regions, as `read_mesh` returns it.
 
     Attributes:
-        mesh: Mesh of hexahedra or of tetrahedra [m], with the connectivities
-            between cells and facets.
+        mesh: Mesh of hexahedra or of tetrahedra [m], with the connectivities between cells and
+            facets.
         cells: Tags of the physical volumes; every cell has one.
         facets: Tags of the physical surfaces.
-        tag: Tags by name, read-only. A group without a name is called by
-            its tag, ``"volume 3"`` or ``"surface 3"``. An unknown name raises
-            ``ValueError`` with the names that exist.
+        tag: Tags by name, read-only. A group without a name is called by its tag,
+            ``"volume 3"`` or ``"surface 3"``. An unknown name raises ``ValueError`` with the
+            names that exist.
 
     Example:
         >>> mesh, cells, facets, tag = nts.read_mesh("ball_plate.msh", comm)
@@ -84,17 +84,15 @@ class _Tags(dict[str, int]):
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups and distribute it.
 
-    Collective; every error is raised on all ranks. Mirrored cells are
-    accepted, as DOLFINx integrates with ``|det J|``. DOLFINx has spaces on
-    cells of one kind only, and not on prisms: meshes of prisms, or of several
-    kinds, are cut into hexahedra, four of a tetrahedron, six of a prism and
-    eight of a hexahedron, and a warning is logged.
+    Collective; every error is raised on all ranks. Mirrored cells are accepted, as DOLFINx
+    integrates with ``|det J|``. DOLFINx has spaces on cells of one kind only, and not on
+    prisms: meshes of prisms, or of several kinds, are cut into hexahedra, four of a
+    tetrahedron, six of a prism and eight of a hexahedron, and a warning is logged.
 
     Args:
-        source: Path of a ``.msh`` file; a live gmsh model such as
-            ``gmsh.model``; or a function that is called with an empty model
-            and adds bodies and physical groups. It is used on ``rank`` only.
-            The current model and the log level of gmsh stay as they are.
+        source: Path of a ``.msh`` file; a live gmsh model such as ``gmsh.model``; or a function
+            that is called with an empty model and adds bodies and physical groups. It is used
+            on ``rank`` only. The current model and the log level of gmsh stay as they are.
         comm: Communicator of the mesh.
         rank: Rank that reads the file or holds the live model.
 
@@ -105,11 +103,10 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         OSError: The file cannot be read.
         ImportError: gmsh is not installed on ``rank``.
         TypeError: ``source`` is no path, gmsh model or function.
-        ValueError: The file is no mesh; cells are pyramids, of higher order,
-            or not in exactly one physical volume; ``det J`` vanishes or
-            changes sign between the corners of a cell; a name stands for two
-            tags; a physical surface has facets that belong to no cell, or
-            shares some with another; ``rank`` does not exist.
+        ValueError: The file is no mesh; cells are pyramids, of higher order, or not in exactly
+            one physical volume; ``det J`` vanishes or changes sign between the corners of a
+            cell; a name stands for two tags; a physical surface has facets that belong to no
+            cell, or shares some with another; ``rank`` does not exist.
 
     Example:
         >>> def build(model):

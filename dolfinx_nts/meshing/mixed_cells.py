@@ -1,8 +1,8 @@
 """Cutting of mixed cells into hexahedra, as DOLFINx has no spaces on several kinds.
 
-Cells are cut at the midpoints of their edges and the centres of their faces: a
-tetrahedron becomes four hexahedra, a prism six, a hexahedron eight. Neighbours of any
-kind still share their nodes, and volumes stay the same.
+Cells are cut at the midpoints of their edges and the centres of their faces: a tetrahedron
+becomes four hexahedra, a prism six, a hexahedron eight. Neighbours of any kind still share
+their nodes, and volumes stay the same.
 """
 
 import logging
@@ -23,9 +23,9 @@ _TETRAHEDRON, _HEXAHEDRON, _PRISM = 4, 5, 6  # gmsh element types
 def only_one_kind(model: Any) -> Iterator[Any]:
     """Context with a gmsh model, or with a copy that is cut into hexahedra. Local.
 
-    A model is cut if its cells are prisms or of several kinds, and a warning is
-    logged; the model itself stays as it is. Cells that cannot be cut, pyramids
-    and those of higher order, are left for the caller to refuse.
+    A model is cut if its cells are prisms or of several kinds, and a warning is logged; the
+    model itself stays as it is. Cells that cannot be cut, pyramids and those of higher order,
+    are left for the caller to refuse.
 
     Args:
         model: The current gmsh model.

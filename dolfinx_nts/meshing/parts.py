@@ -1,9 +1,9 @@
 """Simple bodies of hexahedra or tetrahedra for a gmsh model.
 
-There are boxes (also bars and plates), hollow and solid balls, bowls, rings and tori.
-Each function adds one body with named surfaces to a live model, and `read_mesh` makes
-the mesh of all of them. Bodies do not share nodes. All functions are local: they are
-called on the rank that holds the model.
+There are boxes (also bars and plates), hollow and solid balls, bowls, rings and tori. Each
+function adds one body with named surfaces to a live model, and `read_mesh` makes the mesh of
+all of them. Bodies do not share nodes. All functions are local: they are called on the rank
+that holds the model.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from dolfinx_nts.meshing.structured_blocks import (
 
 __all__ = ["add_bowl", "add_box", "add_hollow_ball", "add_ring", "add_solid_ball", "add_torus"]
 
-# The cube in the middle of a solid ball: half of its edge relative to the radius [-], and
-# how round its faces are, from 0, a cube, to 1, a sphere; chosen for well-shaped cells.
+# The cube in the middle of a solid ball: half of its edge relative to the radius [-], and how
+# round its faces are, from 0, a cube, to 1, a sphere; chosen for well-shaped cells.
 _CORE, _BULGE = 0.5, 0.6
 
 
@@ -39,10 +39,9 @@ def add_box(
 ) -> None:
     """Add a box, a bar or a plate of equal cells to a gmsh model. Local.
 
-    The physical volume is called ``name``. The physical surfaces are
-    ``name_left`` and ``name_right`` at the lowest and highest x,
-    ``name_front`` and ``name_back`` for y, ``name_bottom`` and ``name_top``
-    for z.
+    The physical volume is called ``name``. The physical surfaces are ``name_left`` and
+    ``name_right`` at the lowest and highest x, ``name_front`` and ``name_back`` for y,
+    ``name_bottom`` and ``name_top`` for z.
 
     Args:
         model: Live gmsh model.
@@ -82,10 +81,9 @@ def add_hollow_ball(
 ) -> None:
     """Add a hollow ball, an equiangular cubed sphere, to a gmsh model. Local.
 
-    The nodes on a face of the cube have parameters a, b in [-1, 1] and lie in
-    the directions ``(tan(pi a / 4), tan(pi b / 4), 1)``, evenly spaced in a, b
-    and the radius. The physical volume is called ``name``, the physical
-    surfaces ``name_outer`` and ``name_inner``.
+    The nodes on a face of the cube have parameters a, b in [-1, 1] and lie in the directions
+    ``(tan(pi a / 4), tan(pi b / 4), 1)``, evenly spaced in a, b and the radius. The physical
+    volume is called ``name``, the physical surfaces ``name_outer`` and ``name_inner``.
 
     Args:
         model: Live gmsh model.
@@ -119,8 +117,7 @@ def add_hollow_ball(
 
     ids = np.full(on_cube.shape, -1)
     ids[on_cube] = np.arange(len(direction))
-    # Transposed where the two axes of the face and the outward direction would be
-    # left-handed.
+    # Transposed where the two axes of the face and the outward direction would be left-handed.
     faces = (ids[-1], ids[0].T, ids[:, -1].T, ids[:, 0], ids[:, :, -1], ids[:, :, 0].T)
     wall = len(direction) * np.arange(layers + 1)
     cells = np.stack([hexahedra(face[:, :, None] + wall) for face in faces])
@@ -140,8 +137,7 @@ def add_solid_ball(
 ) -> None:
     """Add a solid ball, a bulged cube inside six shells, to a gmsh model. Local.
 
-    The physical volume is called ``name``, the physical surface
-    ``name_outer``.
+    The physical volume is called ``name``, the physical surface ``name_outer``.
 
     Args:
         model: Live gmsh model.
@@ -197,8 +193,8 @@ def add_bowl(
 ) -> None:
     """Add a bowl, the lower half of a hollow ball, to a gmsh model. Local.
 
-    The physical volume is called ``name``, the physical surfaces
-    ``name_inner``, ``name_outer`` and ``name_rim``.
+    The physical volume is called ``name``, the physical surfaces ``name_inner``, ``name_outer``
+    and ``name_rim``.
 
     Args:
         model: Live gmsh model.
@@ -206,8 +202,8 @@ def add_bowl(
         centre: Centre of the ball, shape ``(3,)`` [m].
         inner_radius: Radius of the inner surface [m].
         outer_radius: Radius of the outer surface [m].
-        cells_per_edge: Number of hexahedra along an edge of the whole cube,
-            as for `add_hollow_ball`; an even number.
+        cells_per_edge: Number of hexahedra along an edge of the whole cube, as for
+            `add_hollow_ball`; an even number.
         layers: Number of hexahedra through the wall.
         cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
@@ -254,9 +250,8 @@ def add_ring(
 ) -> None:
     """Add a ring, a short tube, to a gmsh model. Local.
 
-    The physical volume is called ``name``, the physical surfaces
-    ``name_inner``, ``name_outer``, ``name_bottom``, and ``name_top`` at the
-    end to which the axis points.
+    The physical volume is called ``name``, the physical surfaces ``name_inner``,
+    ``name_outer``, ``name_bottom``, and ``name_top`` at the end to which the axis points.
 
     Args:
         model: Live gmsh model.
@@ -265,8 +260,7 @@ def add_ring(
         inner_radius: Radius of the hole [m].
         outer_radius: Radius of the ring [m].
         width: Length along the axis [m].
-        cells: Numbers of hexahedra around, through the wall and along the
-            axis, shape ``(3,)``.
+        cells: Numbers of hexahedra around, through the wall and along the axis, shape ``(3,)``.
         axis: Direction of the axis, of any length, shape ``(3,)``.
         cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
@@ -307,8 +301,8 @@ def add_torus(
 ) -> None:
     """Add a torus, a hollow tube bent into a closed circle, to a gmsh model. Local.
 
-    The physical volume is called ``name``, the physical surfaces
-    ``name_inner`` and ``name_outer``.
+    The physical volume is called ``name``, the physical surfaces ``name_inner`` and
+    ``name_outer``.
 
     Args:
         model: Live gmsh model.
@@ -317,8 +311,8 @@ def add_torus(
         radius: Radius of the circle in the middle of the tube [m].
         inner_radius: Radius of the cavity of the tube [m].
         outer_radius: Radius of the tube [m].
-        cells: Numbers of hexahedra along the circle, around the tube and
-            through its wall, shape ``(3,)``.
+        cells: Numbers of hexahedra along the circle, around the tube and through its wall,
+            shape ``(3,)``.
         axis: Direction of the axis, of any length, shape ``(3,)``.
         cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
@@ -352,8 +346,8 @@ def _turned(x: Floats, axis: Sequence[float]) -> Floats:
     length = float(np.linalg.norm(axis))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"expected an axis of length > 0, given {axis}")
-    # The smallest rotation. An axis that points down is first turned up by half a turn
-    # about x, and the result is turned back, as the formula is singular at -z.
+    # The smallest rotation. An axis that points down is first turned up by half a turn about x,
+    # and the result is turned back, as the formula is singular at -z.
     flip = np.array([1, -1, -1]) if axis[2] < 0 else np.ones(3)
     a, b, c = np.asarray(axis) / length * flip
     K = np.array([[0, 0, a], [0, 0, b], [-a, -b, 0]])

@@ -1,8 +1,7 @@
 """Blocks of hexahedra, of which the bodies of `parts` are made.
 
-A block is a grid of nodes. Blocks are joined where their nodes coincide and become
-discrete entities of a gmsh model, as hexahedra or cut into tetrahedra. Everything is
-local.
+A block is a grid of nodes. Blocks are joined where their nodes coincide and become discrete
+entities of a gmsh model, as hexahedra or cut into tetrahedra. Everything is local.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +16,8 @@ __all__ = ["SIDES", "Block", "add_body", "hexahedra", "join", "quadrangles"]
 _CELLS = {"tetrahedron": (4, 2), "hexahedron": (5, 3)}  # gmsh's types of cells and facets
 # Corners of gmsh's hexahedron in its own order, on the unit cube.
 _CORNERS = np.array([(*ij, k) for k in (0, 1) for ij in ((0, 0), (1, 0), (1, 1), (0, 1))])
-# Sides of a block of hexahedra, shape (nx, ny, nz, 8): axis across the side, layer of
-# hexahedra along it, and their corners on the side, anticlockwise from outside.
+# Sides of a block of hexahedra, shape (nx, ny, nz, 8): axis across the side, layer of hexahedra
+# along it, and their corners on the side, anticlockwise from outside.
 SIDES = {
     "left": (-4, 0, (3, 0, 4, 7)),
     "right": (-4, -1, (1, 2, 6, 5)),
@@ -28,8 +27,8 @@ SIDES = {
     "top": (-2, -1, (4, 5, 6, 7)),
 }
 
-# Distance of two nodes, relative to the size of the body [-], below which they are one:
-# far above round-off, far below any cell.
+# Distance of two nodes, relative to the size of the body [-], below which they are one: far
+# above round-off, far below any cell.
 _SAME = 1e-8
 # Shift [-] before coordinates are rounded to multiples of that distance: coordinates that
 # shapes have by design, such as 1/2, must not lie in the middle of two multiples.
@@ -41,8 +40,8 @@ class Block(NamedTuple):
 
     Attributes:
         x: Positions, shape ``(nx + 1, ny + 1, nz + 1, 3)`` [m].
-        names: Name of the surface that a side belongs to, by side out of
-            `SIDES`; sides without a surface are left out.
+        names: Name of the surface that a side belongs to, by side out of `SIDES`; sides without
+            a surface are left out.
     """
 
     x: Floats
@@ -84,9 +83,8 @@ def join(blocks: Sequence[Block]) -> tuple[Floats, GlobalInts, dict[str, GlobalI
         blocks: The blocks.
 
     Returns:
-        Positions of the nodes in the order of the blocks, shape ``(n, 3)``
-        [m]; hexahedra, shape ``(c, 8)``; and quadrilaterals by name of the
-        surface, shape ``(f, 4)``.
+        Positions of the nodes in the order of the blocks, shape ``(n, 3)`` [m]; hexahedra,
+        shape ``(c, 8)``; and quadrilaterals by name of the surface, shape ``(f, 4)``.
     """
     cells, first = [], 0
     for block in blocks:
@@ -119,8 +117,7 @@ def add_body(
 
     Args:
         model: Live gmsh model.
-        name: Name of the physical volume. That of a surface called ``top``
-            is ``name_top``.
+        name: Name of the physical volume. That of a surface called ``top`` is ``name_top``.
         x: Positions of the nodes, shape ``(n, 3)`` [m].
         cells: Nodes of the hexahedra, shape ``(..., 8)``.
         surfaces: Nodes of quadrilaterals by name, shape ``(..., 4)``.

@@ -1,8 +1,8 @@
 """Bodies, which are regions of the mesh with a material, and forms over their cells.
 
-Bodies of one material share their forms. Inertia and strain energy have quadratures
-of their own, which `Element` tells; terms of the energy that a material names in
-``one_point`` have one with a single point.
+Bodies of one material share their forms. Inertia and strain energy have quadratures of their
+own, which `Element` tells; terms of the energy that a material names in ``one_point`` have one
+with a single point.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -26,8 +26,7 @@ class Body:
     """A body: all cells with one tag, made of one material. Collective.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of
-            degree 2.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         material: Strain energy and density.
@@ -35,16 +34,14 @@ class Body:
     Attributes:
         V: The space.
         material: The material.
-        cells: Cells of the body that this rank owns, local indices, shape
-            ``(c,)``.
-        nodes: Nodes of all local cells of the body, owned and ghost, local
-            block indices of V, sorted, shape ``(n,)``.
+        cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
+        nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
+            sorted, shape ``(n,)``.
 
     Raises:
-        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or
-            ``material`` no material.
-        ValueError: The space or the tag does not fit, or the material has
-            terms with one point a cell and the degree is 2.
+        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or ``material`` no material.
+        ValueError: The space or the tag does not fit, or the material has terms with one point
+            a cell and the degree is 2.
 
     Example:
         >>> body = nts.Body(V, cells, tag["lower"], rubber)
@@ -69,8 +66,8 @@ class Body:
         self.V, self.material, self._tag = V, material, tag
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
-        # Of ghost cells too: this rank may own a node of the body although it owns no
-        # cell of the body that touches the node.
+        # Of ghost cells too: this rank may own a node of the body although it owns no cell of
+        # the body that touches the node.
         self.nodes: Ints = np.unique(V.dofmap.list[local])
 
     def __repr__(self) -> str:
@@ -85,15 +82,14 @@ def bulk_form(
 ) -> ufl.Form:
     """Integrate over all bodies, with one integral per material and quadrature. Local.
 
-    The integrand is a sum of terms with the stress, the energy or the density. It
-    is evaluated once for each quadrature of a material, with zero in the place
-    of the parameters, the density or the stress that belong to the others.
+    The integrand is a sum of terms with the stress, the energy or the density. It is evaluated
+    once for each quadrature of a material, with zero in the place of the parameters, the
+    density or the stress that belong to the others.
 
     Args:
         bodies: Bodies of one space.
-        integrand: Function ``integrand(material, parameters, rho)`` that
-            returns UFL per reference volume; parameters by name and density
-            are constants of UFL or 0.
+        integrand: Function ``integrand(material, parameters, rho)`` that returns UFL per
+            reference volume; parameters by name and density are constants of UFL or 0.
 
     Returns:
         The form.
@@ -123,9 +119,7 @@ def bulk_form(
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.
     dx = ufl.Measure(
-        "dx",
-        domain=mesh,
-        subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)],
+        "dx", domain=mesh, subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)]
     )
     form = ufl.Form([])
     for i, (value, _, degree) in enumerate(terms):
@@ -165,8 +159,8 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
 
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: There are no bodies, they have several spaces, or a cell is
-            in none or in several of them.
+        ValueError: There are no bodies, they have several spaces, or a cell is in none or in
+            several of them.
     """
     V = common_space(bodies)
     mesh = V.mesh

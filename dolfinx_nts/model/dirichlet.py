@@ -60,8 +60,8 @@ class Supports:
         """Raise unless the present values are finite and do not conflict.
 
         Raises:
-            ValueError: A value is not finite, or two conditions prescribe
-                different values for a dof.
+            ValueError: A value is not finite, or two conditions prescribe different values for
+                a dof.
         """
         if not self._bcs:
             return
@@ -92,8 +92,8 @@ class Supports:
         """Put the present values of the conditions into displacements.
 
         Args:
-            values: Displacements of the local scalar dofs, owned then ghost,
-                shape ``(3 l,)`` [m].
+            values: Displacements of the local scalar dofs, owned then ghost, shape ``(3 l,)``
+                [m].
 
         Returns:
             A copy with the values of the conditions where there is one.

@@ -38,8 +38,8 @@ class VolumeRatio:
         """Describe the cell with the least det F, if it is inverted. Collective.
 
         Returns:
-            Number in the mesh as read, current place and det F of the cell; empty
-            if no cell is inverted. The same on all ranks.
+            Number in the mesh as read, current place and det F of the cell; empty if no cell is
+            inverted. The same on all ranks.
         """
         V = self._u.function_space
         mesh, worst, text = V.mesh, np.inf, ""

@@ -1,8 +1,8 @@
 """Kinematics of pairs between two states: what the kernels return, by name.
 
-A pair is a contact point and the vertices of the segment that it faces. Arrays
-are over ``m`` pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of
-the point first. A rigid obstacle has no vertices, so that d = 3.
+A pair is a contact point and the vertices of the segment that it faces. Arrays are over ``m``
+pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of the point first. A rigid
+obstacle has no vertices, so that d = 3.
 """
 
 from typing import NamedTuple
@@ -23,8 +23,8 @@ class ContactKinematics(NamedTuple):
         force: Force of the scheme per multiplier, shape ``(m, d)``.
         gradient: Gradient of the gap at t_{n+1}, shape ``(m, d)``.
         tangent: Derivative of ``force``, shape ``(m, d, d)`` [1/m].
-        turn: Cosine of the angle by which the normal turns, ``(m,)``; NaN
-            where the pair cannot be evaluated.
+        turn: Cosine of the angle by which the normal turns, ``(m,)``; NaN where the pair cannot
+            be evaluated.
         status: 0 where the pair could be evaluated, shape ``(m,)``.
     """
 

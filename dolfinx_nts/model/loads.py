@@ -1,10 +1,9 @@
 r"""Loads on bodies, written as forms of virtual work.
 
-The form of a load is linear in the test function. Its value at u_{n+1} - u_n is
-the work of the load in a step, which the energy ledger counts. A value that is a
-function of time is taken once per step, at the time that the integrator chooses: the
-middle of the step, its end in `QuasiStatic` and `CentralDifference`, and
-:math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
+The form of a load is linear in the test function. Its value at u_{n+1} - u_n is the work of the
+load in a step, which the energy ledger counts. A value that is a function of time is taken once
+per step, at the time that the integrator chooses: the middle of the step, its end in
+`QuasiStatic` and `CentralDifference`, and :math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
 """
 
 from abc import ABC, abstractmethod
@@ -27,8 +26,8 @@ __all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "Pressure", "Traction"]
 class Load(ABC):
     """Base of all loads; a load of your own derives from it or is a `FormLoad`.
 
-    A stepper takes the form once, when it is made, and calls `update` in every
-    step. Local, except where a method says otherwise.
+    A stepper takes the form once, when it is made, and calls `update` in every step. Local,
+    except where a method says otherwise.
 
     Attributes:
         V: Space of the displacement.
@@ -80,8 +79,8 @@ class _LoadWithValue(Load):
 
     Args:
         V: Space of the displacement.
-        value: Number or vector, a function of the time [s] that returns
-            it, or a UFL expression.
+        value: Number or vector, a function of the time [s] that returns it, or a UFL
+            expression.
 
     Raises:
         ValueError: The value has the wrong shape or is not finite.
@@ -140,8 +139,8 @@ class BodyForce(_LoadWithValue):
 
     Args:
         body: The body.
-        value: Force, shape ``(3,)`` [N/m^3], a function of the time [s] that
-            returns it, or a UFL expression, also of the reference position.
+        value: Force, shape ``(3,)`` [N/m^3], a function of the time [s] that returns it, or a
+            UFL expression, also of the reference position.
 
     Raises:
         TypeError: ``body`` is no body.
@@ -179,13 +178,12 @@ class Gravity(_LoadWithValue):
 
     Args:
         bodies: The bodies, of one space.
-        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s] that
-            returns it, or a UFL expression, also of the reference position.
+        g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s] that returns it, or
+            a UFL expression, also of the reference position.
 
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: There are no bodies, or ``g`` has the wrong shape or is not
-            finite.
+        ValueError: There are no bodies, or ``g`` has the wrong shape or is not finite.
 
     Example:
         >>> nts.Gravity([body, other], (0.0, 0.0, -9.81))  # m/s^2
@@ -245,8 +243,8 @@ class Traction(_SurfaceLoad):
 
     Args:
         surface: Where it acts.
-        value: Force, shape ``(3,)`` [Pa], a function of the time [s] that
-            returns it, or a UFL expression, also of the reference position.
+        value: Force, shape ``(3,)`` [Pa], a function of the time [s] that returns it, or a UFL
+            expression, also of the reference position.
 
     Raises:
         TypeError: ``surface`` is no surface.
@@ -265,17 +263,16 @@ class Traction(_SurfaceLoad):
 class Pressure(_SurfaceLoad):
     r"""Follower load: a pressure on the current area along the current normal. Local.
 
-    The force per reference area is that of the mean of cof F on the straight
-    path of the step, :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\,
-    (\mathrm{cof} F_m + \mathrm{cof} \Delta F / 12)\, N`, which is exact
-    because cof F is quadratic in s. A constant pressure on the closed surface
-    of a cavity does the work :math:`p\,\Delta V` of its volume and has no
-    resultant; its moment vanishes only to second order of the step.
+    The force per reference area is that of the mean of cof F on the straight path of the step,
+    :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F /
+    12)\, N`, which is exact because cof F is quadratic in s. A constant pressure on the closed
+    surface of a cavity does the work :math:`p\,\Delta V` of its volume and has no resultant;
+    its moment vanishes only to second order of the step.
 
     Args:
         surface: Where it acts.
-        value: Pressure [Pa], positive against the surface, a function of the
-            time [s] that returns it, or a UFL expression.
+        value: Pressure [Pa], positive against the surface, a function of the time [s] that
+            returns it, or a UFL expression.
 
     Raises:
         TypeError: ``surface`` is no surface.
@@ -307,17 +304,16 @@ def _cofactor(A: Any) -> Any:
 class FormLoad(Load):
     r"""A load that you write as a form: a source, a spring, a follower. Local.
 
-    The sign is that of the right-hand side of a DOLFINx problem, so that
-    ``inner(f, eta) * dx`` pushes along f. Functions and constants in the form
-    may be set by ``update`` of the stepper. The load may act on all bodies.
+    The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
+    pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
+    The load may act on all bodies.
 
     Args:
         V: Space of the displacement.
-        work: Form that is linear in the test function of V; or a function
-            ``work(u, eta, t)`` that returns it. It gets the displacement in
-            the middle of a step (at its end in `QuasiStatic` and
-            `CentralDifference`), a test function, and the time of the load,
-            a `fem.Constant` [s]. UFL derives the tangent.
+        work: Form that is linear in the test function of V; or a function ``work(u, eta, t)``
+            that returns it. It gets the displacement in the middle of a step (at its end in
+            `QuasiStatic` and `CentralDifference`), a test function, and the time of the load, a
+            `fem.Constant` [s]. UFL derives the tangent.
 
     Attributes:
         V: The space.

@@ -1,11 +1,10 @@
 """Lumped mass: positive masses of the nodes in the place of the mass matrix.
 
-At degree 1 they are the sums of the rows of the matrix. At degree 2 these sums are
-negative at the vertices of tetrahedra. Instead the diagonal of the matrix on the
-reference cell, scaled to the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives
-the weights of a quadrature at the nodes: Simpson's in hexahedra, and 1/36 at the
-vertices and 4/27 at the edges of tetrahedra. Each cell has its exact mass and centre of
-mass.
+At degree 1 they are the sums of the rows of the matrix. At degree 2 these sums are negative at
+the vertices of tetrahedra. Instead the diagonal of the matrix on the reference cell, scaled to
+the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives the weights of a quadrature at
+the nodes: Simpson's in hexahedra, and 1/36 at the vertices and 4/27 at the edges of tetrahedra.
+Each cell has its exact mass and centre of mass.
 """
 
 from collections.abc import Sequence
@@ -67,8 +66,4 @@ def _rule(element: Element) -> tuple[Floats, Floats, Floats]:
     if element.degree == 1:
         return points, weights, values
     diagonal = weights @ values**2
-    return (
-        element.points,
-        diagonal * weights.sum() / diagonal.sum(),
-        np.eye(len(element.points)),
-    )
+    return (element.points, diagonal * weights.sum() / diagonal.sum(), np.eye(len(element.points)))

@@ -1,10 +1,9 @@
 r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
 
-An obstacle takes the place of a surface's segments in a contact pair, has no unknowns
-and never moves. Gap and normal are those of the exact surface. The contact force of
-the energy-momentum scheme is a discrete gradient,
-:math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made of
-facets are in `rigid_surface`.
+An obstacle takes the place of a surface's segments in a contact pair, has no unknowns and never
+moves. Gap and normal are those of the exact surface. The contact force of the energy-momentum
+scheme is a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
+Obstacles made of facets are in `rigid_surface`.
 """
 
 from abc import ABC, abstractmethod
@@ -23,8 +22,8 @@ Contact = tuple[Array, ...]
 class Obstacle(ABC):
     """Base of all obstacles, which take the place of segments in a contact pair. Local.
 
-    Pairs with an obstacle consist of the node alone, so that gradients have
-    the three entries of its position. Methods are for the contact of a stepper.
+    Pairs with an obstacle consist of the node alone, so that gradients have the three entries
+    of its position. Methods are for the contact of a stepper.
 
     Attributes:
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
@@ -52,11 +51,10 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            Gap at t_n and at t_{n+1}, shape ``(m,)`` [m]; force per
-            multiplier and gradient of the gap at t_{n+1}, ``(m, 3)`` [-];
-            derivative of the force by x, ``(m, 3, 3)`` [1/m]; cosine of the
-            angle between both normals, ``(m,)`` [-], NaN if something is not
-            finite; and status, ``(m,)``, 0 where everything is finite.
+            Gap at t_n and at t_{n+1}, shape ``(m,)`` [m]; force per multiplier and gradient of
+            the gap at t_{n+1}, ``(m, 3)`` [-]; derivative of the force by x, ``(m, 3, 3)``
+            [1/m]; cosine of the angle between both normals, ``(m,)`` [-], NaN if something is
+            not finite; and status, ``(m,)``, 0 where everything is finite.
         """
 
     @abstractmethod
@@ -69,11 +67,10 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            Slip, shape ``(m, 2)`` [m]; its gradients in the middle and at the
-            end of the step, ``(m, 2, 3)`` [-]; weights of the node in its
-            position relative to the facet, ``(m, 1)``, and in the tangents,
-            ``(m, 2, 1)``; orthonormal tangents at t_n and t_{n+1}, ``(m, 2, 3)``;
-            and orientations of the facets, ``(m,)``.
+            Slip, shape ``(m, 2)`` [m]; its gradients in the middle and at the end of the step,
+            ``(m, 2, 3)`` [-]; weights of the node in its position relative to the facet,
+            ``(m, 1)``, and in the tangents, ``(m, 2, 1)``; orthonormal tangents at t_n and
+            t_{n+1}, ``(m, 2, 3)``; and orientations of the facets, ``(m,)``.
         """
 
     @abstractmethod
@@ -83,8 +80,8 @@ class Obstacle(ABC):
         Args:
             x: Positions, shape ``(m, 3)`` [m].
             current: Facet that each node had last, or -1, shape ``(m,)``.
-            slack: How far a node may be beside its last facet and still
-                have it, see `SegmentCandidates.pair`.
+            slack: How far a node may be beside its last facet and still have it, see
+                `SegmentCandidates.pair`.
             reach: Largest gap of interest [m].
 
         Returns:
@@ -127,8 +124,8 @@ class _Exact(Obstacle):
             x: Positions, shape ``(m, 3)`` [m].
 
         Returns:
-            Gap, shape ``(m,)`` [m], positive outside the obstacle, and unit
-            normal out of the obstacle, shape ``(m, 3)``.
+            Gap, shape ``(m,)`` [m], positive outside the obstacle, and unit normal out of the
+            obstacle, shape ``(m, 3)``.
         """
 
     @abstractmethod
@@ -171,8 +168,7 @@ class RigidPlane(_Exact):
         normal: Direction out of the obstacle, of any length, shape ``(3,)``.
 
     Raises:
-        ValueError: An argument is not three finite numbers, or the normal is
-            zero.
+        ValueError: An argument is not three finite numbers, or the normal is zero.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
@@ -204,8 +200,7 @@ class _Round(_Exact):
     Args:
         centre: The point, or a point of the axis, shape ``(3,)`` [m].
         radius: The distance [m].
-        projector: Projection onto the directions in which it is measured,
-            shape ``(3, 3)`` [-].
+        projector: Projection onto the directions in which it is measured, shape ``(3, 3)`` [-].
         hollow: Whether bodies are inside.
     """
 
@@ -253,8 +248,7 @@ class RigidSphere(_Round):
         hollow: Whether bodies are inside.
 
     Raises:
-        ValueError: ``centre`` is not three finite numbers, or ``radius`` is not
-            positive.
+        ValueError: ``centre`` is not three finite numbers, or ``radius`` is not positive.
 
     Example:
         >>> nts.RigidSphere(centre=(0, 0, 5), radius=2.0, hollow=True)
@@ -280,8 +274,8 @@ class RigidCylinder(_Round):
         hollow: Whether bodies are inside.
 
     Raises:
-        ValueError: ``point`` or ``axis`` is not three finite numbers, the axis
-            is zero, or ``radius`` is not positive.
+        ValueError: ``point`` or ``axis`` is not three finite numbers, the axis is zero, or
+            ``radius`` is not positive.
 
     Example:
         >>> nts.RigidCylinder(point=(0, 0, 0), axis=(0, 2, 0), radius=0.5)
@@ -289,12 +283,7 @@ class RigidCylinder(_Round):
     """
 
     def __init__(
-        self,
-        point: Sequence[float],
-        axis: Sequence[float],
-        radius: float,
-        *,
-        hollow: bool = False,
+        self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
     ) -> None:
         """Check the arguments."""
         self._axis = a = _direction("axis", axis)
@@ -303,11 +292,7 @@ class RigidCylinder(_Round):
     def __repr__(self) -> str:
         """Point and radius [m] and unit vector of the axis in one line. Local."""
         return as_call(
-            self,
-            point=self._centre,
-            axis=self._axis,
-            radius=self._radius,
-            hollow=self._sign < 0,
+            self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
         )
 
 

@@ -15,20 +15,17 @@ class RigidSurface(Obstacle):
     """A surface of triangles or quadrilaterals that bodies cannot enter. Local.
 
     Args:
-        points: Positions of the vertices, shape ``(n, 3)`` [m], the same on
-            all ranks.
-        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of
-            rotation, or ``(s, 4)`` in Basix order (0,0), (1,0), (0,1), (1,1).
-        outside: A point to which all facets turn their outer side, shape
-            ``(3,)`` [m]; for a closed or strongly curved surface one point per
-            facet, shape ``(s, 3)``.
+        points: Positions of the vertices, shape ``(n, 3)`` [m], the same on all ranks.
+        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of rotation, or
+            ``(s, 4)`` in Basix order (0,0), (1,0), (0,1), (1,1).
+        outside: A point to which all facets turn their outer side, shape ``(3,)`` [m]; for a
+            closed or strongly curved surface one point per facet, shape ``(s, 3)``.
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
 
     Raises:
-        ValueError: Shapes or indices do not fit, or ``outside`` lies in the
-            plane of a facet.
+        ValueError: Shapes or indices do not fit, or ``outside`` lies in the plane of a facet.
 
     Example:
         >>> points = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 1], [4, 4, 1]])

@@ -1,9 +1,9 @@
 """Surfaces, which are tagged facets seen as nodes and as segments of contact.
 
-A *node* (in the literature: slave, secondary, source) may touch a *segment* (master,
-primary, target). A surface offers both, and a contact pair decides which it uses. A
-facet of degree 1 is one segment, a facet of degree 2 four on its nodes. Positions are
-x = X + u; the mesh is never moved.
+A *node* (in the literature: slave, secondary, source) may touch a *segment* (master, primary,
+target). A surface offers both, and a contact pair decides which it uses. A facet of degree 1 is
+one segment, a facet of degree 2 four on its nodes. Positions are x = X + u; the mesh is never
+moved.
 """
 
 import itertools
@@ -27,11 +27,11 @@ __all__ = ["Surface", "area_vectors", "diameters"]
 
 # Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
 _NO_LENGTH = 1e-12
-# Part [-] of the force and area of a node in the middle that is moved to each vertex around
-# it: a uniform pressure has no force at the vertices of triangles of degree 2.
+# Part [-] of the force and area of a node in the middle that is moved to each vertex around it:
+# a uniform pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# Distance of the centre of a cell from a side, relative to the height of the cell above it
-# [-], by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
+# Distance of the centre of a cell from a side, relative to the height of the cell above it [-],
+# by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
 _CENTRE = {3: 1 / 4, 4: 1 / 2}
 # Vertices next to each corner of a segment, in Basix order, by its number of vertices.
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
@@ -43,31 +43,27 @@ class Surface:
     Collective. `where` and `of` make surfaces without tags.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of
-            degree 2.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
 
     Attributes:
         V: The space.
-        nodes: Nodes of the surface that this rank owns, local block indices of
-            V, sorted, shape ``(n,)``.
-        segments: Vertices of the segments on facets that this rank owns, local
-            block indices of V, owned or ghost, in Basix order, shape
-            ``(s, k)``, ``k`` 3 or 4.
-        orientation: +1 where the product a_1 x a_2 of the tangents of a
-            segment points out of its body, otherwise -1, shape ``(s,)``.
-        key: Number of each segment in an order of all segments that does not
-            depend on the partition, shape ``(s,)``.
-        thickness: Height of the cell behind each segment in the reference
-            configuration, shape ``(s,)`` [m].
-        size: Longest diameter of a segment on any rank in the reference
-            configuration [m].
+        nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
+            ``(n,)``.
+        segments: Vertices of the segments on facets that this rank owns, local block indices of
+            V, owned or ghost, in Basix order, shape ``(s, k)``, ``k`` 3 or 4.
+        orientation: +1 where the product a_1 x a_2 of the tangents of a segment points out of
+            its body, otherwise -1, shape ``(s,)``.
+        key: Number of each segment in an order of all segments that does not depend on the
+            partition, shape ``(s,)``.
+        thickness: Height of the cell behind each segment in the reference configuration, shape
+            ``(s,)`` [m].
+        size: Longest diameter of a segment on any rank in the reference configuration [m].
 
     Raises:
         TypeError: ``facets`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The space or the tag does not fit, or a facet is not on the
-            boundary.
+        ValueError: The space or the tag does not fit, or a facet is not on the boundary.
 
     Example:
         >>> top = nts.Surface(V, facets, tag["lower_top"])
@@ -146,9 +142,8 @@ class Surface:
 
         Args:
             V: Vector space of the displacement.
-            predicate: Function of reference positions, shape ``(3, n)`` [m],
-                that returns ``(n,)`` booleans; a facet is taken if they are
-                true at all its vertices.
+            predicate: Function of reference positions, shape ``(3, n)`` [m], that returns
+                ``(n,)`` booleans; a facet is taken if they are true at all its vertices.
 
         Returns:
             The surface.
@@ -165,8 +160,8 @@ class Surface:
 
         Args:
             V: Vector space of the displacement.
-            facets: Local indices of facets on the boundary, each on the rank
-                that owns it, shape ``(s,)``.
+            facets: Local indices of facets on the boundary, each on the rank that owns it,
+                shape ``(s,)``.
 
         Returns:
             The surface.
@@ -191,8 +186,8 @@ class Surface:
         """Make a measure for integrals over the reference surface. Local.
 
         Args:
-            degree: Degree to which the quadrature is exact; None for that which
-                UFL estimates of the integrand.
+            degree: Degree to which the quadrature is exact; None for that which UFL estimates
+                of the integrand.
 
         Returns:
             UFL measure.
@@ -209,8 +204,7 @@ class Surface:
     def area(self) -> Floats:
         """Reference area that belongs to each node, shape ``(n,)`` [m^2].
 
-        It is the integral of the node's shape function. Collective at the first
-        use.
+        It is the integral of the node's shape function. Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
         area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, 3)[self.nodes, 0]
@@ -219,8 +213,8 @@ class Surface:
     def per_area(self, force: Floats) -> Floats:
         """Convert forces of the nodes into tractions. Collective.
 
-        Uniform tractions are exact. At degree 2 forces and areas are averaged
-        over neighbouring nodes first.
+        Uniform tractions are exact. At degree 2 forces and areas are averaged over neighbouring
+        nodes first.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
@@ -258,8 +252,8 @@ class Surface:
         """Find the least sine of an angle between two edges of a segment. Collective.
 
         Returns:
-            The sine in the reference configuration [-], 0 if an edge has no
-            length but for round-off.
+            The sine in the reference configuration [-], 0 if an edge has no length but for
+            round-off.
         """
         x = self.V.tabulate_dof_coordinates()[self.segments]
         neighbours = np.array(_NEIGHBOURS[self.segments.shape[1]])

@@ -1,7 +1,7 @@
 """Communication of Python objects and of numbered rows between ranks.
 
-Rows with numbers, such as values of nodes, are collected on rank 0 in the order
-of the numbers, which does not depend on the partition, and sent back from there.
+Rows with numbers, such as values of nodes, are collected on rank 0 in the order of the numbers,
+which does not depend on the partition, and sent back from there.
 """
 
 from collections.abc import Callable, Iterable
@@ -50,16 +50,16 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
 def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
     """Send one object to each rank, and receive one from each. Collective.
 
-    What a rank has for itself is not sent, as that would take as long as a
-    message to another rank.
+    What a rank has for itself is not sent, as that would take as long as a message to another
+    rank.
 
     Args:
         comm: Communicator.
         parts: One object for each rank, in the order of the ranks.
 
     Returns:
-        One object from each rank, in the order of the ranks; that of this
-        rank is the very object.
+        One object from each rank, in the order of the ranks; that of this rank is the very
+        object.
     """
     received: Any = list(parts)
     if comm.size > 1:
@@ -74,13 +74,11 @@ def gathered(comm: MPI.Comm, ids: GlobalInts, values: Array) -> tuple[GlobalInts
 
     Args:
         comm: Communicator.
-        ids: Numbers of this rank's rows, of which no two ranks have the same,
-            shape ``(n,)``.
+        ids: Numbers of this rank's rows, of which no two ranks have the same, shape ``(n,)``.
         values: The rows, shape ``(n, ...)``.
 
     Returns:
-        On rank 0 all numbers, sorted, and their rows; on other ranks the
-        arguments.
+        On rank 0 all numbers, sorted, and their rows; on other ranks the arguments.
     """
     parts = comm.gather((ids, values))
     if parts is None:

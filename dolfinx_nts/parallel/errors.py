@@ -1,8 +1,8 @@
 """Errors on one rank, which the other ranks learn of so that none waits for ever.
 
-`agreed` raises the error of one rank on all ranks, if all of them reach the end of
-its context. If they do not, because they wait inside it for the rank that failed,
-the error leaves the program on that rank, and `end_together` ends the others.
+`agreed` raises the error of one rank on all ranks, if all of them reach the end of its context.
+If they do not, because they wait inside it for the rank that failed, the error leaves the
+program on that rank, and `end_together` ends the others.
 """
 
 import pickle
@@ -19,8 +19,8 @@ import numpy as np
 
 __all__ = ["agreed", "end_together", "portable"]
 
-# Time [s] that a rank which failed waits for the others to reach the end of a context:
-# ranks with little more to do get there, and nobody waits much longer for the error.
+# Time [s] that a rank which failed waits for the others to reach the end of a context: ranks
+# with little more to do get there, and nobody waits much longer for the error.
 _PATIENCE = 0.5
 # Time [s] that a rank waits, before it ends the program, for notes of others that fail.
 _GRACE = 0.25
@@ -38,9 +38,8 @@ _pending: list[MPI.Request] = []
 def agreed(comm: MPI.Comm) -> Iterator[None]:
     """Context that raises an error of one rank on all ranks. Collective.
 
-    If several ranks fail, all raise the error of the lowest of them. A rank
-    that waits for the others in vain, because they wait for it inside the
-    context, raises its own error alone.
+    If several ranks fail, all raise the error of the lowest of them. A rank that waits for the
+    others in vain, because they wait for it inside the context, raises its own error alone.
 
     Args:
         comm: Communicator.
@@ -74,8 +73,7 @@ def portable(error: Exception) -> Exception:
         error: Any error.
 
     Returns:
-        The error itself, or a RuntimeError with its text if it cannot be
-        pickled.
+        The error itself, or a RuntimeError with its text if it cannot be pickled.
     """
     try:
         pickle.loads(pickle.dumps(error))
@@ -87,8 +85,8 @@ def portable(error: Exception) -> Exception:
 def end_together() -> None:
     """Let an exception that leaves the program on one rank end it on all. Local.
 
-    One rank prints the traceback, and `MPI.Comm.Abort` ends the ranks that did
-    not fail. On one rank and in an interactive session nothing is changed.
+    One rank prints the traceback, and `MPI.Comm.Abort` ends the ranks that did not fail. On one
+    rank and in an interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive
     if MPI.COMM_WORLD.size > 1 and not interactive and not isinstance(sys.excepthook, _Hook):

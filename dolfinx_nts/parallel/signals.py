@@ -17,8 +17,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 class Interrupts:
     """Context in which a first signal is only noted, and a second takes effect at once.
 
-    Only the main thread of Python receives signals; in other threads the
-    context does nothing. Local, except where a method says otherwise.
+    Only the main thread of Python receives signals; in other threads the context does nothing.
+    Local, except where a method says otherwise.
 
     Args:
         comm: Communicator whose ranks stop together.

@@ -48,8 +48,8 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
     """Context with a white plotter, which is closed at the end unless a notebook shows it.
 
     Args:
-        interactive: Whether to draw into the notebook from which it is called,
-            or else into a window, instead of into a picture.
+        interactive: Whether to draw into the notebook from which it is called, or else into a
+            window, instead of into a picture.
 
     Yields:
         PyVista plotter.
@@ -83,8 +83,8 @@ def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
         kinds: `CELLS` or `FACETS`.
         ids: Numbers of the vertices in DOLFINx's order, shape ``(c, k)``.
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
-        values: Values of the vertices, shape ``(c, k)``; or of the cells,
-            ``(c,)``, of which each point of the grid gets the mean around it.
+        values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, of which
+            each point of the grid gets the mean around it.
         name: Name of the values.
 
     Returns:
@@ -135,10 +135,10 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     Args:
         plotter: PyVista plotter.
         points: Positions that have to be in the picture, shape ``(n, 3)`` [m].
-        camera: Position, focus and upward direction as in PyVista, or None to
-            look from ``direction``.
-        direction: Direction from the points to the camera, shape ``(3,)``; by
-            default +x, a little from above and aside.
+        camera: Position, focus and upward direction as in PyVista, or None to look from
+            ``direction``.
+        direction: Direction from the points to the camera, shape ``(3,)``; by default +x, a
+            little from above and aside.
     """
     if camera is not None:
         plotter.camera_position = camera

@@ -1,7 +1,7 @@
 """Diagrams of a run, drawn from the table that its `Recorder` wrote.
 
-Matplotlib is imported when it is needed. Everything is local: only rank 0 draws, and
-the other ranks do nothing.
+Matplotlib is imported when it is needed. Everything is local: only rank 0 draws, and the other
+ranks do nothing.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,7 @@
 """Movies, written frame by frame as a GIF, or as an MP4 if its encoder is installed.
 
-Pillow and imageio-ffmpeg are imported when they are needed. Everything is local: one
-rank writes.
+Pillow and imageio-ffmpeg are imported when they are needed. Everything is local: one rank
+writes.
 """
 
 from collections.abc import Callable

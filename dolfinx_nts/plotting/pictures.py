@@ -1,8 +1,8 @@
 """Pictures of a run, one call each.
 
-`snapshot`, `show` and `contact` draw the present state of a stepper, `animate` the
-states in the file of a `Recorder`, and the functions of `diagrams` its table. Only
-`show` needs a display.
+`snapshot`, `show` and `contact` draw the present state of a stepper, `animate` the states in
+the file of a `Recorder`, and the functions of `diagrams` its table. Only `show` needs a
+display.
 """
 
 from collections.abc import Callable
@@ -62,12 +62,11 @@ def snapshot(
     Args:
         stepper: Stepper with the state.
         filename: PNG file to write.
-        colour: ``"stress"`` for the von Mises stress in the middle of the cells
-            (at degree 2 of their eight pieces), or ``"displacement"`` for its
-            magnitude.
+        colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
+            their eight pieces), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default that of the state.
-        camera: Position, focus and upward direction as in PyVista; by default
-            from +x, with the reference state in the picture as well.
+        camera: Position, focus and upward direction as in PyVista; by default from +x, with the
+            reference state in the picture as well.
 
     Raises:
         OSError: The file cannot be written.
@@ -96,8 +95,8 @@ def show(
     """Show the deformed bodies, to turn and to zoom them. Collective.
 
     In a Jupyter notebook they appear by PyVista's backend, which the package
-    ``pyvista[jupyter]`` makes interactive; elsewhere in a window, and the
-    function returns when it is closed.
+    ``pyvista[jupyter]`` makes interactive; elsewhere in a window, and the function returns when
+    it is closed.
 
     Args:
         stepper: Stepper with the state.
@@ -140,11 +139,10 @@ def contact(
         filename: PNG file to write.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
-        limits: Range of the colours [Pa or m]; by default that of the state,
-            but of gaps only up to the size of a segment.
-        camera: Position, focus and upward direction as in PyVista; by default
-            from where the contact force comes, or from the side with the least
-            gap.
+        limits: Range of the colours [Pa or m]; by default that of the state, but of gaps only
+            up to the size of a segment.
+        camera: Position, focus and upward direction as in PyVista; by default from where the
+            contact force comes, or from the side with the least gap.
 
     Raises:
         IndexError: There is no such pair.
@@ -203,13 +201,11 @@ def animate(
 
     Args:
         fields: XDMF file of a `Recorder` that is closed.
-        filename: File to write, ``.gif``, or ``.mp4`` with the package
-            ``imageio-ffmpeg``.
+        filename: File to write, ``.gif``, or ``.mp4`` with the package ``imageio-ffmpeg``.
         colour: Name of a field in the file; of vectors the magnitude is drawn.
-        limits: Range of the colours in the unit of the field; by default that
-            of all states.
-        camera: Position, focus and upward direction as in PyVista; by default
-            from +x, with all states in the picture.
+        limits: Range of the colours in the unit of the field; by default that of all states.
+        camera: Position, focus and upward direction as in PyVista; by default from +x, with all
+            states in the picture.
         fps: States per second of the movie [1/s].
 
     Raises:

@@ -62,6 +62,14 @@ class ConvergenceError(RuntimeError):
 
     Attributes:
         reports: One report for each attempt.
+
+    Example:
+        >>> stepper.set_velocity(other, (0.0, 0.0, -100.0))  # too fast for steps of 0.01 s
+        >>> try:
+        ...     step = stepper.advance()
+        ... except nts.ConvergenceError as error:
+        ...     print(len(error.reports), stepper.t)
+        3 0.0
     """
 
     def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:

@@ -194,3 +194,8 @@ def test_wrong_arguments_are_refused(comm, refused):
     body = two_boxes(MPI.COMM_WORLD).bodies[0]
     with refused(ValueError, "body of this stepper"):
         Diagnostics(two_boxes(comm)).centre_of_mass(body)
+
+
+def test_diagnostics_tell_their_stepper(comm):
+    stepper = two_boxes(comm)
+    assert repr(Diagnostics(stepper)) == f"Diagnostics(stepper={type(stepper).__name__})"

@@ -59,7 +59,7 @@ def ledger():
     return ledger
 
 
-def test_every_cause_is_summed_on_its_own_and_the_rest_is_unaccounted(ledger):
+def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledger):
     causes = {
         "energy_bulk": 512.0,
         "energy_loads": 32.0,

@@ -40,13 +40,13 @@ def touch(stepper):
 @pytest.mark.parametrize(("depth", "warns"), [(0.05, False), (0.2, True)])
 def test_the_deepest_vertex_is_found_and_told_once(comm, depth, warns, caplog):
     stepper = boxes(comm, depth, lambda top, bottom: [nts.ContactPair(bottom, top)])
-    sunk = ReversePenetration(stepper)
-    sunk.look()
-    assert sunk.deepest == {0: 0.0}  # nothing touches
+    penetration = ReversePenetration(stepper)
+    penetration.look()
+    assert penetration.deepest == {0: 0.0}  # nothing touches
     touch(stepper)
     for _ in range(2):
-        sunk.look()
-    np.testing.assert_allclose(sunk.deepest[0], depth, rtol=1e-12)
+        penetration.look()
+    np.testing.assert_allclose(penetration.deepest[0], depth, rtol=1e-12)
     told = [r for r in caplog.records if r.levelno == logging.WARNING]
     assert len(told) == (warns and comm.rank == 0)
     assert all("pair 1: vertices of the segments are 0.2 inside" in r.message for r in told)
@@ -60,6 +60,6 @@ def test_pairs_in_both_directions_and_obstacles_are_left_out(comm):
 
     stepper = boxes(comm, 0.2, both)
     touch(stepper)
-    sunk = ReversePenetration(stepper)
-    sunk.look()
-    assert sunk.deepest == {}
+    penetration = ReversePenetration(stepper)
+    penetration.look()
+    assert penetration.deepest == {}

@@ -57,8 +57,8 @@ def test_ledger_of_contact_closes_and_friction_takes_energy(comm, cell, friction
     ledger.run(60)
     assert max(report.num_active for report in ledger.reports) >= 2
     assert ledger.error <= CLOSED
-    lost = -sum(report.contact_work.friction for report in ledger.reports)
-    assert (lost > 1e-3 * ledger.scale) == (friction is not None)
+    dissipated = -sum(report.contact_work.friction for report in ledger.reports)
+    assert (dissipated > 1e-3 * ledger.scale) == (friction is not None)
 
 
 @cells_
@@ -246,10 +246,10 @@ def test_ball_on_plate(comm, friction):
     if friction is None:
         assert abs(energy / ledger.start.total_energy - 1) <= 0.005
     else:
-        # As the implicit schemes: 1670 to 1684 J of 1983.8 J, 300 to 311 J lost.
+        # As the implicit schemes: 1670 to 1684 J of 1983.8 J, 300 to 311 J dissipated.
         assert 1650 <= energy <= 1690
-        lost = -sum(report.contact_work.friction for report in ledger.reports)
-        assert 290 <= lost <= 315
+        dissipated = -sum(report.contact_work.friction for report in ledger.reports)
+        assert 290 <= dissipated <= 315
 
 
 def test_contact_does_not_depend_on_the_number_of_ranks(comm):
@@ -333,7 +333,7 @@ def test_state_that_is_not_finite_is_refused_between_steps(comm, refused, agree,
     assert agree(all(same))
 
 
-def test_body_at_rest_stays_there(comm):
+def test_body_without_motion_stays_where_it_is(comm):
     """Round-off is not taken for growing energy."""
     box = Box(comm)
     stepper = nts.CentralDifference([box.body])

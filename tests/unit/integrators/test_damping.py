@@ -29,8 +29,8 @@ def test_mass_damping_slows_a_rigid_body_by_its_rate(comm, cell, scheme):
     rate = (1 - a * dt / 2) / (1 + a * dt / 2)
     np.testing.assert_allclose(stepper.v.x.array.reshape(-1, 3), [rate**6 * v] * (
         len(stepper.x)), atol=SOLVED)  # fmt: skip
-    lost = RHO * VOLUME * v @ v / 2 * (1 - rate**12)
-    assert ledger.total("damping_work") == pytest.approx(-lost, rel=SOLVED)
+    damped = RHO * VOLUME * v @ v / 2 * (1 - rate**12)
+    assert ledger.total("damping_work") == pytest.approx(-damped, rel=SOLVED)
     assert ledger.error <= CLOSED
 
 
@@ -71,7 +71,7 @@ def test_stiffness_damping_leaves_momenta_of_a_spinning_body(comm, cell, scheme)
 
 
 def test_steadily_turning_body_is_not_slowed_by_stiffness_damping(comm):
-    # Stiff against its spin, so that it turns as if rigid; C rests.
+    # Stiff against its spin, so that it turns as if rigid; C is constant.
     stiff = nts.SaintVenantKirchhoff(1.0e7, 0.3, RHO, stiffness_damping=1.0)
     box = Box(comm, material=stiff)
     stepper = nts.EnergyMomentum([box.body], dt=0.01)

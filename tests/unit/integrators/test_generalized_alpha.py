@@ -93,7 +93,7 @@ def test_error_falls_with_the_square_of_the_step(comm, rho_inf):
             pass
         return box.positions(stepper)
 
-    # High frequencies are lost at steps that do not resolve them.
+    # Steps that do not resolve high frequencies damp them.
     x = [result(0.00125 / 2**i) for i in range(3)]
     differences = [np.abs(b - a).max() for a, b in pairwise(x)]
     assert 1.8 < np.log2(differences[0] / differences[1]) < 2.2
@@ -142,7 +142,7 @@ def test_ledger_of_loads_and_supports_closes(comm):
     assert abs(ledger.total("load_work")) > 1e-3 * ledger.scale
 
 
-def test_start_at_rest_under_gravity_has_the_acceleration_of_gravity(comm):
+def test_start_without_motion_under_gravity_has_the_acceleration_of_gravity(comm):
     box = Box(comm)
     g = np.array([0.0, 0.0, -9.81])
     stepper = nts.GeneralizedAlpha([box.body], dt=0.1, loads=[nts.Gravity([box.body], g)])

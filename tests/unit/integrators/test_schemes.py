@@ -1,4 +1,4 @@
-"""Time integrators: free motion, order, time keeping, state after failure."""
+"""Time integrators: free motion, order, ends of runs, state after failure."""
 
 import logging
 from dataclasses import fields
@@ -312,7 +312,7 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
     with refused(ValueError, "a body of this stepper, given another"):
         stepper.set_velocity(stranger, (0, 0, 1))
     with refused(ValueError, r"expected shape \(3,\) or"):
-        # The count of nodes differs from rank to rank: any will do here.
+        # The number of nodes differs from rank to rank: any wrong one will do.
         one = comm.allreduce(len(bodies[0].nodes), op=scenes.MPI.MIN)
         try:
             stepper.set_velocity(bodies[0], (0, 1))

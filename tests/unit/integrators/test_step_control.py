@@ -87,3 +87,13 @@ def test_a_cut_starts_the_count_of_good_steps_again():
     length.serialize(archive.rewind())
     length.accept()
     assert length.cuts == 0
+
+
+def test_control_tells_its_arguments():
+    control = StepControl(smallest=1e-5, times=[0.2, 0.1])
+    assert repr(control) == "StepControl(smallest=1e-05, gap_tol=None, times=(0.1, 0.2))"
+
+
+def test_step_may_be_cut_twenty_times_unless_the_user_says_otherwise():
+    assert StepControl().shortest(1.0) == 0.5**20
+    assert StepControl(smallest=0.1).shortest(1.0) == 0.1
