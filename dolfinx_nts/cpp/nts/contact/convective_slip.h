@@ -88,9 +88,9 @@ projection_hessian(const Pair<S>& pair, const Projection<S>& p,
   for (std::size_t I = 0; I < size; ++I)
     for (std::size_t J = 0; J < size; ++J)
     {
-      const Vec2 sum = {H[0][I][J], H[1][I][J]};
+      const Vec2 solved = A_inverse * Vec2{H[0][I][J], H[1][I][J]};
       for (std::size_t a = 0; a < 2; ++a)
-        H[a][I][J] = A_inverse[a][0] * sum[0] + A_inverse[a][1] * sum[1];
+        H[a][I][J] = solved[a];
     }
   return H;
 }

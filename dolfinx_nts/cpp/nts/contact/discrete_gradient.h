@@ -234,10 +234,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
   Matrix<5, dofs> y;
   for (std::size_t j = 0; j < dofs; ++j)
   {
-    const Vec2 t = {s.metric_inverse[0][0] * s.dn[0][j]
-                        + s.metric_inverse[0][1] * s.dn[1][j],
-                    s.metric_inverse[1][0] * s.dn[0][j]
-                        + s.metric_inverse[1][1] * s.dn[1][j]};
+    const Vec2 t = s.metric_inverse * Vec2{s.dn[0][j], s.dn[1][j]};
     for (std::size_t i = 0; i < 3; ++i)
       y[i][j] = -t[0] * p.tangents[0][i] - t[1] * p.tangents[1][i];
     y[3][j] = s.xi[0][j];

@@ -83,10 +83,12 @@ bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
   {
     const Vec2 right
         = {s.T[0][i] - p.gap * s.N[0][i], s.T[1][i] - p.gap * s.N[1][i]};
-    for (std::size_t b = 0; b < 2; ++b)
-      s.xi[b][i] = A_inverse[b][0] * right[0] + A_inverse[b][1] * right[1];
+    const Vec2 xi = A_inverse * right;
     for (std::size_t a = 0; a < 2; ++a)
-      s.dn[a][i] = p.twist * s.xi[1 - a][i] - s.N[a][i];
+    {
+      s.xi[a][i] = xi[a];
+      s.dn[a][i] = p.twist * xi[1 - a] - s.N[a][i];
+    }
   }
   return true;
 }
@@ -99,10 +101,7 @@ PairMatrix<S> gap_hessian(const Sensitivity<S>& s) noexcept
   PairMatrix<S> H;
   for (std::size_t i = 0; i < pair_size<S>; ++i)
   {
-    const Vec2 t = {s.metric_inverse[0][0] * s.T[0][i]
-                        + s.metric_inverse[0][1] * s.T[1][i],
-                    s.metric_inverse[1][0] * s.T[0][i]
-                        + s.metric_inverse[1][1] * s.T[1][i]};
+    const Vec2 t = s.metric_inverse * Vec2{s.T[0][i], s.T[1][i]};
     for (std::size_t j = 0; j < pair_size<S>; ++j)
       H[i][j] = s.N[0][i] * s.xi[0][j] + s.N[1][i] * s.xi[1][j]
                 - t[0] * s.dn[0][j] - t[1] * s.dn[1][j];

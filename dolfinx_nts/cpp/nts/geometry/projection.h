@@ -103,10 +103,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     A[1][0] = A[0][1];
     if (!(det(A) > convex * area))
       A = p.metric;
-    const Matrix<2, 2> A_inverse = inverse(A);
     const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
-    const Vec2 dxi = {A_inverse[0][0] * f[0] + A_inverse[0][1] * f[1],
-                      A_inverse[1][0] * f[0] + A_inverse[1][1] * f[1]};
+    const Vec2 dxi = inverse(A) * f;
     const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
     if (way <= unit) // there already, as in the second pass where it is flat
       return finished(r);

@@ -75,6 +75,12 @@ constexpr double det(const Matrix<2, 2>& A) noexcept
   return A[0][0] * A[1][1] - A[0][1] * A[1][0];
 }
 
+/// @brief Product of a 2 x 2 matrix and a vector.
+constexpr Vec2 operator*(const Matrix<2, 2>& A, const Vec2& b) noexcept
+{
+  return {A[0][0] * b[0] + A[0][1] * b[1], A[1][0] * b[0] + A[1][1] * b[1]};
+}
+
 /// @brief Inverse of a 2 x 2 matrix (the caller has checked `det`).
 constexpr Matrix<2, 2> inverse(const Matrix<2, 2>& A) noexcept
 {
