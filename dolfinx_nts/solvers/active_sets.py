@@ -39,7 +39,10 @@ class ActiveSets:
         """
         if not pairs:
             return 0
-        arrays = [part for p in pairs for part in (p.global_dofs(), p.rank, p.fixed)]
+        arrays: list[Array] = []
+        for p in pairs:
+            blocks = p.global_blocks()
+            arrays += blocks.start, blocks.nodes, blocks.rank, blocks.tangent_nodes, p.fixed
         last = self._last or []
         is_same = len(last) == len(arrays) and all(map(np.array_equal, last, arrays))
         if not reductions.everywhere(self._comm, is_same):
@@ -91,12 +94,11 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     others: Any = 0
     blocked = False
     for p in pairs:
-        constrained = p.rank > 0
-        marks: Floats = np.zeros((p.scatter.num_local, 3))
-        marks[p.constrained, 0] = 1  # each node is in one pair of a contact pair
-        marks[p.dofs[~constrained, 0], 1] = 1
-        marks[p.dofs[:, 1:].ravel(), 1] = 1
-        marks = p.scatter.reverse(marks)
+        constrained, first = p.blocks.rank > 0, p.blocks.start[:-1]
+        marks: Floats = np.zeros((p.ghosts.num_local, 3))
+        marks[p.blocks.constrained, 0] = 1  # each node is in one pair of a contact pair
+        marks[np.delete(p.blocks.nodes, first[constrained]), 1] = 1
+        marks = p.ghosts.reverse(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
         blocked = blocked or bool(p.fixed[constrained].any())
     return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())

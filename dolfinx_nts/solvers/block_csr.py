@@ -7,10 +7,10 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import la
 
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel.communication import exchanged
 
-__all__ = ["BlockCSR"]
+__all__ = ["BlockCSR", "entries_of_rows", "starts"]
 
 
 class BlockCSR:
@@ -77,20 +77,28 @@ class BlockCSR:
         asked = exchanged(comm, np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))
         answers = []
         for wanted in asked:
-            length, blocks = _blocks(self.start, wanted - self.index_map.local_range[0])
-            answers.append((length, *(array.take(blocks, axis=0) for array in arrays)))
+            start, blocks = entries_of_rows(self.start, wanted - self.index_map.local_range[0])
+            answers.append((np.diff(start), *(array.take(blocks, axis=0) for array in arrays)))
         parts = exchanged(comm, answers)
         length, *gathered = (np.concatenate(part) for part in zip(*parts, strict=True))
-        length, blocks = _blocks(_start(length), np.argsort(order))
-        return [_start(length), *(array.take(blocks, axis=0) for array in gathered)]
+        start, blocks = entries_of_rows(starts(length), np.argsort(order))
+        return [start, *(array.take(blocks, axis=0) for array in gathered)]
 
 
-def _blocks(start: Any, rows: Any) -> tuple[Any, Any]:
-    """Number of blocks of some rows, and where they lie."""
-    length = start[rows + 1] - start[rows]
-    begin = _start(length)
-    return length, np.arange(begin[-1]) + np.repeat(start[rows] - begin[:-1], length)
+def entries_of_rows(start: GlobalInts, rows: Array) -> tuple[GlobalInts, GlobalInts]:
+    """Entries of some rows, one row after the other.
+
+    Args:
+        start: Where the entries of each row begin, and the end, shape ``(n + 1,)``.
+        rows: The rows, shape ``(m,)``.
+
+    Returns:
+        ``start`` of these rows alone, shape ``(m + 1,)``; their entries.
+    """
+    taken = starts(start[rows + 1] - start[rows])
+    return taken, np.arange(taken[-1]) + np.repeat(start[rows] - taken[:-1], np.diff(taken))
 
 
-def _start(length: Any) -> Any:
-    return np.concatenate([[0], np.cumsum(length)])
+def starts(lengths: Array) -> GlobalInts:
+    """Where rows of some lengths begin, and the end, shape ``(n + 1,)``."""
+    return np.concatenate([[0], np.cumsum(lengths)], dtype=np.int64)

@@ -19,11 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.partial_scatter import PartialScatter
 
 __all__ = ["ActivePairs", "Elimination", "active_pairs"]
@@ -33,41 +34,31 @@ _NONE = np.empty(0)
 
 
 class ActivePairs(NamedTuple):
-    """Active pairs of one contact pair, see `ContactContribution`.
+    """Active pairs of one contact pair.
 
     Attributes:
-        kernel: The projections on their constraints, in an excerpt.
-        excerpt: Their nodes; None where a rank knows all values: then it is
-            the vector itself.
-        place: Of ``dofs`` in the excerpt, shape ``(m, 1+k)``.
-        scatter: Carries their values between ranks.
+        blocks: Their constraints and tangent, by the nodes of ``ghosts``.
+        kernel: The same with places in the part of a vector that is needed.
+        scatter: Takes this part; None where a rank knows all values: then
+            it is the vector itself.
+        places: Of the constrained nodes in the part.
+        ghosts: Carries the values of nodes between ranks.
         fixed: Whether the node cannot give up what constraints determine.
         excess: What they should make zero, shape ``(m, 3)`` [m].
-        dofs: Nodes in its index map, shape ``(m, 1+k)``.
-        rank: Number of constraints, shape ``(m,)``.
-        normal: Unit normal at the node, shape ``(m, 3)``.
-        gradients: Of the constraints, shape ``(m, 3, d)``.
-        columns: Force per multiplier, shape ``(m, 3, d)``.
-        tangent: Contact tangent, shape ``(m, d, d)``.
     """
 
+    blocks: ContactBlocks
     kernel: _kernels.Elimination
-    excerpt: PartialScatter | None
-    place: Ints
-    scatter: NodalScatter
+    scatter: PartialScatter | None
+    places: Array
+    ghosts: NodalScatter
     fixed: Flags
     excess: Floats
-    dofs: Array
-    rank: Ints
-    normal: Floats
-    gradients: Floats
-    columns: Floats
-    tangent: Floats
 
     @classmethod
     def of(cls, candidates: Candidates, state: ContactContribution) -> "ActivePairs":
         """The active ones of a state."""
-        pairs, scatter = state.pairs, candidates.scatter
+        pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
             *(pairs.normal, pairs.gradients, state.columns, state.tangent),
@@ -75,24 +66,23 @@ class ActivePairs(NamedTuple):
         if not state.active.all():
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
-        excerpt, place = None, arrays[2]
-        if not scatter.is_local:
-            nodes, place = np.unique(place, return_inverse=True)
-            excerpt = PartialScatter(scatter, nodes)
-            place = place.reshape(arrays[2].shape).astype(np.int32)
-        kernel = _kernels.Elimination(place, *arrays[3:])
-        return cls(kernel, excerpt, place, scatter, *arrays)
+        fixed, excess, dofs, rank, normal, gradients, columns, tangent = arrays
+        start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
+        blocks = ContactBlocks(start, nodes, rank, normal, gradients, columns, dofs, tangent)
+        needed = blocks
+        scatter = None
+        if not ghosts.is_local:
+            nodes = np.union1d(blocks.nodes, blocks.tangent_nodes)
+            scatter = PartialScatter(ghosts, nodes)
+            needed = blocks.renumbered(lambda some: np.searchsorted(nodes, some).astype(np.int32))
+        kernel = needed.kernel()
+        return cls(blocks, kernel, scatter, needed.constrained, ghosts, fixed, excess)
 
-    def global_dofs(self) -> Array:
-        """Global numbers of the nodes, shape ``(m, 1+k)``."""
-        nodes: Array = self.scatter.global_nodes(self.dofs)
-        return nodes
-
-    @property
-    def constrained(self) -> Ints:
-        """Nodes with constraints."""
-        nodes: Ints = self.dofs[self.rank > 0, 0]
-        return nodes
+    def global_blocks(self) -> ContactBlocks:
+        """The blocks with global numbers of the nodes."""
+        if self.ghosts.index_map.size_local == self.ghosts.index_map.size_global:
+            return self.blocks
+        return self.blocks.renumbered(self.ghosts.global_nodes)
 
 
 def active_pairs(
@@ -140,22 +130,22 @@ class Elimination:
         return x, self._constrain(x, [-p.excess for p in self.pairs])
 
     def constrain(self, x: Floats) -> list[Floats]:
-        """Replace x by Z x; returns an excerpt of Z x for each of `pairs`."""
+        """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
         return self._constrain(x, [_NONE] * len(self.pairs))
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
-        parts = [x if p.excerpt is None else p.excerpt.take(x) for p in self.pairs]
+        parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]
         for p, value, part in zip(self.pairs, values, parts, strict=True):
             p.kernel.constrain(value, part)
             if part is not x:
-                x[p.constrained] = part[p.place[p.rank > 0, 0]]
+                x[p.blocks.constrained] = part[p.places]
         return parts
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
         for p, x in zip(self.pairs, parts, strict=True):
-            part = y if p.excerpt is None else p.excerpt.owned(y)
+            part = y if p.scatter is None else p.scatter.owned(y)
             p.kernel.act(x, part)
-            if p.excerpt is not None:
-                p.excerpt.put(part, y)
+            if p.scatter is not None:
+                p.scatter.put(part, y)
         return y

@@ -203,8 +203,7 @@ class History:
 
 def step_forms(stepper: Any) -> StepForms:
     """Forms of a step of an implicit stepper."""
-    s = stepper
-    return StepForms(s.bodies, s.u_n, s.u, s._dt, s.scheme, s._rates.acceleration)
+    return StepForms(stepper.bodies, stepper._rates, stepper.scheme)
 
 
 def local_momentum(scene: Scene, name: str) -> Callable[[], tuple[float, Array]]:

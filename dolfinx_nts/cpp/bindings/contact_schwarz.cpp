@@ -17,31 +17,32 @@ public:
       : _start(std::move(start)), _column(std::move(column)),
         _value(std::move(value))
   {
-    _patch.emplace(block_matrix(_start, _column, _value));
+    _schwarz.emplace(block_matrix(_start, _column, _value));
   }
 
-  void add(const KeptElimination& pairs)
+  void add(const BoundElimination& contacts)
   {
-    if (pairs.num_nodes() > num_rows())
-      throw nb::value_error("pairs: expected dofs that are rows of the matrix");
-    pairs.visit([&](const auto& e) { _patch->add(e); });
+    if (contacts.num_nodes() > num_rows())
+      throw nb::value_error(
+          "contacts: expected nodes that are rows of the matrix");
+    _schwarz->add(contacts.get());
   }
 
-  void clear() noexcept { _patch->clear(); }
+  void clear() noexcept { _schwarz->clear(); }
 
-  bool build() { return _patch->build(); }
+  bool build() { return _schwarz->build(); }
 
   void correct(const Doubles& r, Out<double> z)
   {
     check("r", r, {num_rows(), 3});
     check("z", z, {any, 3});
-    if (z.shape(0) < _patch->num_columns())
+    if (z.shape(0) < _schwarz->num_columns())
       throw nb::value_error("z: expected a row for each column of the matrix "
                             "and each row");
-    _patch->correct(view(r), view(z));
+    _schwarz->correct(view(r), view(z));
   }
 
-  std::size_t size() const { return _patch->size(); }
+  std::size_t size() const { return _schwarz->size(); }
 
 private:
   std::size_t num_rows() const { return _start.size() - 1; }
@@ -49,7 +50,7 @@ private:
   In<std::int64_t> _start;
   In<std::int32_t> _column;
   Doubles _value;
-  std::optional<ContactSchwarz> _patch;
+  std::optional<ContactSchwarz> _schwarz;
 };
 } // namespace
 
@@ -64,14 +65,15 @@ void contact_schwarz(nb::module_& m)
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
       .def("clear", &BoundContactSchwarz::clear,
-           "Be without pairs, as in the beginning")
-      .def("add", &BoundContactSchwarz::add, nb::arg("pairs"),
-           "Add active pairs")
+           "Be without contacts, as in the beginning")
+      .def("add", &BoundContactSchwarz::add, nb::arg("contacts"),
+           "Add constraints and blocks of the tangent")
       .def("build", &BoundContactSchwarz::build, "Factorise; false if singular")
       .def("correct", &BoundContactSchwarz::correct, nb::arg("r"),
            nb::arg("z").noconvert(),
-           "Constrain z and add what the patch solves for: (n, 3), "
+           "Constrain z and correct it around the contacts: (n, 3), "
            "(columns, 3)")
-      .def_prop_ro("size", &BoundContactSchwarz::size, "Nodes in the patch");
+      .def_prop_ro("size", &BoundContactSchwarz::size,
+                   "Nodes of the subdomain");
 }
 } // namespace nts::bindings

@@ -40,21 +40,22 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
 
 void elimination(nb::module_& m)
 {
-  nb::class_<KeptElimination>(
+  nb::class_<BoundElimination>(
       m, "Elimination",
-      "Active pairs and the projections on their constraints, see "
-      "nts/elimination.h; the arrays are read, not copied")
-      .def(nb::init<In<std::int32_t>, In<std::int32_t>, Doubles, Doubles,
-                    Doubles, Doubles>(),
-           nb::arg("dofs"), nb::arg("rank"), nb::arg("normal"),
-           nb::arg("gradients"), nb::arg("columns"), nb::arg("tangent"),
-           "(m, 1+k), (m,) of 0, 1, 3, (m, 3), (m, 3, 3(1+k)), (m, 3, "
-           "3(1+k)), (m, 3(1+k), 3(1+k))")
-      .def("constrain", &KeptElimination::constrain, nb::arg("values"),
+      "Constraints and contact tangent, and the projections on the former, see "
+      "nts/solvers/elimination.h; the arrays are read, not copied")
+      .def(nb::init<In<std::int64_t>, In<std::int32_t>, In<std::int32_t>,
+                    Doubles, Doubles, Doubles, In<std::int32_t>, Doubles>(),
+           nb::arg("start"), nb::arg("nodes"), nb::arg("rank"),
+           nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
+           nb::arg("tangent_nodes"), nb::arg("tangent"),
+           "(m + 1,), (l,), (m,) of 0, 1, 3, (m, 3), 9 l numbers, 9 l numbers, "
+           "(p, k), (p, 3 k, 3 k)")
+      .def("constrain", &BoundElimination::constrain, nb::arg("values"),
            nb::arg("x").noconvert(),
            "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")
-      .def("act", &KeptElimination::act, nb::arg("x"), nb::arg("y").noconvert(),
-           "y <- Z~^T (y + C x): (n, 3), (n, 3)");
+      .def("act", &BoundElimination::act, nb::arg("x"),
+           nb::arg("y").noconvert(), "y <- Z~^T (y + C x): (n, 3), (n, 3)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("rest"),
         nb::arg("columns"),
         "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "

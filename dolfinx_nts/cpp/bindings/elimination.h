@@ -5,63 +5,77 @@
 
 namespace nts::bindings
 {
-/// @brief Active pairs of one contact pair and the arrays that hold them.
-class KeptElimination
+/// @brief `Elimination` and the arrays that it reads.
+class BoundElimination
 {
 public:
-  KeptElimination(In<std::int32_t> dofs, In<std::int32_t> rank, Doubles normal,
-                  Doubles gradients, Doubles columns, Doubles tangent)
-      : _dofs(std::move(dofs)), _rank(std::move(rank)),
-        _normal(std::move(normal)), _gradients(std::move(gradients)),
-        _columns(std::move(columns)), _tangent(std::move(tangent))
+  BoundElimination(In<std::int64_t> start, In<std::int32_t> nodes,
+                   In<std::int32_t> rank, Doubles normal, Doubles gradients,
+                   Doubles columns, In<std::int32_t> tangent_nodes,
+                   Doubles tangent)
+      : _start(std::move(start)), _nodes(std::move(nodes)),
+        _rank(std::move(rank)), _normal(std::move(normal)),
+        _gradients(std::move(gradients)), _columns(std::move(columns)),
+        _tangent_nodes(std::move(tangent_nodes)), _tangent(std::move(tangent))
   {
-    check("dofs", _dofs, {any, any});
-    const std::size_t m = _dofs.shape(0), n = 3 * _dofs.shape(1);
+    const std::size_t m = _rank.size();
     check("rank", _rank, {m});
+    check("start", _start, {m + 1});
     check("normal", _normal, {m, 3});
-    check("gradients", _gradients, {m, 3, n});
-    check("columns", _columns, {m, 3, n});
-    check("tangent", _tangent, {m, n, n});
-    for (const std::int32_t dof : view(_dofs))
-    {
-      if (dof < 0)
-        throw nb::value_error("dofs: expected no negative entry");
-      _num_nodes = std::max(_num_nodes, static_cast<std::size_t>(dof) + 1);
-    }
+    check("tangent_nodes", _tangent_nodes, {any, any});
+    const std::size_t n = 3 * _tangent_nodes.shape(1);
+    check("tangent", _tangent, {_tangent_nodes.shape(0), n, n});
+    for (const Doubles* rows : {&_gradients, &_columns})
+      if (rows->size() != 9 * _nodes.size())
+        throw nb::value_error(
+            "gradients and columns: expected 9 numbers for each of nodes");
+    const auto begin = view(_start);
+    if (begin.front() != 0 || begin.back() != std::ssize(view(_nodes))
+        || std::ranges::adjacent_find(begin, std::greater_equal<>())
+               != begin.end())
+      throw nb::value_error(
+          "start: expected lists that have nodes and hold all of them");
+    for (const std::int32_t rank : view(_rank))
+      if (rank != 0 && rank != 1 && rank != 3)
+        throw nb::value_error("rank: expected 0, 1 or 3 constraints");
+    for (const In<std::int32_t>* nodes : {&_nodes, &_tangent_nodes})
+      for (const std::int32_t node : view(*nodes))
+      {
+        if (node < 0)
+          throw nb::value_error("nodes: expected no negative entry");
+        _num_nodes = std::max(_num_nodes, static_cast<std::size_t>(node) + 1);
+      }
   }
 
-  /// @brief Call function with the pairs as `nts::Elimination`.
-  template <class Function>
-  void visit(Function&& function) const
+  Elimination get() const noexcept
   {
-    dispatch_pairs(_dofs.shape(1) - 1,
-                   [&]<class S>()
-                   {
-                     function(Elimination<S>{.dofs = view(_dofs),
-                                             .rank = view(_rank),
-                                             .normal = view(_normal),
-                                             .gradients = view(_gradients),
-                                             .columns = view(_columns),
-                                             .tangent = view(_tangent)});
-                   });
+    return {.start = view(_start),
+            .nodes = view(_nodes),
+            .rank = view(_rank),
+            .normal = view(_normal),
+            .gradients = view(_gradients),
+            .columns = view(_columns),
+            .width = _tangent_nodes.shape(1),
+            .tangent_nodes = view(_tangent_nodes),
+            .tangent = view(_tangent)};
   }
 
   void constrain(const Doubles& values, Out<double> x) const
   {
     if (values.size())
-      check("values", values, {_dofs.shape(0), 3});
+      check("values", values, {_rank.size(), 3});
     check_rows("x", x);
-    visit([&](const auto& e) { nts::constrain(e, view(values), view(x)); });
+    nts::constrain(get(), view(values), view(x));
   }
 
   void act(const Doubles& x, Out<double> y) const
   {
     check_rows("y", y);
     check("x", x, {y.shape(0), 3});
-    visit([&](const auto& e) { nts::act(e, view(x), view(y)); });
+    nts::act(get(), view(x), view(y));
   }
 
-  /// @brief One more than the greatest dof.
+  /// @brief One more than the greatest node.
   std::size_t num_nodes() const noexcept { return _num_nodes; }
 
 private:
@@ -70,12 +84,15 @@ private:
     check(name, x, {any, 3});
     if (x.shape(0) < _num_nodes)
       throw nb::value_error(
-          (std::string(name) + ": expected a row for each of the dofs")
+          (std::string(name) + ": expected a row for each of the nodes")
               .c_str());
   }
 
-  In<std::int32_t> _dofs, _rank;
-  Doubles _normal, _gradients, _columns, _tangent;
+  In<std::int64_t> _start;
+  In<std::int32_t> _nodes, _rank;
+  Doubles _normal, _gradients, _columns;
+  In<std::int32_t> _tangent_nodes;
+  Doubles _tangent;
   std::size_t _num_nodes = 0;
 };
 } // namespace nts::bindings

@@ -12,19 +12,23 @@ from dolfinx_nts.solvers.active_sets import ActiveSets
 def pairs(**changed):
     """One contact pair with three active pairs."""
     arrays = {
-        "dofs": np.arange(12, dtype=np.int32).reshape(3, 4),
-        "rank": np.array([1, 3, 0], dtype=np.int32),
+        "start": np.array([0, 4, 8, 12]),
+        "nodes": np.arange(12),
+        "rank": np.array([1, 3, 0]),
+        "tangent_nodes": np.arange(6).reshape(2, 3),
         "fixed": np.zeros(3, dtype=bool),
         **changed,
     }
-    return SimpleNamespace(global_dofs=lambda: arrays["dofs"], **arrays)
+    blocks = SimpleNamespace(**arrays)
+    return SimpleNamespace(global_blocks=lambda: blocks, fixed=arrays["fixed"])
 
 
 OTHERS = {
-    "node": pairs(dofs=np.arange(12, dtype=np.int32)[::-1].reshape(3, 4)),
-    "constraint": pairs(rank=np.array([1, 1, 0], dtype=np.int32)),
+    "node": pairs(nodes=np.arange(12)[::-1]),
+    "list": pairs(start=np.array([0, 4, 7, 12])),
+    "constraint": pairs(rank=np.array([1, 1, 0])),
+    "tangent": pairs(tangent_nodes=np.arange(9).reshape(3, 3)),
     "support": pairs(fixed=np.array([False, True, False])),
-    "fewer": pairs(dofs=np.arange(8, dtype=np.int32).reshape(2, 4)),
 }
 
 

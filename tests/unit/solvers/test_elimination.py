@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from helpers.contact_pairs import NODES, ROUNDING, dense, kinds, pairs
+from helpers.contact_blocks import NODES, ROUNDING, blocks, dense, kinds
 
 pytestmark = pytest.mark.serial
 
 
 @kinds
-def test_constrain_is_the_projection_on_the_constraints(k, rng):
-    arrays = pairs(k, rng)
+def test_constrain_is_the_projection_on_the_constraints(kind, rng):
+    arrays = blocks(kind, rng)
     E, G, _, _ = dense(*arrays)
     x = rng.normal(size=(NODES, 3))
     z = x.copy()
@@ -22,23 +22,21 @@ def test_constrain_is_the_projection_on_the_constraints(k, rng):
 
 
 @kinds
-def test_constrain_reaches_given_values(k, rng):
-    arrays = pairs(k, rng)
+def test_constrain_reaches_given_values(kind, rng):
+    arrays = blocks(kind, rng)
     _, G, _, _ = dense(*arrays)
     values = rng.normal(size=(5, 3))
     x = np.zeros((NODES, 3))
     _kernels.Elimination(*arrays).constrain(values, x)
-    wanted = values[np.arange(3) < arrays[1][:, None]]
+    wanted = values[np.arange(3) < arrays[2][:, None]]
     np.testing.assert_allclose(G.T @ x.ravel(), wanted, atol=ROUNDING)
 
 
 @kinds
-def test_act_adds_the_tangent_and_removes_multipliers(k, rng):
-    arrays = pairs(k, rng)
+def test_act_adds_the_tangent_and_removes_multipliers(kind, rng):
+    arrays = blocks(kind, rng)
     E, _, F, C = dense(*arrays)
     x, y = rng.normal(size=(2, NODES, 3))
-    # Vertices are no contact nodes, so rows of the tangent at a contact
-    # node come from its own pair alone.
     result = y.copy()
     _kernels.Elimination(*arrays).act(x, result)
     total = y.ravel() + C @ x.ravel()
@@ -58,17 +56,19 @@ def test_multipliers_balance_forces_along_the_normals(rng, c):
     np.testing.assert_allclose(np.einsum("mi,mi->m", normal, total)[1:], 0, atol=ROUNDING)
 
 
-@kinds
-def test_nodes_move_along_their_normals_to_zero_gap(k, rng):
-    dofs, _, normal, gradients, _, _ = pairs(k, rng)
-    gap = np.array([0.1, -0.2, 0.1, 5.0, np.nan])
+def test_nodes_move_along_their_normals_to_zero_gap(rng):
+    normal, gradients = rng.normal(size=(5, 3)), rng.normal(size=(5, 3, 12))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    gradients[:, 0, :3] += 5 * normal
+    gap = np.array([0.1, -0.2, 0.1, 15.0, np.nan])
     moves = np.array([True, True, False, True, True])
+    nodes = np.arange(5, dtype=np.int32)
     x = np.zeros((NODES, 3))
-    _kernels.close_gaps(dofs[:, 0], moves, gap, normal, gradients, 1.0, x)
+    _kernels.close_gaps(nodes, moves, gap, normal, gradients, 1.0, x)
     # To first order in the displacements of the nodes themselves.
-    change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[dofs[:, 0]])
+    change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[:5])
     np.testing.assert_allclose(gap[:2] + change[:2], 0, atol=ROUNDING)
-    assert np.abs(np.cross(x[dofs[:2, 0]], normal[:2])).max() < ROUNDING
+    assert np.abs(np.cross(x[:2], normal[:2])).max() < ROUNDING
     # Held back, too far, without a gap; and all that are no contact nodes.
     np.testing.assert_array_equal(x[2:], 0)
 
@@ -78,16 +78,41 @@ def test_columns_without_three_numbers_are_refused(rng):
         _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
 
 
-def test_wrong_pairs_and_vectors_are_refused(rng):
-    dofs, *rest = pairs(3, rng)
-    with pytest.raises(ValueError, match="no negative entry"):
-        _kernels.Elimination(-dofs - 1, *rest)
-    with pytest.raises(ValueError, match="normal: expected shape"):
-        _kernels.Elimination(dofs, rest[0], rest[1][:, :2], *rest[2:])
-    elimination = _kernels.Elimination(dofs, *rest)
-    with pytest.raises(ValueError, match="x: expected a row for each of the dofs"):
+def test_wrong_lists_and_vectors_are_refused(rng):
+    names = "start", "nodes", "rank", "normal", "gradients", "columns", "tangent_nodes", "tangent"
+    arrays = dict(zip(names, blocks("ragged", rng), strict=True))
+    start, nodes, rank = arrays["start"], arrays["nodes"], arrays["rank"]
+    lists = "lists that have nodes and hold all of them"
+    for changed, match in (
+        ({"nodes": -nodes - 1}, "nodes: expected no negative entry"),
+        ({"tangent_nodes": -arrays["tangent_nodes"] - 1}, "nodes: expected no negative entry"),
+        ({"start": start[:-1]}, "start: expected shape"),
+        ({"start": start + 1}, lists),
+        ({"start": start - [0, 0, 0, 0, 0, 1]}, lists),
+        ({"start": np.array([0, 3, 3, 40, 52, 55])}, lists),
+        ({"start": np.array([0, 33, 3, 40, 52, 55])}, lists),
+        ({"rank": rank + 1}, "rank: expected 0, 1 or 3"),
+        ({"normal": arrays["normal"][:, :2].copy()}, "normal: expected shape"),
+        ({"gradients": arrays["gradients"][:-1]}, "9 numbers for each of nodes"),
+        ({"columns": arrays["columns"][:-1]}, "9 numbers for each of nodes"),
+        ({"tangent": arrays["tangent"][:-1]}, "tangent: expected shape"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            _kernels.Elimination(**{**arrays, **changed})
+    elimination = _kernels.Elimination(**arrays)
+    with pytest.raises(ValueError, match="x: expected a row for each of the nodes"):
         elimination.constrain(np.empty(0), np.zeros((4, 3)))
-    with pytest.raises(ValueError, match="y: expected a row for each of the dofs"):
+    with pytest.raises(ValueError, match="y: expected a row for each of the nodes"):
         elimination.act(np.zeros((4, 3)), np.zeros((4, 3)))
     with pytest.raises(ValueError, match="values: expected shape"):
         elimination.constrain(np.zeros((4, 3)), np.zeros((NODES, 3)))
+
+
+def test_without_contacts_nothing_happens(rng):
+    x, y = rng.normal(size=(2, NODES, 3))
+    none = np.zeros(1, dtype=np.int64), *np.zeros((2, 0), dtype=np.int32), np.zeros((0, 3))
+    rows, tangent = (np.empty(0), np.empty(0)), (np.empty((0, 4), np.int32), np.empty((0, 12, 12)))
+    elimination, z = _kernels.Elimination(*none, *rows, *tangent), y.copy()
+    elimination.constrain(np.empty((0, 3)), z)
+    elimination.act(x, z)
+    np.testing.assert_array_equal(z, y)

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.contact_schwarz import OverlappingSubdomain, SharedPairs
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from helpers import scenes
 
@@ -115,62 +113,6 @@ def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
     solver.tangent.num_assembled += 1
     schwarz.update(solver._operator.elimination)
     assert schwarz.num_builds == count + 1
-
-
-def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, monkeypatch, agree):
-    if comm.size == 1:
-        pytest.skip("for several ranks")
-    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
-    while scene.stepper.advance().num_active < 5:
-        pass
-    rows = scene.stepper._tangent.rows
-    (pairs,) = scene.stepper._solver._schwarz._pairs
-    fewer = SharedPairs(*(array[:-1] for array in pairs.arrays))
-    gathered, gather = [], BlockCSR.gather
-    monkeypatch.setattr(BlockCSR, "gather", lambda *args: gathered.append(1) or gather(*args))
-    domain = OverlappingSubdomain(rows)
-    history = [(fewer, 1, 1), (pairs, 1, 2), (pairs, 1, 2), (pairs, 2, 3), (fewer, 2, 3)]
-    for some, version, count in history:
-        domain.build([some], version)
-        assert len(gathered) == count
-    # What there is more than needed changes nothing.
-    exact = OverlappingSubdomain(rows)
-    exact.build([fewer], 2)
-    r, z = np.random.default_rng(comm.rank).random((2, rows.index_map.size_local, 3))
-    expected = z.copy()
-    exact.correct(r, expected)
-    domain.correct(r, z)
-    assert agree(np.array_equal(z, expected))
-
-
-def test_each_rank_solves_for_the_pairs_of_its_nodes_and_of_their_neighbours(
-    comm, monkeypatch, agree
-):
-    if comm.size == 1:
-        pytest.skip("for several ranks")
-
-    def slabs(middle):  # the borders between ranks cross the contact
-        return np.argsort(np.argsort(middle[:, 0])) * comm.size // len(middle)
-
-    given, local = {}, SharedPairs.local
-
-    def taken(self, dofs):
-        given[comm.rank] = self.nodes
-        return local(self, dofs)
-
-    monkeypatch.setattr(SharedPairs, "local", taken)
-    scene = scenes.blocks(comm, owner=slabs)
-    while scene.stepper.advance().num_active < 5:
-        pass
-    (own,) = scene.stepper._solver._schwarz._pairs
-    pairs = np.concatenate(comm.allgather(own.nodes))
-    rows = scene.stepper._tangent.rows
-    near = rows.matrix.index_map(1).local_to_global(rows.column)
-    expected = pairs[np.isin(pairs, near).any(axis=1)]
-    assert agree(np.array_equal(given[comm.rank], expected[np.argsort(expected[:, 0])]))
-    first, last = rows.index_map.local_range
-    touching = ((first <= pairs) & (pairs < last)).any(axis=1)
-    assert not agree(touching.sum() == len(expected))
 
 
 def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):

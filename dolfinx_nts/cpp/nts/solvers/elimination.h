@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/gap.h"
+#include "nts/geometry/small.h"
 
 #include <cstdint>
 #include <span>
@@ -8,39 +8,55 @@
 /// @brief Elimination of the multipliers: a constrained node gives up the
 /// displacements that its constraints determine.
 ///
-/// A pair has 0 (no multiplier), 1 (normal) or 3 (normal and stick)
-/// constraints, with gradients G_a and forces F_a per multiplier. E holds the
-/// directions given up at the node: its normal, or all three. Where no
-/// constrained node takes part in another pair, G^T E and E^T F are block
-/// diagonal and
+/// A node has 0 (no multiplier), 1 (normal) or 3 (normal and stick)
+/// constraints, with gradients G_a and forces F_a per multiplier, which reach
+/// any number of other nodes. E holds the directions that are given up: the
+/// normal, or all three. Where no constrained node is reached by constraints
+/// of another one, G^T E and E^T F are block diagonal and
 ///
 ///     Z = 1 - E (G^T E)^-1 G^T,   Z~^T = 1 - F (E^T F)^-1 E^T
 ///
-/// act on each pair by itself: Z x satisfies the constraints, and Z~^T y is
-/// free of multipliers.
+/// act on the constraints of each node by themselves: Z x satisfies the
+/// constraints, and Z~^T y is free of multipliers.
 namespace nts
 {
-/// @brief Active pairs of one contact pair, n = 3(1+k).
-template <class S>
+/// @brief Constraints of some nodes, and blocks of the tangent of contact, all
+/// with lists of nodes of their own.
 struct Elimination
 {
-  std::span<const std::int32_t> dofs; ///< (m, 1 + k) nodes, contact node first
-  std::span<const std::int32_t> rank; ///< (m,) number of constraints
-  std::span<const double> normal;     ///< (m, 3) unit normal at the node
-  std::span<const double> gradients;  ///< (m, 3, n) G_a
-  std::span<const double> columns;    ///< (m, 3, n) F_a
-  std::span<const double> tangent;    ///< (m, n, n) contact tangent C
-};
+  /// (m + 1,) Where the nodes of each list begin, and the end.
+  std::span<const std::int64_t> start;
+  /// (l,) Nodes that the constraints reach, list by list, in each the
+  /// constrained one first.
+  std::span<const std::int32_t> nodes;
+  /// (m,) Number of constraints.
+  std::span<const std::int32_t> rank;
+  /// (m, 3) Unit normal at the constrained node.
+  std::span<const double> normal;
+  /// (9 l,) G_a, list by list, shape (3, 3 k) for k nodes.
+  std::span<const double> gradients;
+  /// (9 l,) F_a, the same.
+  std::span<const double> columns;
+  /// Nodes of a block of the tangent.
+  std::size_t width;
+  /// (p, width) Nodes of the blocks.
+  std::span<const std::int32_t> tangent_nodes;
+  /// (p, 3 width, 3 width) Blocks, whose sum is the contact tangent C.
+  std::span<const double> tangent;
 
-template <class S>
-PairVector<S> gather(std::span<const double> x,
-                     std::span<const std::int32_t> dofs) noexcept
-{
-  PairVector<S> values;
-  for (std::size_t K = 0; K < dofs.size(); ++K)
-    std::copy_n(x.begin() + 3 * dofs[K], 3, values.begin() + 3 * K);
-  return values;
-}
+  /// @brief Nodes that the constraints of node i reach.
+  std::span<const std::int32_t> list(std::size_t i) const noexcept
+  {
+    return nodes.subspan(start[i], start[i + 1] - start[i]);
+  }
+
+  /// @brief Constraint a of node i: gradient or force, three numbers a node.
+  const double* row(std::span<const double> rows, std::size_t i,
+                    std::size_t a) const noexcept
+  {
+    return rows.data() + 9 * start[i] + 3 * a * list(i).size();
+  }
+};
 
 /// @brief Multipliers that balance forces at nodes along their normals:
 /// -n . rest / n . F, 0 where the column has no part along the normal.
@@ -90,90 +106,120 @@ inline void close_gaps(std::span<const std::int32_t> nodes,
 }
 
 /// @brief x <- Z x + E (G^T E)^-1 values.
-/// @param[in] e Active pairs.
+/// @param[in] e Constraints.
 /// @param[in] values Wanted G^T x, (m, 3), or empty for none.
 /// @param[in,out] x Nodal vectors, (n, 3).
-template <class S>
-void constrain(const Elimination<S>& e, std::span<const double> values,
-               std::span<double> x) noexcept
+inline void constrain(const Elimination& e, std::span<const double> values,
+                      std::span<double> x) noexcept
 {
-  constexpr std::size_t k = 1 + S::vertices, n = pair_size<S>;
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
-    const std::span<const std::int32_t> dofs = e.dofs.subspan(k * i, k);
-    const PairVector<S> q = gather<S>(x, dofs);
-    const double* G = e.gradients.data() + 3 * n * i;
+    const std::span<const std::int32_t> list = e.list(i);
+    const auto rank = static_cast<std::size_t>(e.rank[i]);
     Vec3 missing = {};
-    for (std::int32_t a = 0; a < e.rank[i]; ++a)
-      missing[a] = (values.empty() ? 0 : values[3 * i + a])
-                   - inner<n>(G + n * a, q.data());
+    for (std::size_t a = 0; a < rank; ++a)
+    {
+      const double* G = e.row(e.gradients, i, a);
+      double product = 0;
+      for (const std::int32_t node : list)
+        for (std::size_t c = 0; c < 3; ++c)
+          product += *G++ * x[3 * node + c];
+      missing[a] = (values.empty() ? 0 : values[3 * i + a]) - product;
+    }
     Vec3 dx = {};
-    if (e.rank[i] == 1)
+    if (rank == 1)
     {
       const double* E = e.normal.data() + 3 * i;
       for (std::size_t c = 0; c < 3; ++c)
-        dx[c] = missing[0] / inner<3>(G, E) * E[c];
+        dx[c] = missing[0] / inner<3>(e.row(e.gradients, i, 0), E) * E[c];
     }
-    else if (e.rank[i] == 3)
+    else if (rank == 3)
     {
       Matrix<3, 3> A;
       Matrix<3, 1> b;
       for (std::size_t a = 0; a < 3; ++a)
       {
-        std::copy_n(G + n * a, 3, A[a].begin());
+        std::copy_n(e.row(e.gradients, i, a), 3, A[a].begin());
         b[a][0] = missing[a];
       }
       solve(A, b);
       dx = {b[0][0], b[1][0], b[2][0]};
     }
     for (std::size_t c = 0; c < 3; ++c)
-      x[3 * dofs[0] + c] += dx[c];
+      x[3 * list[0] + c] += dx[c];
+  }
+}
+
+/// @brief y <- y + C x.
+inline void add_tangent(const Elimination& e, std::span<const double> x,
+                        std::span<double> y) noexcept
+{
+  const std::size_t n = 3 * e.width;
+  for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
+  {
+    const auto nodes = e.tangent_nodes.subspan(e.width * p, e.width);
+    const double* C = e.tangent.data() + n * n * p;
+    for (const std::int32_t row : nodes)
+    {
+      Vec3 sum = {};
+      for (const std::int32_t column : nodes)
+      {
+        const double* values = x.data() + 3 * column;
+        for (std::size_t r = 0; r < 3; ++r)
+          sum[r] += C[n * r] * values[0] + C[n * r + 1] * values[1]
+                    + C[n * r + 2] * values[2];
+        C += 3;
+      }
+      C += 2 * n;
+      for (std::size_t r = 0; r < 3; ++r)
+        y[3 * row + r] += sum[r];
+    }
   }
 }
 
 /// @brief y <- Z~^T (y + C x).
-template <class S>
-void act(const Elimination<S>& e, std::span<const double> x,
-         std::span<double> y) noexcept
+inline void act(const Elimination& e, std::span<const double> x,
+                std::span<double> y) noexcept
 {
-  constexpr std::size_t k = 1 + S::vertices, n = pair_size<S>;
+  add_tangent(e, x, y);
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
-    const std::span<const std::int32_t> dofs = e.dofs.subspan(k * i, k);
-    const PairVector<S> q = gather<S>(x, dofs);
-    const double* C = e.tangent.data() + n * n * i;
-    const double* F = e.columns.data() + 3 * n * i;
-    PairVector<S> f;
-    for (std::size_t a = 0; a < n; ++a)
-      f[a] = inner<n>(C + n * a, q.data());
-    // What remains at the node is balanced by the multipliers.
-    Vec3 rest, lambda = {};
-    for (std::size_t c = 0; c < 3; ++c)
-      rest[c] = y[3 * dofs[0] + c] + f[c];
-    if (e.rank[i] == 1)
+    const std::span<const std::int32_t> list = e.list(i);
+    const auto rank = static_cast<std::size_t>(e.rank[i]);
+    if (rank == 0)
+      continue;
+    // The multipliers balance the force in the directions that are given up.
+    const double* force = y.data() + 3 * list[0];
+    Vec3 lambda = {};
+    if (rank == 1)
     {
       const double* E = e.normal.data() + 3 * i;
-      lambda[0] = inner<3>(E, rest.data()) / inner<3>(E, F);
+      lambda[0] = inner<3>(E, force) / inner<3>(E, e.row(e.columns, i, 0));
     }
-    else if (e.rank[i] == 3)
+    else if (rank == 3)
     {
       Matrix<3, 3> A;
       Matrix<3, 1> b;
       for (std::size_t c = 0; c < 3; ++c)
       {
         for (std::size_t a = 0; a < 3; ++a)
-          A[c][a] = F[n * a + c];
-        b[c][0] = rest[c];
+          A[c][a] = e.row(e.columns, i, a)[c];
+        b[c][0] = force[c];
       }
       solve(A, b);
       lambda = {b[0][0], b[1][0], b[2][0]};
     }
-    for (std::int32_t a = 0; a < e.rank[i]; ++a)
-      for (std::size_t c = 0; c < n; ++c)
-        f[c] -= lambda[a] * F[n * a + c];
-    for (std::size_t K = 0; K < k; ++K)
+    const std::size_t n = 3 * list.size();
+    const double* F = e.row(e.columns, i, 0);
+    for (std::size_t K = 0; K < list.size(); ++K)
+    {
+      Vec3 sum = {};
+      for (std::size_t a = 0; a < rank; ++a)
+        for (std::size_t c = 0; c < 3; ++c)
+          sum[c] += lambda[a] * F[n * a + 3 * K + c];
       for (std::size_t c = 0; c < 3; ++c)
-        y[3 * dofs[K] + c] += f[3 * K + c];
+        y[3 * list[K] + c] -= sum[c];
+    }
   }
 }
 } // namespace nts

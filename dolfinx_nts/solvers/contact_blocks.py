@@ -1,0 +1,101 @@
+"""What the active contacts put into a linear system: constraints and tangent."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.solvers.block_csr import entries_of_rows, starts
+
+__all__ = ["ContactBlocks"]
+
+
+class ContactBlocks(NamedTuple):
+    """Constraints of some nodes and blocks of the tangent, see `cpp/nts/solvers/elimination.h`.
+
+    Both have lists of nodes of their own. Those of the constraints may differ
+    in length: with k nodes, the gradients are three rows of 3 k numbers.
+
+    Attributes:
+        start: Where the nodes of each constrained one begin, and the end,
+            shape ``(m + 1,)``.
+        nodes: Nodes that the constraints reach, list by list, the
+            constrained one first, shape ``(l,)``.
+        rank: Number of constraints, 0, 1 or 3, shape ``(m,)``.
+        normal: Unit normal at the constrained node, shape ``(m, 3)``.
+        gradients: Of the constraints, ``9 l`` numbers in any shape.
+        columns: Force per multiplier, ``9 l`` numbers in any shape.
+        tangent_nodes: Nodes of the blocks, shape ``(p, k)``.
+        tangent: Blocks, shape ``(p, 3 k, 3 k)``.
+    """
+
+    start: GlobalInts
+    nodes: Array
+    rank: Ints
+    normal: Floats
+    gradients: Floats
+    columns: Floats
+    tangent_nodes: Array
+    tangent: Floats
+
+    @property
+    def constrained(self) -> Array:
+        """Nodes that have constraints."""
+        return self.nodes[self.start[:-1][self.rank > 0]]
+
+    def kernel(self) -> _kernels.Elimination:
+        """The same for the kernels."""
+        return _kernels.Elimination(*self)
+
+    def renumbered(self, number: Callable[[Array], Array]) -> "ContactBlocks":
+        """The same with other numbers of the nodes.
+
+        Args:
+            number: Gives those of any nodes, shape ``(n,)``.
+        """
+        tangent_nodes = number(self.tangent_nodes.ravel()).reshape(self.tangent_nodes.shape)
+        return self._replace(nodes=number(self.nodes), tangent_nodes=tangent_nodes)
+
+    def touching(self, flags: Flags, tangent_flags: Flags) -> tuple[Array, Array]:
+        """Constraints and blocks in whose lists there are certain nodes.
+
+        Args:
+            flags: Whether each of ``nodes`` is one, shape ``(l,)``.
+            tangent_flags: The same for ``tangent_nodes``, shape ``(p, k)``.
+        """
+        row = np.repeat(np.arange(len(self.rank)), np.diff(self.start))
+        return np.unique(row[flags]), np.flatnonzero(tangent_flags.any(axis=1))
+
+    def take(self, constraints: Array, blocks: Array) -> "ContactBlocks":
+        """Some of them.
+
+        Args:
+            constraints: Which constrained nodes.
+            blocks: Which blocks of the tangent.
+        """
+        start, entries = entries_of_rows(self.start, constraints)
+        return ContactBlocks(
+            start,
+            self.nodes[entries],
+            self.rank[constraints],
+            self.normal[constraints],
+            self.gradients.reshape(-1, 9)[entries],
+            self.columns.reshape(-1, 9)[entries],
+            self.tangent_nodes[blocks],
+            self.tangent[blocks],
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence["ContactBlocks"]) -> "ContactBlocks":
+        """Those of several parts, one after the other, as `take` returns them."""
+        lengths = [np.diff(part.start) for part in parts]
+        _, *arrays = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return cls(starts(np.concatenate(lengths)), *arrays)
+
+    @classmethod
+    def listed(cls, arrays: Sequence[Array]) -> list["ContactBlocks"]:
+        """Those of several contact pairs, whose arrays follow each other."""
+        width = len(cls._fields)
+        return [cls(*arrays[i : i + width]) for i in range(0, len(arrays), width)]

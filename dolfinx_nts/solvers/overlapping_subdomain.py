@@ -1,0 +1,180 @@
+"""Nodes around the contacts that one of several ranks solves for."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts import _kernels, compat
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import exchanged
+from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+
+__all__ = ["OverlappingSubdomain"]
+
+
+class OverlappingSubdomain:
+    """Nodes around the contacts of the nodes that a rank owns, and of their neighbours.
+
+    Each rank solves for the nodes that it owns, with the rows of other ranks'
+    nodes there and around. Without the neighbours' contacts it takes a tenth
+    more iterations where a border between ranks crosses the contact.
+    Collective, as all its methods.
+
+    Args:
+        rows: Bulk tangent of the owned nodes; its values may change.
+    """
+
+    def __init__(self, rows: BlockCSR) -> None:
+        """Learn which nodes the rows of other ranks reach."""
+        self._rows, space = rows, rows.index_map
+        self._ends = np.array(space.comm.allgather(space.local_range[1]))
+        # Nodes of this rank that rows of each rank reach.
+        reached = rows.matrix.index_map(1).ghosts
+        owner = self._owner(reached)
+        asked = [reached[owner == rank] for rank in range(space.comm.size)]
+        self._reached = exchanged(space.comm, asked)
+        self._version = -1
+        self._gathered: _GatheredRows
+
+    def build(self, contacts: Sequence[ContactBlocks], version: int) -> None:
+        """Factorise for the contacts of this rank.
+
+        Rows that were gathered the last time are used again where they are
+        those of the matrix and enough.
+
+        Args:
+            contacts: Constraints and tangent of each contact pair, in
+                global numbers.
+            version: Number of the matrix's values.
+        """
+        near = [self._near(blocks) for blocks in contacts]
+        nodes = _unique([part for blocks in near for part in (blocks.nodes, blocks.tangent_nodes)])
+        enough = version == self._version and self._gathered.cover(nodes)
+        if not reductions.everywhere(self._rows.index_map.comm, enough):
+            self._version = version
+            self._gathered = _GatheredRows(self._rows, self._ends, nodes)
+        self._gathered.factorise(near)
+
+    def correct(self, r: Floats, z: Floats) -> None:
+        """Constrain z and correct it, as `ContactSchwarz.correct`."""
+        self._gathered.correct(r, z)
+
+    def _owner(self, nodes: Array) -> Array:
+        return np.searchsorted(self._ends, nodes, side="right")
+
+    def _near(self, blocks: ContactBlocks) -> ContactBlocks:
+        """Those of all ranks that touch nodes which rows of this rank reach."""
+        comm = self._rows.index_map.comm
+        number = comm.rank + comm.size * np.arange(len(blocks.tangent))
+        shared = _Shared(blocks, number)
+        # The owners of the nodes know which ranks reach them.
+        first, second = self._owner(blocks.nodes), self._owner(blocks.tangent_nodes)
+        shared = self._sent(shared, [(first == rank, second == rank) for rank in range(comm.size)])
+        taking = [
+            (np.isin(shared.blocks.nodes, some), np.isin(shared.blocks.tangent_nodes, some))
+            for some in self._reached
+        ]
+        for flags in taking[comm.rank]:
+            flags[:] = True
+        return self._sent(shared, taking).blocks
+
+    def _sent(self, shared: "_Shared", taking: list[tuple[Flags, Flags]]) -> "_Shared":
+        """What ranks send to this one, each item once.
+
+        Args:
+            shared: Items of this rank.
+            taking: For each rank, nodes of constraints and of the tangent
+                for which it gets the items.
+        """
+        parts = exchanged(
+            self._rows.index_map.comm,
+            [shared.take(*shared.blocks.touching(*flags)) for flags in taking],
+        )
+        blocks = ContactBlocks.joined([part.blocks for part in parts])
+        number = np.concatenate([part.number for part in parts])
+        _, constraints = np.unique(blocks.nodes[blocks.start[:-1]], return_index=True)
+        _, once = np.unique(number, return_index=True)
+        return _Shared(blocks, number).take(constraints, once)
+
+
+class _Shared(NamedTuple):
+    """Constraints and tangent of some ranks, and a unique number of each of its blocks."""
+
+    blocks: ContactBlocks
+    number: GlobalInts
+
+    def take(self, constraints: Array, blocks: Array) -> "_Shared":
+        return _Shared(self.blocks.take(constraints, blocks), self.number[blocks])
+
+
+class _GatheredRows:
+    """Rows of some nodes and of their neighbours, wherever they are from.
+
+    Args:
+        rows: Bulk tangent of the owned nodes.
+        ends: First number after those of each rank.
+        nodes: Nodes of contacts, ascending.
+    """
+
+    def __init__(self, rows: BlockCSR, ends: GlobalInts, nodes: GlobalInts) -> None:
+        space = rows.index_map
+        first, last = space.local_range
+        self._contacts = nodes
+        domain = _unique([nodes, rows.neighbours(nodes, ends)])
+        start, column, value = rows.gather(domain, ends)
+        # The domain, then what its rows reach outside.
+        halo = np.setdiff1d(column, domain)
+        known = np.concatenate([domain, halo])
+        self._order = np.argsort(known)
+        self._sorted = known[self._order]
+        self._factors = _kernels.ContactSchwarz(start, self._place(column), value)
+
+        own = (known >= first) & (known < last)
+        ghosts = known[~own]
+        owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
+        index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
+        self._vector = la.vector(index_map, 6)
+        self._position = known - first
+        self._position[~own] = space.size_local + np.arange(len(ghosts))
+        self._num_rows = len(domain)
+        self._inner = np.flatnonzero(own[: self._num_rows])
+        # Owned nodes whose values somebody needs.
+        self._needed = np.union1d(compat.shared(index_map), self._position[own])
+
+    def cover(self, nodes: GlobalInts) -> bool:
+        """Whether there are the rows of other nodes of contacts, too."""
+        return bool(np.isin(nodes, self._contacts).all())
+
+    def factorise(self, contacts: Sequence[ContactBlocks]) -> None:
+        """Factorise the rows with some contacts."""
+        self._factors.clear()
+        for blocks in contacts:
+            self._factors.add(blocks.renumbered(self._place).kernel())
+        self._factors.build()
+
+    def correct(self, r: Floats, z: Floats) -> None:
+        """Constrain z and correct it at owned nodes. Collective."""
+        both: Floats = self._vector.array.reshape(-1, 6)
+        needed = self._needed
+        both[needed, :3], both[needed, 3:] = r[needed], z[needed]
+        self._vector.scatter_forward()
+        known = both[self._position]
+        right = np.ascontiguousarray(known[: self._num_rows, :3])
+        values = np.ascontiguousarray(known[:, 3:])
+        self._factors.correct(right, values)
+        z[self._position[self._inner]] = values[self._inner]
+
+    def _place(self, nodes: GlobalInts) -> Ints:
+        """Where nodes are among the known ones."""
+        place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
+        return place
+
+
+def _unique(arrays: Sequence[Array]) -> GlobalInts:
+    nodes = [np.empty(0, dtype=np.int64), *(array.ravel() for array in arrays)]
+    unique: GlobalInts = np.unique(np.concatenate(nodes))
+    return unique
