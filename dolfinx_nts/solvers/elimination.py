@@ -30,7 +30,7 @@ from dolfinx_nts.solvers.partial_scatter import PartialScatter
 __all__ = ["ActivePairs", "Elimination", "active_pairs"]
 
 
-_NONE = np.empty(0)
+_NO_VALUES = np.empty(0)  # of constraints: they are to become zero
 
 
 class ActivePairs(NamedTuple):
@@ -45,7 +45,7 @@ class ActivePairs(NamedTuple):
         places: Of the constrained nodes in the part.
         candidates: Carries the values of nodes between ranks.
         fixed: Whether the node cannot give up what constraints determine.
-        excess: What they should make zero, shape ``(m, 3)`` [m].
+        excess: What the constraints should make zero, shape ``(m, 3)`` [m].
     """
 
     blocks: ContactBlocks
@@ -60,7 +60,12 @@ class ActivePairs(NamedTuple):
     def of(
         cls, candidates: SegmentCandidates | ObstacleCandidates, state: ContactContribution
     ) -> "ActivePairs":
-        """The active ones of a state."""
+        """Take the active ones of all pairs.
+
+        Args:
+            candidates: What carries the values of their nodes.
+            state: The pairs.
+        """
         arrays: tuple[Any, ...] = (
             *(state.fixed, state.excess, state.dofs, state.rank),
             *(state.normal, state.gradients, state.columns, state.tangent),
@@ -112,14 +117,13 @@ class Elimination:
     over the owned nodes.
 
     Args:
-        pairs: Active pairs, one item for each contact pair that has any;
-            unless `Coupling` finds none between them, the pairs are all
-            there is to use.
+        pairs: Active pairs, one item for each contact pair that has any.
+            The projections only exist unless `ActiveSets.are_coupled`.
         active_version: Their number by `ActiveSets`.
     """
 
     def __init__(self, pairs: Sequence[ActivePairs], active_version: int) -> None:
-        """Take the pairs."""
+        """Create the projections of some pairs."""
         self.pairs, self.active_version = pairs, active_version
 
     @property
@@ -134,7 +138,7 @@ class Elimination:
 
     def constrain(self, x: Floats) -> list[Floats]:
         """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
-        return self._constrain(x, [_NONE] * len(self.pairs))
+        return self._constrain(x, [_NO_VALUES] * len(self.pairs))
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
         parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]
