@@ -20,7 +20,7 @@ from dolfinx_nts.solvers import (
 __all__ = ["CONTACT", "Profile"]
 
 # What there would be none of without contact.
-CONTACT = ("search and projection", "elimination", "patch")
+CONTACT = ("search and projection", "elimination", "contact Schwarz")
 
 _LABELS = {"assembly": "residual", "contact": "search and projection", "solve": "Krylov"}
 
@@ -48,12 +48,12 @@ class Profile:
             (preconditioner.BulkPreconditioner, "build", "factors"),
             (krylov, "active_pairs", "elimination"),
             (active_sets.ActiveSets, "number", "elimination"),
-            (active_sets.Coupling, "of", "elimination"),
+            (active_sets.ActiveSets, "are_coupled", "elimination"),
             (elimination.Elimination, "particular", "elimination"),
             (elimination.Elimination, "constrain", "elimination"),
             (elimination.Elimination, "act", "elimination"),
-            (contact_schwarz.ContactSchwarz, "update", "patch"),
-            (contact_schwarz.ContactSchwarz, "correct", "patch"),
+            (contact_schwarz.ContactSchwarz, "update", "contact Schwarz"),
+            (contact_schwarz.ContactSchwarz, "correct", "contact Schwarz"),
             (newton, "contact_residual", "contact"),
         ):
             setattr(owner, name, self._watched(getattr(owner, name), phase))

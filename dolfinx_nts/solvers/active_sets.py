@@ -1,4 +1,4 @@
-"""What is the same for equal active sets: their number, and whether pairs are coupled."""
+"""Active sets: how they are told apart, and whether their pairs can be eliminated."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,13 +10,13 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.elimination import ActivePairs
 
-__all__ = ["ActiveSets", "Coupling"]
+__all__ = ["ActiveSets"]
 
 
 class ActiveSets:
-    """Numbers active sets as they follow each other: an equal one has the same number.
+    """Numbers active sets as they follow each other, and equal ones alike.
 
     Args:
         comm: Communicator.
@@ -26,9 +26,10 @@ class ActiveSets:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Start without a set."""
+        """Create the counter, which has seen no set."""
         self._comm = comm
         self._last: Sequence[Array] | None = None
+        self._is_coupled: bool | None = None  # not looked at
         self.version = 0
 
     def number(self, pairs: Sequence[ActivePairs]) -> int:
@@ -46,9 +47,22 @@ class ActiveSets:
         last = self._last or []
         is_same = len(last) == len(arrays) and all(map(np.array_equal, last, arrays))
         if not reductions.everywhere(self._comm, is_same):
-            self._last = arrays
+            self._last, self._is_coupled = arrays, None
             self.version += 1
         return self.version
+
+    def are_coupled(self, pairs: Sequence[ActivePairs]) -> bool:
+        """Whether the projections of `Elimination` do not exist. Collective.
+
+        This is so where a constrained node takes part in another active pair,
+        or is fixed.
+
+        Args:
+            pairs: Active pairs that were numbered last.
+        """
+        if self._is_coupled is None:
+            self._is_coupled = reductions.anywhere(self._comm, _coupled(pairs))
+        return self._is_coupled
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last set. Collective.
@@ -58,38 +72,12 @@ class ActiveSets:
         """
         last = archive.local("active_set", self._last)
         if archive.giving:
-            self._last = last
+            self._last, self._is_coupled = last, None
             self.version += 1
 
 
-class Coupling:
-    """Whether the projections exist, looked at only where pairs have changed.
-
-    They do not where a constrained node takes part in another active pair,
-    or is fixed.
-
-    Args:
-        comm: Communicator.
-    """
-
-    def __init__(self, comm: MPI.Comm) -> None:
-        """Start without pairs."""
-        self._comm = comm
-        self._version = 0
-        self._is_coupled = False
-
-    def of(self, elimination: Elimination) -> bool:
-        """Whether the pairs of a Newton iteration are coupled. Collective."""
-        if elimination.empty:
-            return False
-        if elimination.active_version != self._version:
-            self._version = elimination.active_version
-            self._is_coupled = reductions.anywhere(self._comm, _coupled(elimination.pairs))
-        return self._is_coupled
-
-
 def _coupled(pairs: Sequence[ActivePairs]) -> bool:
-    """Whether some are on this rank. Collective."""
+    """Whether this rank knows of such a node. Collective."""
     taken: Any = 0
     others: Any = 0
     blocked = False

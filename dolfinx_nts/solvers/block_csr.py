@@ -1,4 +1,4 @@
-"""Rows of a distributed matrix, to be read, gathered and given to PETSc."""
+"""Rows of a distributed matrix: read in place, gathered from ranks, copied to PETSc."""
 
 from typing import Any
 
@@ -14,21 +14,21 @@ __all__ = ["BlockCSR", "entries_of_rows", "starts"]
 
 
 class BlockCSR:
-    """Owned rows of a matrix of 3 x 3 blocks, as DOLFINx stores it.
+    """Owned rows of a matrix of 3 x 3 blocks, where DOLFINx has them.
 
     Args:
-        matrix: Matrix in compact blocks.
+        matrix: The matrix.
 
     Attributes:
         matrix: The matrix.
-        index_map: Of the rows.
+        index_map: That of the rows.
         start: Where each row begins, and the end, shape ``(n + 1,)``.
         column: Local column of each block, shape ``(b,)``.
         value: Blocks by rows, shape ``(9 b,)``.
     """
 
     def __init__(self, matrix: la.MatrixCSR) -> None:
-        """Take views on the owned rows."""
+        """Create views of the owned rows."""
         self.matrix = matrix
         self.index_map = matrix.index_map(0)
         n = self.index_map.size_local
@@ -51,7 +51,7 @@ class BlockCSR:
         return PETSc.Mat().createBAIJ(((n, None), (n, None)), 3, csr=csr, comm=self.index_map.comm)
 
     def gather(self, nodes: GlobalInts, ends: GlobalInts) -> tuple[GlobalInts, GlobalInts, Floats]:
-        """Rows of any nodes. Collective.
+        """Rows of any nodes, from the ranks that own them. Collective.
 
         Args:
             nodes: Global numbers, shape ``(m,)``.
@@ -71,7 +71,7 @@ class BlockCSR:
         return neighbours
 
     def _gather(self, nodes: GlobalInts, ends: GlobalInts, *arrays: Any) -> list[Any]:
-        """Where rows begin and the end, and their parts of arrays over the blocks."""
+        """Where the rows begin and the end, and what arrays over the blocks have for them."""
         comm = self.index_map.comm
         order = np.argsort(nodes)
         asked = exchanged(comm, np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))

@@ -1,10 +1,7 @@
-"""Incomplete factors of the bulk tangent: the part of the preconditioner that ages.
+"""The bulk tangent in single precision, for preconditioners: factors and products.
 
-On one rank they are those of all rows. On several, each rank solves for the
-nodes that it owns and those that their rows reach (restricted additive
-Schwarz with an overlap of 1) and keeps what it finds at its own.
-
-Rows of the bulk tangent in single precision, for products in preconditioners.
+Single precision is enough there and takes half the time, as the processor
+waits for memory.
 """
 
 from typing import Any
@@ -23,7 +20,11 @@ __all__ = ["BlockILU", "SinglePrecisionOperator"]
 
 
 class BlockILU:
-    """ILU(0) of a matrix in single precision, see `cpp/nts/solvers/incomplete_factors.h`.
+    """Incomplete factors of a matrix, see `cpp/nts/solvers/incomplete_factors.h`.
+
+    On one rank they are those of all rows. On several, each rank solves for
+    the nodes that it owns and those that their rows reach, and takes what it
+    finds at its own (restricted additive Schwarz method with an overlap of 1).
 
     Args:
         rows: Owned rows of the matrix; their values may change.
@@ -32,18 +33,19 @@ class BlockILU:
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Wait for values. Collective."""
+        """Create the factors, without values before `build`. Collective."""
         self._rows = rows
         self._alone = bool(rows.index_map.comm.size == 1)
         self._order: Ints | None = None
-        self._values: Floats = np.empty(0)  # new memory takes 20 times as long to fill
+        # It is used again, as new memory takes 20 times as long to fill.
+        self._values: Floats = np.empty(0)
         self._factors = _kernels.IncompleteFactors()
-        # Its ghosts are the nodes of other ranks that own rows reach.
+        # Its ghosts are the nodes of other ranks that the owned rows reach.
         self._vector = la.vector(rows.matrix.index_map(1), 3)
         self._ends = np.array(rows.index_map.comm.allgather(rows.index_map.local_range[1]))
 
     def __str__(self) -> str:
-        """Kind of the factors, and how those of several ranks are joined."""
+        """Kind of the factors, and how several ranks work together."""
         return f"{'' if self._alone else 'ASM of '}ILU in single precision"
 
     def build(self) -> bool:
@@ -72,11 +74,11 @@ class BlockILU:
         self._factors.apply(known, z.array.reshape(-1, 3))
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
-        """Rows of the nodes of the vector, with local columns. Collective."""
+        """Rows of all nodes that this rank solves for, with local columns. Collective."""
         own, nodes = self._rows, self._vector.index_map
         start, far, value = own.gather(nodes.ghosts, self._ends)
         column = nodes.global_to_local(far)
-        column[column < 0] = nodes.size_local + nodes.num_ghosts  # outside
+        column[column < 0] = nodes.size_local + nodes.num_ghosts  # beyond these nodes
         if len(self._values) != len(own.value) + len(value):
             self._values = np.empty(len(own.value) + len(value))
         return (
@@ -87,10 +89,10 @@ class BlockILU:
 
 
 def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
-    """Order of rows: that of DOLFINx backwards, other ranks' next to their neighbours.
+    """Order of elimination: that of DOLFINx backwards, ghosts next to their neighbours.
 
-    At the end, where DOLFINx has them, those would take up to 18 instead of 11
-    iterations for 8 decades; reverse Cuthill-McKee takes 2 % more than this.
+    With ghosts at the end, where DOLFINx has them, 8 decades take up to 18
+    iterations instead of 11; reverse Cuthill-McKee takes 2 % more than this order.
     """
     n = len(start) - 1
     row = np.repeat(np.arange(n - num_owned), np.diff(start[num_owned:]))
@@ -104,27 +106,25 @@ def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
 
 
 class SinglePrecisionOperator:
-    """Context of a shell matrix: the present values of some rows. Collective.
-
-    They are copied, in single precision: products wait for memory.
+    """Context of a shell matrix, with the present values of some rows. Collective.
 
     Args:
         rows: Owned rows of the matrix.
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Copy."""
+        """Create a copy of the values."""
         self._map = rows.index_map
         self._matrix = _kernels.SingleMatrix(rows.start, rows.column, rows.value)
         self._vector = la.vector(rows.matrix.index_map(1), 3)
 
     def matrix(self) -> Any:
-        """PETSc matrix whose products are those of the rows. Collective."""
+        """Create the shell matrix. Collective."""
         size = 3 * self._map.size_local, 3 * self._map.size_global
         return PETSc.Mat().createPython((size, size), self, comm=self._map.comm)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Y = A x; called by PETSc."""
+        """Set y to A x; called by PETSc."""
         owned = x.array_r
         self._vector.array[: len(owned)] = owned
         self._vector.scatter_forward()

@@ -40,7 +40,7 @@ class Bulk:
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form] = (),
     ) -> None:
-        """Compile the forms."""
+        """Create the compiled forms of the residual and of its derivative."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
         self.u = u
@@ -48,7 +48,7 @@ class Bulk:
         self.supports.check()
         self._given = self.fixed
         self._direction = fem.Function(V)
-        # Asking for the array takes 2 us each time.
+        # DOLFINx takes 2 us each time that it is asked for the array.
         self._direction_values: Floats = self._direction.x.array
         forms = [residual, *(-load for load in loads)]
         actions = [ufl.derivative(form, u, self._direction) for form in forms]
@@ -128,7 +128,7 @@ class Bulk:
 
 
 class _NodalSum:
-    """Sum of linear forms at the owned nodes: one of the bodies, others of loads.
+    """Sum of linear forms at the owned nodes, the first of bodies, others of loads.
 
     Args:
         forms: The form of the bodies, then those of the loads.
@@ -142,7 +142,7 @@ class _NodalSum:
     def __init__(self, forms: Sequence[ufl.Form], index_map: common.IndexMap) -> None:
         first, *loads = map(expand_derivatives, forms)
         self.bodies = CellForm(first)
-        # Those of dead loads have no derivative.
+        # Dead loads have no derivative.
         self._loads = [PackedForm(load) for load in loads if not load.empty()]
         self._vector = la.vector(index_map, 3)
         self._values: Floats = self._vector.array

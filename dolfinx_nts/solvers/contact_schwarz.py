@@ -24,7 +24,7 @@ class SerialSubdomain:
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Read the rows where they are."""
+        """Create factors that read the rows in place."""
         self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value)
 
     def build(self, contacts: Sequence[ContactBlocks], version: int) -> None:
@@ -55,7 +55,7 @@ class ContactSchwarz:
     """
 
     def __init__(self, tangent: Tangent) -> None:
-        """Make no factors before `update`."""
+        """Create the object, without factors before `update`."""
         self._tangent = tangent
         self._contacts: list[ContactBlocks] = []
         self._version = _NOTHING  # of the matrix and of the active set

@@ -30,7 +30,7 @@ from dolfinx_nts.solvers.partial_scatter import PartialScatter
 __all__ = ["ActivePairs", "Elimination", "active_pairs"]
 
 
-_NONE = np.empty(0)
+_NO_VALUES = np.empty(0)  # of constraints: they are to become zero
 
 
 class ActivePairs(NamedTuple):
@@ -44,7 +44,7 @@ class ActivePairs(NamedTuple):
         places: Of the constrained nodes in the part.
         ghosts: Carries the values of nodes between ranks.
         fixed: Whether the node cannot give up what constraints determine.
-        excess: What they should make zero, shape ``(m, 3)`` [m].
+        excess: What the constraints should make zero, shape ``(m, 3)`` [m].
     """
 
     blocks: ContactBlocks
@@ -57,7 +57,12 @@ class ActivePairs(NamedTuple):
 
     @classmethod
     def of(cls, candidates: Candidates, state: ContactContribution) -> "ActivePairs":
-        """The active ones of a state."""
+        """Take the active ones of all pairs.
+
+        Args:
+            candidates: What carries the values of their nodes.
+            state: The pairs.
+        """
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
@@ -109,14 +114,13 @@ class Elimination:
     over the owned nodes.
 
     Args:
-        pairs: Active pairs, one item for each contact pair that has any;
-            unless `Coupling` finds none between them, the pairs are all
-            there is to use.
+        pairs: Active pairs, one item for each contact pair that has any.
+            The projections only exist unless `ActiveSets.are_coupled`.
         active_version: Their number by `ActiveSets`.
     """
 
     def __init__(self, pairs: Sequence[ActivePairs], active_version: int) -> None:
-        """Take the pairs."""
+        """Create the projections of some pairs."""
         self.pairs, self.active_version = pairs, active_version
 
     @property
@@ -131,7 +135,7 @@ class Elimination:
 
     def constrain(self, x: Floats) -> list[Floats]:
         """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
-        return self._constrain(x, [_NONE] * len(self.pairs))
+        return self._constrain(x, [_NO_VALUES] * len(self.pairs))
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
         parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]

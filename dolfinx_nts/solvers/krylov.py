@@ -1,14 +1,15 @@
-"""Linear systems of Newton's method: Krylov method and its preconditioner.
+"""Linear systems of Newton's method, solved by a preconditioned Krylov method.
 
-The operator is the exact tangent, bulk (as an FFCx vector form) and contact,
-projected by `elimination`; nothing is assembled for it. The preconditioner
-is a factorisation of the bulk tangent without contact, which ages slowly
-and is kept over many steps. Where the Krylov method fails the whole system
-is factorised.
+The operator is the exact tangent of bodies and contacts, projected on the
+constraints by `elimination`; no matrix is assembled for it. The preconditioner
+consists of factors of the matrix of the bodies, which serve for many steps, and
+of a correction around the contacts. Where the Krylov method fails, the whole
+system is factorised.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.active_sets import ActiveSets, Coupling
+from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
 from dolfinx_nts.solvers.elimination import Elimination, active_pairs
@@ -31,60 +32,61 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
-# One assembly and factorisation cost about as much as this many iterations, of
-# the stronger preconditioner more.
+# Cost of assembling and factorising the bulk, in Krylov iterations; the stronger
+# factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# More iterations per decade than this with a fresh incomplete factorisation
-# cost more than a stronger preconditioner (many wave crossings in a step).
+# Iterations per decade of reduction from which on the stronger factors are cheaper
+# than new ones of the first kind.
 _SLOW = 15.0
-# The same is known beforehand where waves cross this many cells in a step.
+# Cells that waves cross in a step, from which on this is known beforehand.
 _MOST_CROSSINGS = 50.0
-# Iterations per decade of fresh factors are taken over this many decades,
-# about those of a step.
+# Decades of reduction over which the iterations of new factors are measured: about
+# those of a step.
 _DECADES = 12.0
-# Of the reduction asked for: what a right-hand side may leave out.
+# Decades that count at least, as a solve that asks for less takes an iteration, too.
+_FEWEST_DECADES = 0.3
+# Share of the reduction asked for that a right-hand side may leave out [-].
 _NEGLIGIBLE = 0.03
+# Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
+_ROW_SUM = 3.0
+# Inertia over stiffness that stands for none [-], and a stiffness that divides [N/m].
+_NO_INERTIA, _NO_STIFFNESS = 1e-30, 1e-300
 
 
+@dataclass
 class _Age:
-    """What the age of factors costs.
+    """How many iterations the age of the factors has cost.
 
     Attributes:
-        rate: Iterations per decade so far.
-        excess: Iterations beyond those that fresh factors would need.
+        iterations: Those of the first decades.
+        decades: These decades.
+        fresh: Iterations per decade of new factors, NaN until they are known.
+        excess: Iterations beyond those that new factors would have needed.
     """
 
-    def __init__(
-        self,
-        iterations: float = 0.0,
-        decades: float = 0.0,
-        fresh: float = np.nan,
-        excess: float = 0.0,
-    ) -> None:
-        self._iterations, self._decades = iterations, decades
-        self._fresh, self.excess = fresh, excess  # iterations per decade of fresh factors
-
-    def values(self) -> Floats:
-        """What the constructor takes."""
-        return np.array([self._iterations, self._decades, self._fresh, self.excess])
+    iterations: float = 0.0
+    decades: float = 0.0
+    fresh: float = np.nan
+    excess: float = 0.0
 
     @property
     def rate(self) -> float:
-        return self._iterations / max(self._decades, 0.3)
+        """Iterations per decade in the first decades."""
+        return self.iterations / max(self.decades, _FEWEST_DECADES)
 
     def count(self, iterations: int, decades: float) -> None:
-        """Add a solve."""
-        if np.isnan(self._fresh):
-            self._iterations += iterations
-            self._decades += decades
-            if self._decades >= _DECADES:
-                self._fresh = self.rate
+        """Add those of a solve."""
+        if np.isnan(self.fresh):
+            self.iterations += iterations
+            self.decades += decades
+            if self.decades >= _DECADES:
+                self.fresh = self.rate
         else:
-            self.excess += iterations - self._fresh * decades
+            self.excess += iterations - self.fresh * decades
 
 
 class LinearSolver:
-    """Solves for the increments of a Newton iteration.
+    """Solves for the increments of Newton's method.
 
     Args:
         bulk: Residual of the bodies.
@@ -96,7 +98,7 @@ class LinearSolver:
 
     Attributes:
         tangent: The matrix.
-        num_direct: Systems that were factorised as a whole.
+        num_direct: Number of systems that were factorised as a whole.
 
     Raises:
         ValueError: The preconditioner does not exist on several ranks.
@@ -109,7 +111,7 @@ class LinearSolver:
         inertia: Callable[[], Floats],
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Create the Krylov method and its preconditioner, without factors."""
+        """Create the Krylov method and its preconditioner, as yet without factors."""
         self.tangent, self._inertia = tangent, inertia
         known = PetscOptions(bulk.comm, options)
         self._operator = Operator(bulk)
@@ -118,7 +120,6 @@ class LinearSolver:
         context = Preconditioner(self._operator, self._preconditioner, self._schwarz)
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
-        self._coupling = Coupling(bulk.comm)
         self._saddle = SaddlePointSystem(tangent)
         self._age = _Age()
         self._crossings = 0.0
@@ -153,22 +154,22 @@ class LinearSolver:
         """
         pairs = active_pairs(steps, states)
         elimination = Elimination(pairs, self._active_sets.number(pairs))
-        if self._coupling.of(elimination):
+        if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, states)
         preconditioner = self._preconditioner
         cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
-        fresh = preconditioner.point is None or self._age.excess > cost
-        if fresh:
+        is_new = preconditioner.point is None or self._age.excess > cost
+        if is_new:
             self._build()
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
-            # First a new factorisation, then a stronger one, then all of it.
-            if fresh and preconditioner.is_strong:
+            # Where it fails, there are new factors, then stronger ones, then the whole system.
+            if is_new and preconditioner.is_strong:
                 return self._solve_direct(R, steps, states)
-            if fresh:
+            if is_new:
                 preconditioner.strengthen()
             self._build()
-            fresh = True
-        if fresh and preconditioner.gives_way and self._age.rate > _SLOW:
+            is_new = True
+        if is_new and preconditioner.gives_way and self._age.rate > _SLOW:
             preconditioner.strengthen()
             self._build()
         return du, None
@@ -192,11 +193,11 @@ class LinearSolver:
         )
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what is kept from step to step. Collective."""
+        """Serialize what a later step goes on with. Collective."""
         self._preconditioner.serialize(archive)
         self._active_sets.serialize(archive)
         self._schwarz.serialize(archive, self._active_sets.version)
-        age = archive.same("age_of_factors", self._age.values())
+        age = archive.same("age_of_factors", np.array(astuple(self._age)))
         if archive.giving:
             known = self._preconditioner.point is not None
             self._age = _Age(*age) if known else _Age()
@@ -219,8 +220,8 @@ class LinearSolver:
             self._schwarz.update(elimination)
             particular, parts = elimination.particular(len(r))
             total: Floats = R.reshape(-1, 3).copy()
-            # Close to the constraints their part is below what rtol leaves.
-            force = 3 * self.tangent.nodal_stiffness()[:, None] * particular
+            # Near the constraints this part is smaller than what rtol leaves.
+            force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
             part, whole = reductions.total(bulk.comm, squares)
             if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
@@ -235,14 +236,15 @@ class LinearSolver:
         return du
 
     def _wave_crossings(self) -> float:
-        """Cells that waves cross in a step, about h c/dx. Collective.
+        """Number of cells that waves cross in a step, about h c/dx. Collective.
 
-        In a chain of lumped masses m, waves of speed c give K_ii/m =
-        2 (c/dx)^2; half of K and 2 m/h^2 make the tangent of a step.
+        In a chain of lumped masses m with waves of speed c, K_ii/m is
+        2 (c/dx)^2; half of K and 2 m/h^2 make up the tangent of a step.
         """
         stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
-        # Without inertia any number of cells; nodes may have no stiffness either.
-        ratio = stiffness / np.maximum(inertia, np.maximum(1e-30 * stiffness, 1e-300))
+        # Without inertia waves cross any number of cells.
+        least = np.maximum(_NO_INERTIA * stiffness, _NO_STIFFNESS)
+        ratio = stiffness / np.maximum(inertia, least)
         comm = self._operator.bulk.comm
         greatest = reductions.largest(comm, ratio.max(initial=0.0))
         return float(np.sqrt(2 * greatest))

@@ -1,4 +1,4 @@
-"""Newton's method with active-set update for one step."""
+"""Newton's method for one step, with an update of the active set in each iteration."""
 
 import logging
 from collections.abc import Sequence
@@ -20,16 +20,28 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_MAX_ITERATIONS = 50
-_RESIDUAL_TOLERANCE = 1e-12  # relative to the forces at work
-_SMALL_RESIDUAL = 1e-8  # the same, where increments have become negligible
-_INCREMENT_TOLERANCE = 5e-14  # of du, relative to the segment or mesh size
-_GAP_TOLERANCE = 2e-11  # of the excess gap, relative to the same size
+_MAX_ITERATIONS = 50  # until another start is tried
+# Residual of a solution, relative to the forces at work [-]; and where the increments
+# have become negligible.
+_RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
+# Negligible increment and error of a constraint, relative to the smallest cell [-].
+_INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
+# Longest increment that is trusted, relative to the smallest cell [-].
+_LONGEST_INCREMENT = 0.5
+# Reductions asked of the linear solver [-]: the least; the first, as active sets let
+# residuals fall by no more than a tenth.
+_LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
+# Those that quadratic convergence can use: factor and power of the last reduction
+# (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
+_RATE_FACTOR, _RATE_POWER = 0.9, 1.6
+# Share of the target that is aimed at, and how much more than quadratic convergence can
+# use may be asked for where that saves an iteration [-].
+_AIM, _NEAR = 0.3, 1e3
 
 
 @dataclass(frozen=True)
 class NewtonReport:
-    """How the iteration went.
+    """What the iteration did, and why it stopped.
 
     Attributes:
         iterations: Linear solves.
@@ -73,14 +85,14 @@ class ConvergenceError(RuntimeError):
     """
 
     def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:
-        """Keep the reports."""
+        """Create the error with a message."""
         super().__init__(message)
         self.reports = tuple(reports)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """State of the contacts at the end of the iteration, residual [N]."""
+    """State of the contacts at the end of the iteration, with the residuals [N]."""
 
     states: tuple[ContactContribution, ...]
     R: Floats
@@ -149,7 +161,7 @@ def solve(
         converged = solved and not violated and not changed
         if converged and steps:
             moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
-            if moved:  # the equilibrium is one on segments that nodes have left
+            if moved:  # this is the equilibrium on segments that nodes have left
                 changes += moved
                 norms.pop()
                 continue
@@ -178,12 +190,12 @@ def solve(
                 step.add_multipliers(state, d)
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
-        if du_norm > 0.5 * size:
-            # A step of more than half a cell is not to be trusted.
-            u += 0.5 * size / du_norm * du
+        longest = _LONGEST_INCREMENT * size
+        if du_norm > longest:
+            u += longest / du_norm * du
         else:
             u += du
-            if not changed:  # nodes that have just become active are far from held
+            if not changed:  # nodes that have just become active have far to go
                 x = X + u.reshape(-1, 3)
                 with timings.phase("contact"):
                     for step in steps:
@@ -193,10 +205,10 @@ def solve(
 
 
 def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
-    """Norm of the residual that rounding leaves at best [N]. Collective.
+    """Norm of the residual that rounding leaves in any case [N]. Collective.
 
-    A strain is known to eps, and to eps |u|/h; with the stiffness k of a
-    node and the size h of its cells that is a force of eps k (h + |u|).
+    A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
+    a node and the size h of its cells this is a force of eps k (h + |u|).
     """
     u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
@@ -204,14 +216,14 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:
-    """Reduction asked of the linear solver: no more than Newton can use.
+    """Reduction asked of the linear solver: no more than Newton's method can use.
 
-    Quadratic convergence bounds it, and at first the active set, which lets
-    residuals fall by no more than a tenth; where that leads close to the
-    target, the target is aimed at, which saves the next iteration.
+    Where this leads close to the target, the target is aimed at, which saves
+    the next iteration.
     """
-    if norms[-1] <= 0.3 * target:
-        return 0.3
+    if norms[-1] <= _AIM * target:
+        return _LEAST_REDUCTION
     rate = norms[-1] / norms[-2] if len(norms) > 1 and norms[-2] > 0 else 1.0
-    quadratic, last = min(0.03, 0.9 * rate**1.6), 0.3 * target / norms[-1]
-    return min(0.3, last if quadratic < 1e3 * last else quadratic)
+    quadratic = min(_FIRST_REDUCTION, _RATE_FACTOR * rate**_RATE_POWER)
+    last = _AIM * target / norms[-1]
+    return min(_LEAST_REDUCTION, last if quadratic < _NEAR * last else quadratic)

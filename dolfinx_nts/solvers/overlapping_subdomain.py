@@ -1,13 +1,12 @@
 """Nodes around the contacts that one of several ranks solves for."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels, compat
-from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -17,10 +16,10 @@ __all__ = ["OverlappingSubdomain"]
 
 
 class OverlappingSubdomain:
-    """Nodes around the contacts of the nodes that a rank owns, and of their neighbours.
+    """Nodes around the contacts of a rank's nodes and of their neighbours.
 
-    Each rank solves for the nodes that it owns, with the rows of other ranks'
-    nodes there and around. Without the neighbours' contacts it takes a tenth
+    Each rank gathers the rows of all these nodes, solves, and takes what it
+    finds at its own. Without the contacts of the neighbours there are a tenth
     more iterations where a border between ranks crosses the contact.
     Collective, as all its methods.
 
@@ -29,14 +28,15 @@ class OverlappingSubdomain:
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Learn which nodes the rows of other ranks reach."""
+        """Create the lists of nodes that rows of other ranks reach."""
         self._rows, space = rows, rows.index_map
         self._ends = np.array(space.comm.allgather(space.local_range[1]))
         # Nodes of this rank that rows of each rank reach.
-        reached = rows.matrix.index_map(1).ghosts
-        owner = self._owner(reached)
-        asked = [reached[owner == rank] for rank in range(space.comm.size)]
+        ghosts = rows.matrix.index_map(1).ghosts
+        owner = np.searchsorted(self._ends, ghosts, side="right")
+        asked = [ghosts[owner == rank] for rank in range(space.comm.size)]
         self._reached = exchanged(space.comm, asked)
+        self._reached[space.comm.rank] = np.arange(*space.local_range)
         self._version = -1
         self._gathered: _GatheredRows
 
@@ -63,52 +63,18 @@ class OverlappingSubdomain:
         """Constrain z and correct it, as `ContactSchwarz.correct`."""
         self._gathered.correct(r, z)
 
-    def _owner(self, nodes: Array) -> Array:
-        return np.searchsorted(self._ends, nodes, side="right")
-
     def _near(self, blocks: ContactBlocks) -> ContactBlocks:
         """Those of all ranks that touch nodes which rows of this rank reach."""
         comm = self._rows.index_map.comm
-        number = comm.rank + comm.size * np.arange(len(blocks.tangent))
-        shared = _Shared(blocks, number)
+        nodes = np.union1d(blocks.nodes, blocks.tangent_nodes)
         # The owners of the nodes know which ranks reach them.
-        first, second = self._owner(blocks.nodes), self._owner(blocks.tangent_nodes)
-        shared = self._sent(shared, [(first == rank, second == rank) for rank in range(comm.size)])
-        taking = [
-            (np.isin(shared.blocks.nodes, some), np.isin(shared.blocks.tangent_nodes, some))
-            for some in self._reached
-        ]
-        for flags in taking[comm.rank]:
-            flags[:] = True
-        return self._sent(shared, taking).blocks
-
-    def _sent(self, shared: "_Shared", taking: list[tuple[Flags, Flags]]) -> "_Shared":
-        """What ranks send to this one, each item once.
-
-        Args:
-            shared: Items of this rank.
-            taking: For each rank, nodes of constraints and of the tangent
-                for which it gets the items.
-        """
-        parts = exchanged(
-            self._rows.index_map.comm,
-            [shared.take(*shared.blocks.touching(*flags)) for flags in taking],
-        )
-        blocks = ContactBlocks.joined([part.blocks for part in parts])
-        number = np.concatenate([part.number for part in parts])
-        _, constraints = np.unique(blocks.nodes[blocks.start[:-1]], return_index=True)
-        _, once = np.unique(number, return_index=True)
-        return _Shared(blocks, number).take(constraints, once)
-
-
-class _Shared(NamedTuple):
-    """Constraints and tangent of some ranks, and a unique number of each of its blocks."""
-
-    blocks: ContactBlocks
-    number: GlobalInts
-
-    def take(self, constraints: Array, blocks: Array) -> "_Shared":
-        return _Shared(self.blocks.take(constraints, blocks), self.number[blocks])
+        asked = exchanged(comm, np.split(nodes, np.searchsorted(nodes, self._ends[:-1])))
+        answers = [np.column_stack([np.isin(some, r) for r in self._reached]) for some in asked]
+        reaches = np.concatenate(exchanged(comm, answers))
+        places = (np.searchsorted(nodes, some) for some in (blocks.nodes, blocks.tangent_nodes))
+        flags = zip(*(np.moveaxis(reaches[some], -1, 0) for some in places), strict=True)
+        parts = [blocks.take(*blocks.touching(*flag)) for flag in flags]
+        return ContactBlocks.joined(exchanged(comm, parts))
 
 
 class _GatheredRows:
@@ -128,17 +94,17 @@ class _GatheredRows:
         start, column, value = rows.gather(domain, ends)
         # The domain, then what its rows reach outside.
         halo = np.setdiff1d(column, domain)
-        known = np.concatenate([domain, halo])
-        self._order = np.argsort(known)
-        self._sorted = known[self._order]
+        reached = np.concatenate([domain, halo])
+        self._order = np.argsort(reached)
+        self._sorted = reached[self._order]
         self._factors = _kernels.ContactSchwarz(start, self._place(column), value)
 
-        own = (known >= first) & (known < last)
-        ghosts = known[~own]
+        own = (reached >= first) & (reached < last)
+        ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
         index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
         self._vector = la.vector(index_map, 6)
-        self._position = known - first
+        self._position = reached - first
         self._position[~own] = space.size_local + np.arange(len(ghosts))
         self._num_rows = len(domain)
         self._inner = np.flatnonzero(own[: self._num_rows])
@@ -146,7 +112,7 @@ class _GatheredRows:
         self._needed = np.union1d(compat.shared(index_map), self._position[own])
 
     def cover(self, nodes: GlobalInts) -> bool:
-        """Whether there are the rows of other nodes of contacts, too."""
+        """Whether these rows are enough for other nodes of contacts."""
         return bool(np.isin(nodes, self._contacts).all())
 
     def factorise(self, contacts: Sequence[ContactBlocks]) -> None:
@@ -169,7 +135,7 @@ class _GatheredRows:
         z[self._position[self._inner]] = values[self._inner]
 
     def _place(self, nodes: GlobalInts) -> Ints:
-        """Where nodes are among the known ones."""
+        """Positions of nodes among those that rows reach."""
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
 

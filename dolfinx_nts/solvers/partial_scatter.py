@@ -1,4 +1,4 @@
-"""Values at the few nodes of a neighbourhood that a rank needs."""
+"""Exchange of the few values of a nodal vector that contacts need."""
 
 import numpy as np
 from dolfinx import la
@@ -10,10 +10,10 @@ __all__ = ["PartialScatter"]
 
 
 class PartialScatter:
-    """Some nodes: only what they and other ranks need of a nodal vector is touched.
+    """Takes values at some nodes from a nodal vector, and puts them into it.
 
-    Vectors are over the owned nodes, shape ``(n, 3)``, and excerpts over
-    these nodes, shape ``(m, 3)``.
+    Only values that these nodes or other ranks need are touched. Vectors are
+    over the owned nodes, shape ``(n, 3)``, parts over these nodes, ``(m, 3)``.
 
     Args:
         scatter: Brings values of nodes to this rank.
@@ -21,26 +21,26 @@ class PartialScatter:
     """
 
     def __init__(self, scatter: NodalScatter, nodes: Ints) -> None:
-        """Divide them into owned ones and ghosts."""
+        """Create the lists of owned nodes and of ghosts."""
         self._scatter, self._num_nodes = scatter, len(nodes)
         self._num_owned = int(np.searchsorted(nodes, scatter.index_map.size_local))
         self._owned, self._ghosts = np.split(nodes, [self._num_owned])
 
     def take(self, x: Floats) -> Floats:
-        """PartialScatter of a vector. Collective."""
+        """Part of a vector. Collective."""
         shared, values = self._scatter.shared, self._values
         values[shared] = x[shared]
         self._scatter.vector.scatter_forward()
         return np.concatenate([x[self._owned], values[self._ghosts]])
 
     def owned(self, y: Floats) -> Floats:
-        """PartialScatter of a vector, zero at ghosts. Local."""
+        """Part of a vector, with zeros at ghosts. Local."""
         part = np.zeros((self._num_nodes, 3))
         part[: self._num_owned] = y[self._owned]
         return part
 
     def put(self, part: Floats, y: Floats) -> None:
-        """Set a vector at the owned nodes, and add at owners what ghosts have. Collective."""
+        """Set a vector at owned nodes to a part, and add the values of ghosts. Collective."""
         y[self._owned], ghosts = np.split(part, [self._num_owned])
         shared, values = self._scatter.shared, self._values
         values[shared] = values[self._scatter.index_map.size_local :] = 0.0

@@ -17,10 +17,10 @@ __all__ = ["PetscOptions"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_number = itertools.count()  # of these objects, for their prefixes
+_number = itertools.count()  # numbers these objects, whose prefixes must differ
 # Preconditioners of PETSc's own that it has on one rank only.
 _SERIAL = {"icc", "ilu"}
-# Those that have options for levels, of which there is one alone on a small mesh.
+# Those that have options for levels, of which a small mesh may have one only.
 _MULTIGRID = {"gamg", "hmg", "mg", "ml"}
 # petsc4py up to 3.22 does not tell which options were used; its library does.
 _library = ctypes.CDLL(PETSc.__file__)
@@ -44,7 +44,7 @@ class PetscOptions:
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:
-        """Put the options into the database."""
+        """Create the prefixes and put the options into the database."""
         self._comm, options = comm, dict(options or {})
         self.prefix = f"nts_{next(_number)}_"
         self.bulk_prefix = f"{self.prefix}bulk_"
@@ -77,7 +77,7 @@ class PetscOptions:
         kinds = {value for key, value in self.bulk.items() if key.endswith("pc_type")}
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:
-            text = "nothing asks for %s of petsc_options: perhaps multigrid has one level here"
+            text = "nothing has asked for %s of petsc_options; multigrid may need fewer levels"
             _logger.warning(text, self._listed(excused))
         if wrong := [name for name in unused if name not in excused]:
             raise ValueError(

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -19,7 +19,7 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
-# One sweep with incomplete factors smooths best (elasticity of stiff bodies).
+# Options of multigrid: one sweep with incomplete factors smooths best (stiff bodies).
 _MULTIGRID = {
     "pc_type": "gamg",
     "mg_levels_ksp_type": "richardson",
@@ -27,33 +27,16 @@ _MULTIGRID = {
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
 }
-# Preconditioners of PETSc that take 3 x 3 blocks, in half the time of scalars; all
-# others are sure to take scalars only.
+# Preconditioners of PETSc that do with 3 x 3 blocks what takes twice as long with
+# scalars; of the others, many know scalars only.
 _TAKE_BLOCKS = {"asm", "bjacobi", "ilu"}
 
 
-class Factors(Protocol):
-    """One way to invert the tangent of the bulk, exactly or nearly.
-
-    ``str`` tells its kind.
-    """
-
-    def build(self) -> bool:
-        """Factorise the present matrix. Collective.
-
-        Returns:
-            Whether the factors exist, on all ranks.
-        """
-
-    def apply(self, pc: Any, r: Any, z: Any) -> None:
-        """Set z to the solution for r; called by PETSc. Collective."""
-
-
 class BulkPreconditioner:
-    """Factors of the tangent of the bulk, and stronger ones where they are not enough.
+    """Factors of the tangent of the bulk, and stronger ones where these do not suffice.
 
     The first are `BlockILU`, or what PETSc makes of the user's options; the
-    stronger ones a complete factorisation, or multigrid of many unknowns.
+    stronger ones are complete factors, or multigrid where unknowns are many.
 
     Args:
         tangent: Matrix of the bulk.
@@ -68,9 +51,9 @@ class BulkPreconditioner:
     """
 
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
-        """Make no factors before `build`."""
+        """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
-        self._factors: Factors | None = None
+        self._factors: BlockILU | _PetscFactors | None = None
         self.is_strong = False
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
@@ -90,12 +73,10 @@ class BulkPreconditioner:
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
         self._tangent.assemble_nearby()
-        while True:
-            if self._factors is None:
-                self._factors = self._strong() if self.is_strong else self._first()
-            if self._factors.build():
-                break
+        self._factors = self._factors or self._made()
+        while not self._factors.build():
             self.strengthen()
+            self._factors = self._made()
         self.point = self._tangent.point
         self.num_builds += 1
 
@@ -128,19 +109,23 @@ class BulkPreconditioner:
         if last is not None and last is not point:
             tangent.restore(last)
 
-    def _first(self) -> Factors:
-        if not self._options.bulk:
-            return BlockILU(self._tangent.rows)
-        return _PetscFactors(lambda: _chosen(self._tangent, self._options))
-
-    def _strong(self) -> Factors:
-        unknowns = 3 * self._tangent.rows.index_map.size_global
-        make = _complete if unknowns <= _DIRECT_UP_TO else _multigrid
-        return _PetscFactors(lambda: make(self._tangent, f"{self._options.prefix}strong_"))
+    def _made(self) -> "BlockILU | _PetscFactors":
+        """Factors of the present kind, without values. Collective."""
+        tangent, options = self._tangent, self._options
+        if self.is_strong:
+            is_small = 3 * tangent.rows.index_map.size_global <= _DIRECT_UP_TO
+            make, prefix = _complete if is_small else _multigrid, f"{options.prefix}strong_"
+            return _PetscFactors(lambda: make(tangent, prefix))
+        if options.bulk:
+            return _PetscFactors(lambda: _chosen(tangent, options))
+        return BlockILU(tangent.rows)
 
 
 class _PetscFactors:
-    """Preconditioner of PETSc, each time a new one: what the first chose would last.
+    """Preconditioner of PETSc, a new one for each matrix.
+
+    PETSc would otherwise go on with what it has chosen for the first matrix,
+    which a resumed run does not know.
 
     Args:
         make: Makes it for the present matrix.
@@ -181,8 +166,8 @@ def _complete(tangent: Tangent, prefix: str) -> Any:
 def _multigrid(tangent: Tangent, prefix: str) -> Any:
     """Multigrid whose finest level works in single precision. Collective.
 
-    With PETSc's products and factors there, scalar and in double precision,
-    iterations take half as long again.
+    Iterations take half as long again with PETSc's products and factors on
+    this level, which are scalar and in double precision.
     """
     operator = SinglePrecisionOperator(tangent.rows).matrix()
     with _options(prefix, _MULTIGRID):

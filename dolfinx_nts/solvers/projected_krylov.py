@@ -13,6 +13,7 @@ from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 
 __all__ = ["KrylovMethod", "Operator", "Preconditioner"]
 
+# Iterations of one system, which are all stored; new factors cost less than more.
 _MAX_ITERATIONS = 200
 # Growth of the residual at which an iteration is given up [-].
 _DIVERGED = 1e6
@@ -33,12 +34,12 @@ class Operator:
     """
 
     def __init__(self, bulk: Bulk) -> None:
-        """Start without contact."""
+        """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Z~^T (K + C) Z x."""
+        """Set y to Z~^T (K + C) Z x; called by PETSc."""
         z = x.array_r.reshape(-1, 3).copy()
         parts = self.elimination.constrain(z)
         y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
@@ -56,7 +57,7 @@ class Preconditioner:
     def __init__(
         self, operator: Operator, bulk: BulkPreconditioner, contacts: ContactSchwarz
     ) -> None:
-        """Take both parts."""
+        """Create the composition of both."""
         self._operator, self._bulk, self._contacts = operator, bulk, contacts
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:

@@ -1,13 +1,13 @@
-r"""The whole linear system of a Newton iteration, displacements and multipliers.
+r"""The whole linear system of a Newton iteration, factorised where nothing else helps.
 
-The unknowns are du (all nodes) and dlambda_N (active pairs). Each rank's
-multipliers follow its displacements:
+The unknowns are the increments of all displacements and of the multipliers of
+all active pairs. On each rank the multipliers follow the displacements:
 
     [ K + sum lambda_N dF/dq   F ] [ du       ]     [ R              ]
     [ G^T                      0 ] [ dlambda_N ] = - [ g_N - g_ref    ]
 
-with the contact force F of the step and the gap gradient G at its end; the
-matrix is not symmetric.
+with the contact force F of the step and the gap gradient G at its end, so that
+the matrix is not symmetric.
 """
 
 from collections.abc import Sequence
@@ -25,19 +25,21 @@ from dolfinx_nts.solvers.tangent import Tangent
 __all__ = ["SaddlePointSystem"]
 
 
-# Compliance of a constraint, relative to that of the stiffest node.
-_DEPENDENT = 1e-10
+# Compliance that constraints have, relative to that of the stiffest node [-]: those that
+# given displacements make dependent stay solvable.
+_COMPLIANCE = 1e-10
+_NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, which divides [N/m]
 
 
 class SaddlePointSystem:
-    """The whole system, factorised by MUMPS.
+    """Solves the whole system with complete factors by MUMPS.
 
     Args:
         tangent: Matrix of the bodies.
     """
 
     def __init__(self, tangent: Tangent) -> None:
-        """Take the matrix."""
+        """Create the solver, which factorises in each `solve`."""
         self._tangent = tangent
 
     def solve(
@@ -56,10 +58,9 @@ class SaddlePointSystem:
         """
         self._tangent.assemble_exact()
         K, comm = self._tangent.matrix(scalar=True), self._tangent.rows.index_map.comm
-        # Constraints that given displacements make dependent stay solvable;
-        # multipliers converge with Newton's iteration, so nothing is lost.
-        compliance = _DEPENDENT / float(self._tangent.nodal_stiffness().max(initial=1e-300))
-        compliance = reductions.least(comm, compliance)
+        # Newton's method makes the multipliers exact all the same.
+        stiffest = float(self._tangent.nodal_stiffness().max(initial=_NO_STIFFNESS))
+        compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         first, last = K.getOwnershipRange()
         counts = [int(state.rank.sum()) for state in states]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
@@ -67,7 +68,7 @@ class SaddlePointSystem:
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
 
         def saddle(dofs: Array) -> Ints:
-            """Number in the saddle system of displacement dofs."""
+            """Numbers of displacements in the whole system."""
             rank = np.searchsorted(u_start, dofs, side="right") - 1
             return np.asarray(dofs + shift[rank], dtype=np.int32)
 

@@ -16,7 +16,7 @@ class SolverStatistics:
         num_iterations: Krylov iterations.
         num_builds: Factorisations of the bulk.
         num_schwarz_builds: Factorisations around the contacts.
-        num_direct: Systems that were factorised as a whole.
+        num_direct: Factorisations of whole systems.
         num_residuals: Residuals of the bulk, without contact.
         num_actions: Actions of the tangent of the bulk.
         num_tangents: Matrices of this tangent.
@@ -42,9 +42,8 @@ class SolverStatistics:
         if self.num_builds == 0:
             return "not used so far"
         return (
-            f"GMRES with kept {self.preconditioner} of the bulk and a patch around the contacts, "
+            f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts, "
             f"waves cross {self.wave_crossings:.3g} cells a step; "
-            f"{self.num_iterations} iterations, {self.num_builds} factorisations, "
-            f"{self.num_schwarz_builds} of patches, "
-            f"{self.num_direct} systems factorised as a whole"
+            f"{self.num_iterations} iterations, {self.num_builds} factorisations of the bulk, "
+            f"{self.num_schwarz_builds} around the contacts, {self.num_direct} of whole systems"
         )

@@ -1,4 +1,4 @@
-"""Matrix of the bodies' tangent, without contact: what preconditioners are made of."""
+"""Matrix of the tangent of the bodies, of which preconditioners are made."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,7 +18,8 @@ from dolfinx_nts.solvers.block_csr import BlockCSR
 
 __all__ = ["Tangent"]
 
-# Of the mean over all nodes: stiffness that a node has at least.
+# Stiffness that a node has at least, relative to the mean of all [-]: at strongly
+# deformed nodes it can be small or negative, and a weight must be neither.
 _LEAST_STIFFNESS = 0.1
 
 
@@ -48,7 +49,7 @@ class Tangent:
         loads: Sequence[ufl.Form] = (),
         nearby: ufl.Form | None = None,
     ) -> None:
-        """Compile the form for preconditioners; that of the derivative waits for its use."""
+        """Create the forms; that of the derivative is compiled when it is needed."""
         self._u, self._bcs = u, list(bcs)
         forms = [residual, *(-load for load in loads)]
         trial = ufl.TrialFunction(u.function_space)
@@ -68,31 +69,23 @@ class Tangent:
         return self._rows
 
     def nodal_stiffness(self) -> Floats:
-        """Mean diagonal entry of the last matrix at each owned node [N/m].
-
-        At strongly deformed nodes it can be small or negative; a weight
-        must be neither, so it is at least a tenth of the global mean.
-        Collective.
-        """
+        """Mean diagonal entry of the last matrix at each owned node [N/m]. Collective."""
         if self._stiffness is None:
             self.assemble_nearby()
         assert self._stiffness is not None
         return self._stiffness
 
     def assemble_nearby(self) -> None:
-        """Bring `rows` up to the matrix near the derivative at u. Collective.
-
-        It is to be factorised, and the factors are to serve for many steps.
-        """
+        """Set `rows` to the matrix near the derivative at u. Collective."""
         if self._nearby:
             self._assemble(self._nearby, is_exact=False)
         else:
             self.assemble_exact()
 
     def assemble_exact(self) -> None:
-        """Bring `rows` up to the derivative at u. Collective."""
+        """Set `rows` to the derivative at u. Collective."""
         if not self._exact:
-            # Its kernels are the longest to compile, and few runs need them.
+            # Its kernels take longest to compile, and few runs need them.
             self._exact = _compiled(self._derivatives)
         self._assemble(self._exact, is_exact=True)
 
@@ -100,10 +93,9 @@ class Tangent:
         """Copy of `rows` for PETSc. Collective.
 
         Args:
-            scalar: Whether entries are scalars, with which all of PETSc can
-                deal, or 3 x 3 blocks. Those of scalars know that three rows
-                belong together, and the rigid motions of the present
-                positions, on which multigrid builds.
+            scalar: Whether entries are scalars, which all of PETSc can deal
+                with, or 3 x 3 blocks. A matrix of scalars knows the rigid
+                motions of the present positions, of which multigrid makes use.
         """
         matrix = self.rows.petsc()
         if scalar:
@@ -138,11 +130,11 @@ class Tangent:
             _set(self._inputs, present)
 
     def forget(self) -> None:
-        """Be as before the first matrix. Local."""
+        """Return to the state before the first matrix. Local."""
         self.point = self._stiffness = None
 
     def _rigid_motions(self, matrix: Any) -> Any:
-        """Rigid motions of the present positions, as a null space of a matrix. Collective."""
+        """Rigid motions of the present positions for a matrix. Collective."""
         n, V = self.rows.index_map.size_local, self._u.function_space
         x = V.tabulate_dof_coordinates()[:n] + self._u.x.array[: 3 * n].reshape(n, 3)
         modes = np.concatenate(

@@ -16,11 +16,11 @@ def definition(A, pattern):
     for i in range(n):
         L[i, i] = np.eye(3)
         for j in np.flatnonzero(pattern[i]):
-            rest = A[i, j] - sum(L[i, k] @ U[k, j] for k in range(min(i, j)))
+            remainder = A[i, j] - sum(L[i, k] @ U[k, j] for k in range(min(i, j)))
             if j < i:
-                L[i, j] = rest @ np.linalg.inv(U[j, j])
+                L[i, j] = remainder @ np.linalg.inv(U[j, j])
             else:
-                U[i, j] = rest
+                U[i, j] = remainder
     return L, U
 
 

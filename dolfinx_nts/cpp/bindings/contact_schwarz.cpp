@@ -64,8 +64,7 @@ void contact_schwarz(nb::module_& m)
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
            "Matrix of 3 x 3 blocks that is read, not copied: (n + 1,), (b,), "
            "(9 b,)")
-      .def("clear", &BoundContactSchwarz::clear,
-           "Be without contacts, as in the beginning")
+      .def("clear", &BoundContactSchwarz::clear, "Remove all contacts")
       .def("add", &BoundContactSchwarz::add, nb::arg("contacts"),
            "Add constraints and blocks of the tangent")
       .def("build", &BoundContactSchwarz::build, "Factorise; false if singular")

@@ -4,17 +4,17 @@ namespace nts::bindings
 {
 namespace
 {
-auto balance_batch(const Doubles& normal, const Doubles& rest,
+auto balance_batch(const Doubles& normal, const Doubles& force,
                    const Doubles& columns)
 {
   check("columns", columns, {any, any, any});
   const std::size_t m = columns.shape(0);
   check("normal", normal, {m, 3});
-  check("rest", rest, {m, 3});
+  check("force", force, {m, 3});
   if (columns.shape(1) == 0 || columns.shape(2) < 3)
     throw nb::value_error("columns: expected three numbers of each pair");
   auto lambda = create<double>({m});
-  balance(view(normal), view(rest), view(columns),
+  balance(view(normal), view(force), view(columns),
           columns.shape(1) * columns.shape(2), view(lambda));
   return lambda;
 }
@@ -56,9 +56,9 @@ void elimination(nb::module_& m)
            "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")
       .def("act", &BoundElimination::act, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- Z~^T (y + C x): (n, 3), (n, 3)");
-  m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("rest"),
+  m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
         nb::arg("columns"),
-        "lambda (m,) with n . (rest + lambda F) = 0, 0 where n . F is small: "
+        "lambda (m,) with n . (force + lambda F) = 0, 0 where n . F is small: "
         "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
   m.def(
       "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),

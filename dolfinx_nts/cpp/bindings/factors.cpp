@@ -53,7 +53,7 @@ void factors(nb::module_& m)
 {
   nb::class_<Factors>(m, "IncompleteFactors",
                       "Incomplete factors of a matrix of 3 x 3 blocks in "
-                      "single precision, see nts/incomplete_factors.h")
+                      "single precision, see nts/solvers/incomplete_factors.h")
       .def(nb::init<>())
       .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), nb::arg("order"),
@@ -63,7 +63,7 @@ void factors(nb::module_& m)
            "Solve for x at the first m rows: (n, 3), (m, 3)");
   nb::class_<SingleMatrix>(m, "SingleMatrix",
                            "Rows of 3 x 3 blocks in single precision, see "
-                           "nts/single_matrix.h")
+                           "nts/solvers/single_matrix.h")
       .def("__init__", &pack, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), "Copy: (n + 1,), (b,), (9 b,)")
       .def("multiply", &multiply, nb::arg("x"), nb::arg("y").noconvert(),

@@ -36,8 +36,8 @@ OTHERS = {
 def test_what_changes_on_one_rank_gives_a_new_number_on_all(comm, agree, name):
     sets = ActiveSets(comm)
     assert sets.number([pairs()]) == sets.number([pairs()]) == 1
-    here = OTHERS[name] if comm.rank == comm.size - 1 else pairs()
-    assert agree(sets.number([here]) == sets.number([here]) == 2)
+    some = OTHERS[name] if comm.rank == comm.size - 1 else pairs()
+    assert agree(sets.number([some]) == sets.number([some]) == 2)
     assert agree(sets.number([pairs()]) == 3)
     assert agree(sets.number([pairs(), pairs()]) == 4)
 

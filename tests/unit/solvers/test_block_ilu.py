@@ -18,14 +18,14 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
     np.testing.assert_array_equal(order, [3, 5, 2, 1, 0, 4])
 
 
-def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
+def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
     tangent = scenes.blocks(comm).stepper._tangent
     tangent.assemble_nearby()
     N = tangent.rows.index_map.size_global
     factors = BlockILU(tangent.rows)
     assert factors.build()
     nodes = tangent.rows.matrix.index_map(1)
-    here = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
+    numbers = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
     matrix = tangent.matrix(scalar=True)
     begin, column, value = (
         np.concatenate(a) for a in zip(*comm.allgather(_csr(matrix)), strict=True)
@@ -34,14 +34,14 @@ def test_kept_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
     A[begin, column] = value
     pattern = np.zeros((N, N), dtype=bool)
     pattern[begin // 3, column // 3] = True
-    order = here[factors._order]
+    order = numbers[factors._order]
     n = len(order)
     A = A.reshape(N, 3, N, 3).transpose(0, 2, 1, 3)[np.ix_(order, order)]
     L, U = definition(A, pattern[np.ix_(order, order)])
     r = comm.bcast(rng.normal(size=(N, 3)))
     expected = np.linalg.solve(dense(L) @ dense(U), r[order].ravel()).reshape(-1, 3)
     z, b = matrix.createVecs()
-    b.array[:] = r[here[: nodes.size_local]].ravel()
+    b.array[:] = r[numbers[: nodes.size_local]].ravel()
     factors.apply(None, b, z)
     z = z.array.reshape(-1, 3)
     inside = factors._order < len(z)

@@ -12,7 +12,7 @@ from helpers.contact_blocks import NODES, blocks, dense, kinds
 pytestmark = pytest.mark.serial
 
 SINGLE = 100 * np.finfo(np.float32).eps
-CONDITION = 100  # of the matrices here
+CONDITION = 100  # of these matrices
 FAR = 4  # nodes at the end that only neighbour each other
 
 

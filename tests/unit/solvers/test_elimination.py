@@ -47,11 +47,11 @@ def test_act_adds_the_tangent_and_removes_multipliers(kind, rng):
 
 @pytest.mark.parametrize("c", [1, 3])
 def test_multipliers_balance_forces_along_the_normals(rng, c):
-    normal, rest = rng.normal(size=(2, 6, 3))
+    normal, force = rng.normal(size=(2, 6, 3))
     columns = rng.normal(size=(6, c, 12))
-    columns[0, 0, :3] = np.cross(normal[0], rest[0])  # nothing along the normal
-    lambda_N = _kernels.balance(normal, rest, columns)
-    total = rest + lambda_N[:, None] * columns[:, 0, :3]
+    columns[0, 0, :3] = np.cross(normal[0], force[0])  # nothing along the normal
+    lambda_N = _kernels.balance(normal, force, columns)
+    total = force + lambda_N[:, None] * columns[:, 0, :3]
     assert lambda_N[0] == 0
     np.testing.assert_allclose(np.einsum("mi,mi->m", normal, total)[1:], 0, atol=ROUNDING)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from helpers import scenes
 
@@ -65,7 +66,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
     for direct in (False, True):
         scene = scenes.blocks(comm, friction=friction, cell="tetrahedron")
         if direct:
-            monkeypatch.setattr("dolfinx_nts.solvers.krylov.Coupling.of", lambda self, pairs: True)
+            monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
         assert (scene.stepper.statistics.solver.num_direct > 0) == direct
@@ -96,12 +97,12 @@ def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
         decades = np.log10(report.residual_norms[0] / report.residual_norms[-1])
         if report.num_active:
             counts.append((solver.num_iterations - before) / decades)
-    # The bulk alone needs one iteration a decade; without the patch it is two.
+    # The bulk alone needs one iteration a decade; without the correction it is two.
     assert len(counts) > 5 and np.mean(counts) < 1.5
     assert solver.num_direct == 0
 
 
-def test_patch_is_factorised_again_only_for_other_pairs_or_factors(comm):
+def test_contacts_are_factorised_again_only_for_other_pairs_or_factors(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     for _ in range(10):
         scene.stepper.advance()

@@ -1,4 +1,4 @@
-"""Excerpts of nodal vectors, against the exchange of all values."""
+"""Parts of nodal vectors, against the exchange of all values."""
 
 import numpy as np
 import pytest
@@ -29,25 +29,25 @@ def some_nodes(scatter, comm, share):
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_values_are_those_of_the_owners(comm, scatter, agree, share):
     nodes = some_nodes(scatter, comm, share)
-    excerpt = PartialScatter(scatter, nodes)
+    partial = PartialScatter(scatter, nodes)
     for number in range(2):  # nothing of the first vector stays
         rng = np.random.default_rng([number, comm.rank])
         x = rng.normal(size=(scatter.index_map.size_local, 3))
-        assert agree(np.array_equal(excerpt.take(x), scatter.forward(x)[nodes]))
+        assert agree(np.array_equal(partial.take(x), scatter.forward(x)[nodes]))
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_what_ghosts_have_is_added_at_their_owners(comm, scatter, agree, share):
     n = scatter.index_map.size_local
     nodes = some_nodes(scatter, comm, share)
-    excerpt = PartialScatter(scatter, nodes)
+    partial = PartialScatter(scatter, nodes)
     for number in range(2):
         rng = np.random.default_rng([number, comm.rank])
         y = rng.normal(size=(n, 3))
         whole = np.concatenate([y, np.zeros((scatter.index_map.num_ghosts, 3))])
-        part = excerpt.owned(y)
+        part = partial.owned(y)
         assert agree(np.array_equal(part, whole[nodes]))
         change = rng.normal(size=part.shape)
         whole[nodes] += change
-        excerpt.put(part + change, y)
+        partial.put(part + change, y)
         assert agree(np.allclose(y, scatter.reverse(whole), rtol=0, atol=ROUNDING))

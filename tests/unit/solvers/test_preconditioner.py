@@ -158,7 +158,7 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
-def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(comm, monkeypatch):
+def test_multigrid_in_single_precision_converges_as_that_of_petsc(comm, monkeypatch):
     monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
     monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], BlockILU.apply
@@ -182,7 +182,7 @@ def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(c
 
     monkeypatch.setattr(BlockILU, "apply", counted)
     monkeypatch.setattr(SinglePrecisionOperator, "mult", counted_product)
-    kept, iterations = run()
+    own, iterations = run()
     # Before and after the coarser levels.
     counts = len(smoothed), len(multiplied)
     assert min(counts) >= 2 * iterations > 0
@@ -190,7 +190,7 @@ def test_multigrid_with_kept_factors_and_rows_converges_as_with_those_of_petsc(c
     assert (len(smoothed), len(multiplied)) == counts
     # Each run has a partition of its own.
     assert abs(iterations - others) <= 2
-    np.testing.assert_allclose(kept, expected, atol=1e-9)
+    np.testing.assert_allclose(own, expected, atol=1e-9)
 
 
 def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
@@ -199,8 +199,8 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
     build = _kernels.IncompleteFactors.factorise
 
     def factorise(kernel, start, column, value, order):
-        lost = value if comm.rank else 0 * value
-        return build(kernel, start, column, lost, order)
+        values = value if comm.rank else 0 * value
+        return build(kernel, start, column, values, order)
 
     monkeypatch.setattr(_kernels.IncompleteFactors, "factorise", factorise)
     singular.stepper.advance()

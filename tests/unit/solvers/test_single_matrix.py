@@ -72,7 +72,7 @@ def test_kernel_refuses_what_does_not_fit(rng):
         _kernels.SingleMatrix(rows[0][:-1], *rows[1:])
 
 
-def test_products_of_kept_rows_are_those_of_all_ranks(comm, matrices, agree):
+def test_products_of_single_precision_are_those_of_all_ranks(comm, matrices, agree):
     rows, dense, _ = matrices
     A = SinglePrecisionOperator(rows).matrix()
     x, y = A.createVecs()

@@ -8,15 +8,15 @@ from helpers import scenes
 def test_a_former_matrix_comes_back_bit_for_bit(comm, agree):
     stepper = scenes.blocks(comm).stepper
     tangent, u = stepper._tangent, stepper.u.x.array
-    kept = []
+    former = []
     for assemble in (tangent.assemble_nearby, tangent.assemble_exact):
-        u[:] += 0.01 * np.sin(np.arange(len(u)) + len(kept))
+        u[:] += 0.01 * np.sin(np.arange(len(u)) + len(former))
         stepper.u.x.scatter_forward()
         assemble()
-        kept.append((tangent.point, tangent.rows.value.copy(), tangent.nodal_stiffness()))
+        former.append((tangent.point, tangent.rows.value.copy(), tangent.nodal_stiffness()))
     present = u.copy()
-    assert not np.array_equal(kept[0][1], kept[1][1])
-    for count, (point, value, stiffness) in enumerate(kept, start=3):
+    assert not np.array_equal(former[0][1], former[1][1])
+    for count, (point, value, stiffness) in enumerate(former, start=3):
         tangent.restore(point)
         assert agree(np.array_equal(tangent.rows.value, value))
         assert agree(np.array_equal(tangent.nodal_stiffness(), stiffness))

@@ -99,7 +99,7 @@ inline void add_product(const Columns& A, const double* x, double* y) noexcept
 /// @brief Rows of a sparse matrix with 3 x 3 blocks.
 struct BlockMatrix
 {
-  std::span<const std::int64_t> start;  ///< of each row, and the end
+  std::span<const std::int64_t> start;  ///< where each row begins, and the end
   std::span<const std::int32_t> column; ///< of each block
   std::span<const double> value;        ///< (blocks, 3, 3)
 
@@ -135,7 +135,7 @@ struct BlockMatrix
 class BlockRows
 {
 public:
-  /// @brief Begin anew, with the memory there is.
+  /// @brief Remove all rows; their memory is used again.
   /// @param[in] columns Number of columns.
   void clear(std::size_t columns)
   {
@@ -175,7 +175,7 @@ public:
                      std::abs(A.column[2][2])});
   }
 
-  std::vector<std::int64_t> start = {0}; ///< of each row, and the end
+  std::vector<std::int64_t> start = {0}; ///< where rows begin, and the end
   std::vector<std::int32_t> column;      ///< of each block
   std::vector<Columns> value;
 
@@ -186,8 +186,8 @@ private:
 /// @brief Blocks of rows in single precision, for products that read them one
 /// after the other.
 ///
-/// Products wait for memory, so that half of it takes half the time; where
-/// preconditioners are made of, it is exact enough.
+/// Products wait for memory, so that half of it takes half the time, and
+/// preconditioners need no more digits.
 class PackedRows
 {
 public:
@@ -234,8 +234,8 @@ public:
   }
 
 private:
-  /// Entries ahead of the present ones that are asked for: processors of their
-  /// own accord look no farther than the end of a page.
+  /// Number of entries by which memory is asked for in advance. Processors by
+  /// themselves look no farther than the end of a page.
   static constexpr std::size_t ahead = 64 * 9;
 
   std::vector<std::int32_t> _node;
@@ -251,16 +251,16 @@ inline double largest(std::span<const double> values) noexcept
   return most;
 }
 
-/// @brief What brings a number to the size of 1 without rounding: numbers in
-/// single precision shall have it, whatever the units.
+/// @brief Factor that brings a number to the size of 1 without rounding, so
+/// that it is in the range of single precision whatever the units.
 inline double power_of_two(double size) noexcept
 {
   return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;
 }
 
-/// @brief Zero for what is so much less than 1 that products come near to
-/// denormal numbers, which are slow. Far from where waves have got, solutions
-/// fall off without end.
+/// @brief The value, or zero if it is so much less than 1 that its products
+/// come near to denormal numbers, which are slow. Where waves have not got yet,
+/// solutions decay without end.
 inline float without_dust(float value) noexcept
 {
   constexpr float eps = std::numeric_limits<float>::epsilon(),

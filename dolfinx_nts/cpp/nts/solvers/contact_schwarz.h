@@ -59,7 +59,7 @@ public:
     }
   }
 
-  /// @brief Be without contacts, with the memory of those there were.
+  /// @brief Remove all contacts; their memory is used again.
   void clear() noexcept
   {
     for (const std::int32_t node : _nodes)
@@ -155,7 +155,7 @@ private:
     std::vector<Block> blocks; // (nodes, nodes)
   };
 
-  /// @brief Rows that building makes, in memory that is used again.
+  /// @brief Rows that `build` makes, in memory that is used again.
   struct Made
   {
     BlockRows all;         // of K + C

@@ -59,23 +59,23 @@ struct Elimination
 };
 
 /// @brief Multipliers that balance forces at nodes along their normals:
-/// -n . rest / n . F, 0 where the column has no part along the normal.
+/// -n . force / n . F, 0 where F has no part along the normal.
 /// @param[in] normal Normals n, (m, 3).
-/// @param[in] rest What is to be balanced, (m, 3).
+/// @param[in] force What is to be balanced, (m, 3).
 /// @param[in] columns Force per multiplier F, (m, stride): the first three.
 /// @param[out] lambda Multipliers, (m,).
 inline void balance(std::span<const double> normal,
-                    std::span<const double> rest,
+                    std::span<const double> force,
                     std::span<const double> columns, std::size_t stride,
                     std::span<double> lambda) noexcept
 {
-  constexpr double least = 1e-3;
+  constexpr double least = 1e-3; // of the unit force per multiplier [-]
   for (std::size_t i = 0; i < lambda.size(); ++i)
   {
     const double* n = normal.data() + 3 * i;
     const double response = inner<3>(n, columns.data() + stride * i);
     const bool responds = std::abs(response) > least;
-    lambda[i] = responds ? -inner<3>(n, rest.data() + 3 * i) / response : 0;
+    lambda[i] = responds ? -inner<3>(n, force.data() + 3 * i) / response : 0;
   }
 }
 

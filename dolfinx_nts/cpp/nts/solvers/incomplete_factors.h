@@ -9,8 +9,9 @@ namespace nts
 /// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks, in the
 /// pattern of the matrix, ILU(0), and in single precision.
 ///
-/// They lie in the order in which solving reads them: rows of L forward, then
-/// rows of U backward, each with the inverse of its diagonal block at the end.
+/// Memory has them in the order in which solving reads them: the rows of L
+/// forward, then the rows of U backward, each with the inverse of its diagonal
+/// block at the end.
 class IncompleteFactors
 {
 public:
@@ -24,7 +25,8 @@ public:
   {
     const std::size_t n = order.size();
     _order.assign(order.begin(), order.end());
-    std::vector<std::int32_t> place(n), at(n, -1); // in the order, in the row
+    // Of rows in the order, and of columns in the present row.
+    std::vector<std::int32_t> place(n), at(n, -1);
     for (std::size_t i = 0; i < n; ++i)
       place[order[i]] = static_cast<std::int32_t>(i);
     allocate(A, place);
@@ -111,7 +113,7 @@ public:
   std::size_t size() const noexcept { return _order.size(); }
 
 private:
-  /// @brief Count the blocks of each row, and take the scale of the matrix.
+  /// @brief Count the blocks of each row, and find the scale of the matrix.
   template <class Matrix>
   void allocate(const Matrix& A, std::span<const std::int32_t> place)
   {
@@ -145,8 +147,8 @@ private:
 
   double _scale = 1; // of the matrix
   std::vector<std::int32_t> _order;
-  std::vector<std::size_t> _begin; // of rows of L, then of U from the last
+  std::vector<std::size_t> _begin; // rows of L, then those of U from the last
   PackedRows _factors;
-  std::vector<float> _x; // in the order
+  std::vector<float> _x; // values in this order
 };
 } // namespace nts

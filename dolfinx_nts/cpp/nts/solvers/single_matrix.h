@@ -44,7 +44,7 @@ public:
   /// @brief Number of rows.
   std::size_t size() const noexcept { return _start.size() - 1; }
 
-  /// @brief Number of columns that have blocks, or lie before one.
+  /// @brief One more than the last column that has a block.
   std::size_t width() const noexcept { return _width; }
 
 private:
