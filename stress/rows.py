@@ -3,6 +3,7 @@
 import csv
 import logging
 import re
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -168,9 +169,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         wrong = setup.check()
     comm.barrier()
     if comm.rank == 0:
-        for path in folder.iterdir():
-            path.unlink()
-        folder.rmdir()
+        shutil.rmtree(folder)
     return Outcome(row, wrong, time.perf_counter() - start)
 
 
