@@ -12,11 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call
-from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
-__all__ = ["Contact", "Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
-
-Contact = tuple[Array, ...]
+__all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
 
 class Obstacle(ABC):
@@ -41,7 +40,7 @@ class Obstacle(ABC):
         return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
-    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
         """Evaluate gap and contact force of nodes in a step, as the kernels do.
 
         Args:
@@ -51,14 +50,11 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            Gap at t_n and at t_{n+1}, shape ``(m,)`` [m]; force per multiplier and gradient of
-            the gap at t_{n+1}, ``(m, 3)`` [-]; derivative of the force by x, ``(m, 3, 3)``
-            [1/m]; cosine of the angle between both normals, ``(m,)`` [-], NaN if something is
-            not finite; and status, ``(m,)``, 0 where everything is finite.
+            The kinematics of the nodes alone, d = 3.
         """
 
     @abstractmethod
-    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate slip of nodes in a step, as the kernel does.
 
         Args:
@@ -67,10 +63,7 @@ class Obstacle(ABC):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            Slip, shape ``(m, 2)`` [m]; its gradients in the middle and at the end of the step,
-            ``(m, 2, 3)`` [-]; weights of the node in its position relative to the facet,
-            ``(m, 1)``, and in the tangents, ``(m, 2, 1)``; orthonormal tangents at t_n and
-            t_{n+1}, ``(m, 2, 3)``; and orientations of the facets, ``(m,)``.
+            The slip of the nodes alone, d = 3.
         """
 
     @abstractmethod
@@ -81,7 +74,7 @@ class Obstacle(ABC):
             x: Positions, shape ``(m, 3)`` [m].
             current: Facet that each node had last, or -1, shape ``(m,)``.
             slack: How far a node may be beside its last facet and still have it, see
-                `SegmentCandidates.pair`.
+                `Candidates.pair`.
             reach: Largest gap of interest [m].
 
         Returns:
@@ -100,8 +93,8 @@ class Obstacle(ABC):
             Indices of rows of x, among them all nodes within reach.
         """
 
-    def beside(self, x: Floats, segment: Ints) -> Flags:
-        """Whether nodes have left their facets sideways, over a rim. Local.
+    def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
+        """Whether the edge of a facet that is nearest to a node is a rim. Local.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
@@ -132,7 +125,7 @@ class _Exact(Obstacle):
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
 
-    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
         """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         gap_n, normal_n = self.distance(x_n)
         gap, normal = self.distance(x)
@@ -140,15 +133,16 @@ class _Exact(Obstacle):
         turn = np.einsum("mi,mi->m", normal_n, normal)
         valid = np.isfinite(gap_n + gap + turn)
         turn, status = np.where(valid, turn, np.nan), np.where(valid, 0, 1).astype(np.int8)
-        return gap_n, gap, force, normal, tangent, turn, status
+        return ContactKinematics(gap_n, gap, force, normal, tangent, turn, status)
 
-    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = (_frame(self.distance(y)[1]) for y in (x_n, x))
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
-        m = len(x)
-        w, b, orientation = np.ones((m, 1)), np.zeros((m, 2, 1)), np.ones(m)
-        return value, frame_n, frame_n, w, b, frame_n, frame, orientation
+        second = np.ones((len(x), 1)), np.zeros((len(x), 2, 1))
+        orientation = np.ones(len(x))
+        frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
+        return Slip(value, frame_n, frame_n, *second, **frames)
 
     def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
         """Give facet 0 to all nodes within reach, see `Obstacle.find`."""

@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.model.obstacles import Contact, Obstacle
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.rims import is_nearest_a_rim
 
 __all__ = ["RigidSurface"]
 
@@ -50,34 +52,42 @@ class RigidSurface(Obstacle):
             raise ValueError("expected facets that turn a side to outside, given edges")
         self._orientation = np.sign(side)
         self.key = np.arange(len(facets), dtype=np.int64)
-        facets = np.ascontiguousarray(facets, dtype=np.int32)
-        self._segments = _kernels.Segments(facets, self._orientation, self.key)
+        self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
+        self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""
         pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
         return pairs, self._orientation[segment]
 
-    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
         """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         kernel = getattr(_kernels, f"contact_{scheme}")
-        gap_n, gap, force, gradient, tangent, turn, status = kernel(pair_n, pair, orientation)
-        return gap_n, gap, force[:, :3], gradient[:, :3], tangent[:, :3, :3], turn, status
+        pairs = ContactKinematics(*kernel(pair_n, pair, orientation))
+        return pairs._replace(
+            force=pairs.force[:, :3],
+            gradient=pairs.gradient[:, :3],
+            tangent=pairs.tangent[:, :3, :3],
+        )
 
-    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Contact:
+    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate slip of nodes, see `Obstacle.slip`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
         node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
-        return value, *node, frame_n, frame, orientation
+        return Slip(value, *node, frame_n=frame_n, frame=frame, orientation=orientation)
 
     def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
         """Find the facet that each node faces, see `Obstacle.find`."""
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
         return found, gap
+
+    def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
+        """Whether nodes are nearest to the rim, see `Obstacle.is_at_rim`."""
+        return is_nearest_a_rim(x, self._points, self._facets, segment)
 
     def near(self, x: Floats, reach: float) -> Ints:
         """Find the nodes within reach of the box around a facet, see `Obstacle.near`."""

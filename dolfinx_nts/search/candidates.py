@@ -127,8 +127,8 @@ class Candidates(ABC):
         """
 
     @abstractmethod
-    def beside(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points have left their candidates sideways, over a rim of the surface."""
+    def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """Whether points are nearest to an edge that belongs to one candidate only."""
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts

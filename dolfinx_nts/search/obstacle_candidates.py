@@ -81,22 +81,19 @@ class ObstacleCandidates(Candidates):
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
         """Evaluate gap and force of points, see `Candidates.contact`."""
-        values = self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
-        return ContactKinematics(*values)
+        return self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip by the objective measure, see `Candidates.slip`."""
-        found = self._obstacle.slip(points.of(x_n), points.of(x), segment)
-        *values, frame_n, frame, orientation = found
-        return Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)
+        return self._obstacle.slip(points.of(x_n), points.of(x), segment)
 
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
         """Tell which displacements are unknown, see `Candidates.restrict`."""
         return None if points.of(free).all() else free
 
-    def beside(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points have left their facets sideways, see `Candidates.beside`."""
-        return self._obstacle.beside(points.of(x), segment)
+    def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """Whether points are nearest to the rim of the obstacle, see `Candidates.is_at_rim`."""
+        return self._obstacle.is_at_rim(points.of(x), segment)
 
 
 class ObstacleSearch(Search):

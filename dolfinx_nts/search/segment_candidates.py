@@ -3,23 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
-from basix import CellType, topology
 
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
+from dolfinx_nts.model.rims import is_nearest_a_rim
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["FoundSegments", "SegmentCandidates"]
-
-# Vertices at the ends of each edge, by the number of vertices of a segment.
-_EDGES = {
-    len(topology(cell)[0]): topology(cell)[1]
-    for cell in (CellType.triangle, CellType.quadrilateral)
-}
 
 
 class FoundSegments(NamedTuple):
@@ -122,19 +116,9 @@ class SegmentCandidates(Candidates):
         all_free = bool(free[self.segments].all() and points.of(free).all())
         return None if all_free else free
 
-    def beside(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points have left their segments sideways, see `Candidates.beside`."""
-        edges = self.segments[:, _EDGES[self.segments.shape[1]]]
-        begin, end = np.moveaxis(x[edges[segment]], 2, 0)
-        along, r = end - begin, points.of(x)[:, None] - begin
-        square = np.einsum("mei,mei->me", along, along)
-        part = np.einsum("mei,mei->me", r, along) / np.where(square > 0, square, 1)
-        distance = np.linalg.norm(r - np.clip(part, 0, 1)[..., None] * along, axis=2)
-        nearest = np.sort(edges[segment, distance.argmin(axis=1)])
-        shared = (np.sort(edges.reshape(-1, 2))[:, None] == nearest).all(axis=2).sum(axis=0) > 1
-        depth = -self.gap(points, x, segment)
-        flags: Flags = (depth < _kernels.DEEPEST * self.size[segment]) & ~shared
-        return flags
+    def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
+        return is_nearest_a_rim(points.of(x), x, self.segments, segment)
 
     def _pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""

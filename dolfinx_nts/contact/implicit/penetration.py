@@ -7,8 +7,10 @@ another side of the body. A node that gets there within a step has gone through 
 import numpy as np
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.points import ContactPoints
 
 __all__ = ["check_penetration"]
 
@@ -57,8 +59,16 @@ def _without_segment(step: ContactStep) -> int:
     points = search.points.take(node)
     after, _ = step.candidates.pair(points, step.x, now[node], search.reach)
     last = np.where(now >= 0, now, before)[node]
-    beside = step.candidates.beside(points, step.x, last)
+    beside = _beside(step, points, last)
     return int(np.count_nonzero((after < 0) & ~beside))
+
+
+def _beside(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
+    """Whether points have left their segments sideways, over a rim of the surface."""
+    candidates = step.candidates
+    depth = -candidates.gap(points, step.x, segment)
+    flags: Flags = depth < _kernels.DEEPEST * candidates.size[segment]
+    return flags & candidates.is_at_rim(points, step.x, segment)
 
 
 def _between_segments(step: ContactStep) -> int:

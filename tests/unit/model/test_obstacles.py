@@ -98,12 +98,11 @@ def test_tangent_is_the_derivative_of_the_force(name, scheme, rng):
 def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
     obstacle, _ = CASES[name]
     x_n, x, segment = states(rng)
-    value, force, *_, frame_n, frame, orientation = obstacle.slip(x_n, x, segment)
-    np.testing.assert_allclose(np.einsum("mij,mj->mi", force, x - x_n), value, atol=ROUNDING)
-    for state, e in ((x_n, frame_n), (x, frame)):
-        normal = obstacle.distance(state)[1]
-        cross = orientation[:, None] * np.cross(e[:, 0], e[:, 1])
-        np.testing.assert_allclose(cross, normal, atol=ROUNDING)
+    slip = obstacle.slip(x_n, x, segment)
+    work = np.einsum("mij,mj->mi", slip.force, x - x_n)
+    np.testing.assert_allclose(work, slip.value, atol=ROUNDING)
+    for state, normal in ((x_n, slip.normal_n), (x, slip.normal)):
+        np.testing.assert_allclose(normal, obstacle.distance(state)[1], atol=ROUNDING)
 
 
 def on_obstacle(scene, obstacle, friction=None):
