@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Array, Floats
 
 __all__ = ["ContactKinematics", "ConvectiveSlip", "Slip"]
 
@@ -34,7 +34,7 @@ class ContactKinematics(NamedTuple):
     gradient: Floats
     tangent: Floats
     turn: Floats
-    status: Floats
+    status: Array
 
 
 class Slip:
