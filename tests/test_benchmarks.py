@@ -128,7 +128,7 @@ def test_messages_are_counted(folder):
     # Two for each residual: its vector to the owners, displacements to ghosts.
     assert float(row["messages_per_step"]) > 2 * float(row["newton_per_step"])
     assert float(row["contact_messages_per_step"]) < float(row["messages_per_step"])
-    # Elimination and patch, whose calls have no phase in the stepper, are among them.
+    # Elimination and contact Schwarz, whose calls have no phase in the stepper, are among them.
     assert float(row["contact_collectives_per_step"]) > 5 * float(row["newton_per_step"])
 
 

@@ -189,6 +189,7 @@ def _from_options(operator: Any, matrix: Any, prefix: str) -> Any:
     pc.setUseAmat(operator is not matrix)
     pc.setFromOptions()
     pc.setUp()
+    pc.setUpOnBlocks()
     return pc
 
 
