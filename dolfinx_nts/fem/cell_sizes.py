@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from dolfinx import fem
+from petsc4py import PETSc
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
@@ -33,7 +34,12 @@ def cell_sizes(V: fem.FunctionSpace) -> CellSizes:
     mesh, cells = V.mesh, V.mesh.topology.index_map(3)
     h = mesh.h(3, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32))
     nodes = V.dofmap.index_map
-    nodal = np.zeros(nodes.size_local + nodes.num_ghosts)
-    np.maximum.at(nodal, V.dofmap.list, h[:, None])
+    size = (nodes.size_local, nodes.size_global)
+    vector = PETSc.Vec().createGhost(nodes.ghosts.astype(PETSc.IntType), size=size, comm=mesh.comm)
+    with vector.localForm() as local:
+        np.maximum.at(local.array, V.dofmap.list, h[:, None])
+    vector.ghostUpdate(PETSc.InsertMode.MAX_VALUES, PETSc.ScatterMode.REVERSE)
+    nodal = vector.array.copy()
+    vector.destroy()
     smallest = float(reductions.least(mesh.comm, h.min(initial=np.inf)))
-    return CellSizes(smallest, nodal[: nodes.size_local])
+    return CellSizes(smallest, nodal)
