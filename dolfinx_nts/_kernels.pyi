@@ -86,13 +86,39 @@ class CellIntegral:
     ) -> None: ...
     def add(self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...
 
+class NodeFacets:
+    def __init__(
+        self, vertices: _Ints, orientation: _Floats, first: _Ints, facets: _Ints, angle: _Floats
+    ) -> None: ...
+
 class Segments:
     num_trees: int
     def __init__(self, vertices: _Ints, orientation: _Floats, key: _Keys) -> None: ...
     def find(self, keys: _Keys) -> _Ints: ...
     def pair(
-        self, x_node: _Floats, current: _Ints, slack: float, reach: float, x: _Floats
+        self,
+        x_node: _Floats,
+        current: _Ints,
+        slack: float,
+        reach: float,
+        x: _Floats,
+        facets: NodeFacets,
+        x_facets: _Floats,
+        numbers: _Ints,
+        thickness: _Floats,
     ) -> _Paired: ...
+    def follow(
+        self,
+        x_node_n: _Floats,
+        x_node: _Floats,
+        row: _Ints,
+        inside: _Ints,
+        x_n: _Floats,
+        x: _Floats,
+        facets: NodeFacets,
+        x_facets: _Floats,
+        numbers: _Ints,
+    ) -> tuple[_Ints, _Flags, _Floats, _Floats, _Floats, _Floats]: ...
     def near(self, x_node: _Floats, reach: float, x: _Floats) -> _Ints: ...
     def pair_own(
         self,

@@ -24,9 +24,10 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Power of the stiffness by which the coarseness of bodies is multiplied [-]: a body a hundred
-# times as stiff counts as twice as coarse.
-_BY_STIFFNESS = 0.15
+# Power of the stiffness by which the coarseness of bodies is multiplied [-], and the greatest
+# such factor: size comes first, as what is finer than the facets of the nodes passes between
+# them.
+_BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
 def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Surface:
@@ -74,9 +75,9 @@ def all_pairs(
 
     n bodies need n - 1 pairs. They are sorted by their longest facets. The first pair is that
     of the nodes of the finer half with the segments of the coarser half; the next ones are
-    found in the same way within each half. A body a hundred times as stiff as another counts as
-    twice as coarse: among similar meshes nodes are those of the softer body, into which the
-    vertices of the stiffer one would sink between its nodes. Bodies that share nodes count as
+    found in the same way within each half. Of two meshes whose facets differ by less than half,
+    that of a body fifteen times as stiff counts as the coarser one: the vertices of the stiffer
+    one would sink in between the nodes of the softer one. Bodies that share nodes count as
     one. Each obstacle makes a pair with all bodies, each body that may touch itself one with
     its own boundary. The log tells what was built.
 
@@ -110,8 +111,11 @@ def all_pairs(
     stiffness = {body: body.material.least_modulus for body in bodies}
     power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
 
+    softest = min(stiffness.values())
+
     def coarseness(group: Sequence[Body]) -> float:
-        weight = max(stiffness[body] for body in group) ** power
+        ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
+        weight = min(ratio**power, _SIMILAR)
         # Rounded, so that equal bodies stay in the order in which they are given.
         return float(f"{surface(*group).size * weight:.6g}")
 

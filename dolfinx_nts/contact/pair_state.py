@@ -18,6 +18,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.self_contact import SelfContactSearch
@@ -52,6 +53,7 @@ class PairState:
         self.pair = pair
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
+        self._facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, once it has been chosen.
@@ -122,6 +124,13 @@ class PairState:
         energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.eps_T)
         return energy
 
+    def points(self, x: Floats) -> NodalPoints:
+        """Contact points of the nodes, which face what they do at positions x. Collective.
+
+        ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+        """
+        return self._facets.points(x)
+
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
@@ -131,7 +140,7 @@ class PairState:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         candidates, _ = self._far_search.update(x, np.inf)
         current = candidates.find(self.history.key)
-        points = NodalPoints(self.pair.nodes.nodes)
+        points = self.points(x)
         return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:

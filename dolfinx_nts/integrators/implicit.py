@@ -122,7 +122,7 @@ class ImplicitStepper(Stepper):
             attempts[name] = solution.report
             if solution.report.converged:
                 reason = self._volume_ratio.inverted() or next(
-                    filter(None, map(check_penetration, steps)), ""
+                    filter(None, (check_penetration(each, self.dt) for each in steps)), ""
                 )
                 if not reason:
                     return self._accepted(steps, solution, attempts.values())

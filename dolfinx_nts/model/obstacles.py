@@ -13,7 +13,9 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
@@ -26,6 +28,7 @@ class Obstacle(ABC):
 
     Attributes:
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
+        thickness: Of the obstacle behind each facet, shape ``(f,)`` [m].
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
@@ -34,6 +37,7 @@ class Obstacle(ABC):
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
+    thickness: Floats = np.full(1, np.inf)
 
     def __repr__(self) -> str:
         """Arguments that define the surface, or its number of facets, in one line. Local."""
@@ -67,7 +71,9 @@ class Obstacle(ABC):
         """
 
     @abstractmethod
-    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
+    def find(
+        self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
+    ) -> tuple[Ints, Floats]:
         """Find the facet that each node faces.
 
         Args:
@@ -76,9 +82,21 @@ class Obstacle(ABC):
             slack: How far a node may be beside its last facet and still have it, see
                 `Candidates.pair`.
             reach: Largest gap of interest [m].
+            facing: What the nodes face.
 
         Returns:
             Facet of each node, or -1, and its gap [m], both of shape ``(m,)``.
+        """
+
+    @abstractmethod
+    def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
+        """Find where nodes go through the obstacle on straight ways.
+
+        Args:
+            x_n: Positions at t_n, shape ``(m, 3)`` [m].
+            x: Positions at t_{n+1}, shape ``(m, 3)`` [m].
+            inside: Facet behind which each node starts, or -1, shape ``(m,)``.
+            facing: What the nodes face.
         """
 
     @abstractmethod
@@ -144,10 +162,33 @@ class _Exact(Obstacle):
         frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
         return Slip(value, frame_n, frame_n, *second, **frames)
 
-    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
+    def find(
+        self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
+    ) -> tuple[Ints, Floats]:
         """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
         gap, _ = self.distance(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
+
+    def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
+        """Cut straight ways with the surface, see `Obstacle.follow`; nodes face it from all sides."""
+        begin, end = self._part_inside(x_n, x)
+        enters = begin < end
+        (entry, n_in), (exit_, n_out) = (
+            (y, self.distance(y)[1]) for y in (x_n + s[:, None] * (x - x_n) for s in (begin, end))
+        )
+        way = np.linalg.norm(exit_ - entry, axis=1)
+        return Trajectories(
+            np.where(enters, 0, -1).astype(np.int32),
+            enters & (end < 1),
+            np.where(inside >= 0, -1.0, begin),
+            np.where(enters, way, 0.0),
+            np.einsum("mi,mi->m", n_in, n_out),
+            np.einsum("mi,mi->m", x - entry, n_in),
+        )
+
+    @abstractmethod
+    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Times, ``(m,)`` from 0 to 1, between which straight ways are inside; equal if never."""
 
     def near(self, x: Floats, reach: float) -> Ints:
         """Find the nodes within reach or inside, see `Obstacle.near`."""
@@ -184,6 +225,12 @@ class RigidPlane(_Exact):
         """Signed distance of points and normal, see `_Exact.distance`."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
 
+    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        gap_n, gap = (self.distance(y)[0] for y in (x_n, x))
+        change = np.where(gap_n == gap, 1.0, gap_n - gap)
+        crossing = np.clip(gap_n / change, 0.0, 1.0)
+        return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)
+
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
 
@@ -205,6 +252,7 @@ class _Round(_Exact):
             raise ValueError(f"expected a radius > 0, given {radius}")
         self._centre, self._radius = _vector("centre", centre), float(radius)
         self._projector, self._sign = projector, -1.0 if hollow else 1.0
+        self.thickness = np.full(1, np.inf if hollow else self._radius)
 
     def _radial(self, x: Floats) -> tuple[Floats, Floats]:
         r = (x - self._centre) @ self._projector
@@ -215,6 +263,19 @@ class _Round(_Exact):
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal
+
+    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        # Zeros of |r_n + s way|^2 - radius^2.
+        (r_n, length), (r, _) = self._radial(x_n), self._radial(x)
+        way = r - r_n
+        square, half = (np.einsum("mi,mi->m", way, y) for y in (way, r_n))
+        root = np.sqrt(np.fmax(half**2 - square * (length**2 - self._radius**2), 0.0))
+        square = np.where(square > 0, square, np.inf)
+        low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))
+        if self._sign < 0:
+            # Outside of the tube: a straight way between points of its inside stays there.
+            return high, np.where(high < 1, 1.0, high)
+        return low, high
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         if scheme == "conserving":

@@ -6,9 +6,11 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["RigidSurface"]
 
@@ -25,6 +27,7 @@ class RigidSurface(Obstacle):
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
+        thickness: Infinite, as nothing is known of what is behind them, shape ``(s,)`` [m].
 
     Raises:
         ValueError: Shapes or indices do not fit, or ``outside`` lies in the plane of a facet.
@@ -52,6 +55,7 @@ class RigidSurface(Obstacle):
             raise ValueError("expected facets that turn a side to outside, given edges")
         self._orientation = np.sign(side)
         self.key = np.arange(len(facets), dtype=np.int64)
+        self.thickness = np.full(len(facets), np.inf)
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
 
@@ -80,10 +84,18 @@ class RigidSurface(Obstacle):
         node = (force[:, :, :3], gradient[:, :, :3], w[:, :1], b[:, :, :1])
         return Slip(value, *node, frame_n=frame_n, frame=frame, orientation=orientation)
 
-    def find(self, x: Floats, current: Ints, slack: float, reach: float) -> tuple[Ints, Floats]:
+    def find(
+        self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
+    ) -> tuple[Ints, Floats]:
         """Find the facet that each node faces, see `Obstacle.find`."""
-        found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
+        faced = (*facing.arguments, self.thickness)
+        found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points, *faced)
         return found, gap
+
+    def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
+        """Find where nodes go through facets, see `Obstacle.follow`."""
+        ways = x_n, x, np.full(len(x), -1, dtype=np.int32), inside, self._points, self._points
+        return Trajectories(*self._segments.follow(*ways, *facing.arguments))
 
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
         """Whether nodes are nearest to the rim, see `Obstacle.is_at_rim`."""

@@ -23,7 +23,7 @@ from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Surface", "area_vectors", "diameters"]
+__all__ = ["NEIGHBOURS", "Surface", "area_vectors", "diameters"]
 
 # Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
 _NO_LENGTH = 1e-12
@@ -34,7 +34,7 @@ _TO_END = 1 / 8
 # by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
 _CENTRE = {3: 1 / 4, 4: 1 / 2}
 # Vertices next to each corner of a segment, in Basix order, by its number of vertices.
-_NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
+NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 class Surface:
@@ -256,7 +256,7 @@ class Surface:
             round-off.
         """
         x = self.V.tabulate_dof_coordinates()[self.segments]
-        neighbours = np.array(_NEIGHBOURS[self.segments.shape[1]])
+        neighbours = np.array(NEIGHBOURS[self.segments.shape[1]])
         a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
         length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
         area = np.linalg.norm(np.cross(a, b), axis=-1)

@@ -10,17 +10,24 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["Candidates", "Search"]
+
+# Motion relative to the size of a candidate and to its thickness [-] below which no point is
+# lost: the local search finds it again.
+_SHORT, _THIN = 0.25, 0.5
 
 
 class Candidates(ABC):
@@ -36,12 +43,14 @@ class Candidates(ABC):
             facet has none.
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
+        thickness: Of the body behind each candidate, shape ``(s,)`` [m].
     """
 
     scatter: NodalScatter
     segments: Ints
     key: GlobalInts
     size: Floats
+    thickness: Floats
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
@@ -72,12 +81,18 @@ class Candidates(ABC):
 
     @abstractmethod
     def penalty_forces(
-        self, nodes: Ints, x: Floats, current: Ints, reach: float, numbers: Ints, stiffness: Floats
+        self,
+        points: NodalPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        numbers: Ints,
+        stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Pair nodes and load the springs of those inside, see `cpp/nts/contact/springs.h`.
 
         Args:
-            nodes: The nodes, shape ``(c,)``.
+            points: The ``c`` nodes.
             x: Positions.
             current: Candidates of the last choice or -1, shape ``(c,)``.
             reach: Largest gap of interest [m].
@@ -116,6 +131,19 @@ class Candidates(ABC):
 
         ``law`` is the measure of slip: ``"objective"`` or ``"convective"``.
         """
+
+    @abstractmethod
+    def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
+        """Find where points go through what they face on straight ways from x_n to x.
+
+        ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
+        """
+
+    @property
+    def shortest_passage(self) -> float:
+        """Relative motion below which no point can pass a candidate [m]."""
+        size, thickness = (v.min(initial=np.inf) for v in (self.size, self.thickness))
+        return float(min(_SHORT * size, _THIN * thickness))
 
     @abstractmethod
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:

@@ -9,6 +9,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
@@ -37,6 +38,7 @@ class ObstacleCandidates(Candidates):
         self.key = obstacle.key
         self.segments = np.empty((len(self.key), 0), dtype=np.int32)
         self.size = np.full(len(self.key), nodes.size)
+        self.thickness = obstacle.thickness
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the facet of each key, see `Candidates.find`."""
@@ -51,16 +53,22 @@ class ObstacleCandidates(Candidates):
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         """Choose a facet for each point, see `Candidates.pair`."""
-        found, gap = self._obstacle.find(points.of(x), current, slack, reach)
+        found, gap = self._obstacle.find(points.of(x), current, slack, reach, points.facing)
         return found, np.where(found >= 0, gap, np.nan)
 
     def penalty_forces(
-        self, nodes: Ints, x: Floats, current: Ints, reach: float, numbers: Ints, stiffness: Floats
+        self,
+        points: NodalPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        numbers: Ints,
+        stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Load the springs of nodes inside, see `Candidates.penalty_forces`."""
-        segment, gap = self.pair(NodalPoints(nodes), x, current, reach)
+        segment, gap = self.pair(points, x, current, reach)
         (inside,) = (gap < 0).nonzero()
-        nodes, facet, depth = nodes[inside], segment[inside], gap[inside]
+        nodes, facet, depth = points.nodes[inside], segment[inside], gap[inside]
         gradient = self.contact("static", NodalPoints(nodes), x, x, facet).gradient
         lambda_N = stiffness[inside] * depth
         force = -lambda_N[:, None, None] * gradient[:, None]
@@ -86,6 +94,10 @@ class ObstacleCandidates(Candidates):
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip by the objective measure, see `Candidates.slip`."""
         return self._obstacle.slip(points.of(x_n), points.of(x), segment)
+
+    def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
+        """Find where points go through the obstacle, see `Candidates.follow`."""
+        return self._obstacle.follow(points.of(x_n), points.of(x), inside, points.facing)
 
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
         """Tell which displacements are unknown, see `Candidates.restrict`."""

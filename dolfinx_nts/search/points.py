@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics
 
 __all__ = ["ContactPoints", "NodalPoints"]
@@ -20,7 +21,12 @@ class ContactPoints(Protocol):
     """Material points whose positions are linear in those of the nodes. Local.
 
     ``p`` is the number of points, ``n`` that of the nodes with multipliers.
+
+    Attributes:
+        facing: What the points may touch.
     """
+
+    facing: Facing
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
@@ -43,14 +49,16 @@ class NodalPoints:
 
     Args:
         nodes: Local nodes, shape ``(n,)``.
+        facing: What they may touch; None: anything.
 
     Attributes:
-        nodes: The argument.
+        nodes, facing: The arguments.
     """
 
-    def __init__(self, nodes: Ints) -> None:
+    def __init__(self, nodes: Ints, facing: Facing | None = None) -> None:
         """Take the nodes as points."""
         self.nodes = nodes
+        self.facing = Facing.everywhere(len(nodes)) if facing is None else facing
 
     def of(self, values: Floats) -> Floats:
         """Take the values at the nodes, see `ContactPoints.of`."""
@@ -58,7 +66,7 @@ class NodalPoints:
 
     def take(self, nodes: Ints) -> "NodalPoints":
         """Select some of the nodes, see `ContactPoints.take`."""
-        return NodalPoints(self.nodes[nodes])
+        return NodalPoints(self.nodes[nodes], self.facing.take(nodes))
 
     def dofs(self, vertices: Ints) -> Ints:
         """The node and the vertices of its segment, ``(n, 1+k)``, see `ContactPoints.dofs`."""

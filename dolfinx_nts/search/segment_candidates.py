@@ -9,6 +9,7 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
@@ -48,7 +49,8 @@ class SegmentCandidates(Candidates):
 
     def __init__(self, found: FoundSegments) -> None:
         """Hand the segments over to the kernel of the local search."""
-        self.scatter, self.segments, self.orientation, self.key, self.size = found[:5]
+        self.scatter, self.segments, self.orientation, self.key = found[:4]
+        self.size, self.thickness = found[4:]
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
 
     def find(self, key: GlobalInts) -> Ints:
@@ -68,13 +70,18 @@ class SegmentCandidates(Candidates):
         return found[0], found[2]
 
     def penalty_forces(
-        self, nodes: Ints, x: Floats, current: Ints, reach: float, numbers: Ints, stiffness: Floats
+        self,
+        points: NodalPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        numbers: Ints,
+        stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Load the springs of nodes inside, see `Candidates.penalty_forces`."""
-        points = NodalPoints(nodes)
         segment, xi, gap, normal = self._choose(points, x, current, reach, HYSTERESIS)
         springs = _kernels.penalty_forces(
-            numbers, nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
+            numbers, points.nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
         )
         return segment, gap, springs
 
@@ -82,7 +89,8 @@ class SegmentCandidates(Candidates):
         self, points: ContactPoints, x: Floats, current: Ints, reach: float, slack: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
-        return self._kernel.pair(points.of(x), current, slack, reach, x)
+        facing = points.facing.arguments
+        return self._kernel.pair(points.of(x), current, slack, reach, x, *facing, self.thickness)
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the points near the boxes around the segments, see `Candidates.near`."""
@@ -109,6 +117,15 @@ class SegmentCandidates(Candidates):
         }[law]
         *values, frame_n, frame = kernel(*pairs)
         return kind(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+
+    def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
+        """Find where points go through segments, see `Candidates.follow`."""
+        ways = points.of(x_n), points.of(x), self._own_rows(points), inside, x_n, x
+        return Trajectories(*self._kernel.follow(*ways, *points.facing.arguments))
+
+    def _own_rows(self, points: ContactPoints) -> Ints:
+        """Vertex of the segments that each point is, or -1, shape ``(p,)``."""
+        return np.full(len(points.facing.numbers), -1, dtype=np.int32)
 
     def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
         """Tell which displacements are unknown, see `Candidates.restrict`."""

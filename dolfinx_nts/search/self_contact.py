@@ -31,7 +31,6 @@ class SelfContactCandidates(SegmentCandidates):
     def __init__(self, found: FoundSegments, X: Floats) -> None:
         """Fetch the reference positions of ghosts and compute the reference normals."""
         super().__init__(found)
-        self._thickness = found.thickness
         self._X = self.scatter.forward(X)
         self._N = self._normals(self._X)
 
@@ -65,7 +64,12 @@ class SelfContactCandidates(SegmentCandidates):
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
         own = (points.of(self._normals(x)), points.of(self._X), points.of(self._N), self._X)
-        return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self._thickness)
+        return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self.thickness)
+
+    def _own_rows(self, points: ContactPoints) -> Ints:
+        """The nodes themselves, as they are vertices of the surface."""
+        nodes: Ints = points.dofs(np.empty((len(points.facing.numbers), 0), dtype=np.int32))[:, 0]
+        return nodes
 
     def _normals(self, x: Floats) -> Floats:
         """Normals of the surface, of any length; right at owned nodes only, shape ``(l, 3)``."""

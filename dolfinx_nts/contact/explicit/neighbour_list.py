@@ -39,7 +39,7 @@ class NeighbourList:
     Attributes:
         candidates: Candidates in reach.
         number: Listed nodes by their positions in the surface's nodes, shape ``(c,)``.
-        nodes: The same by their local numbers, shape ``(c,)``.
+        points: The same as contact points, which face what they did when the list was built.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
         current: Their last segments or -1, shape ``(c,)``; set by whoever pairs them.
         is_idle: Whether no node is listed on any rank.
@@ -47,7 +47,7 @@ class NeighbourList:
 
     candidates: Candidates
     number: Ints
-    nodes: Ints
+    points: NodalPoints
     stiffness: Floats
     current: Ints
     is_idle = False
@@ -100,7 +100,8 @@ class NeighbourList:
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
         candidates = self._state.search.candidates
-        self._choose(candidates, number, candidates.find(self._state.history.key))
+        points = self._state.points(x)
+        self._choose(candidates, points, number, candidates.find(self._state.history.key))
 
     def _rebuild(self, x: Floats) -> None:
         state, size = self._state, self._state.pair.segment_size
@@ -111,9 +112,9 @@ class NeighbourList:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
         self._travelled, self._positions = 0.0, state.search.positions(x)
-        points = NodalPoints(state.nodes.nodes)
+        points = state.points(x)
         near = candidates.near(points, candidates.scatter.forward(x), _MARGIN * size)
-        self._choose(candidates, near, current)
+        self._choose(candidates, points, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))
 
     def _current_in(self, candidates: Candidates) -> Ints:
@@ -125,9 +126,11 @@ class NeighbourList:
         segment[found] = candidates.find(self.candidates.key[self.current[found]])
         return segment
 
-    def _choose(self, candidates: Candidates, number: Ints, current: Ints) -> None:
+    def _choose(
+        self, candidates: Candidates, points: NodalPoints, number: Ints, current: Ints
+    ) -> None:
         """Put nodes of the surface on the list, by ``number``, with their last segments or -1."""
         state = self._state
         assert state.eps_N is not None
         self.candidates, self.number, self.current = candidates, number, current[number]
-        self.nodes, self.stiffness = state.nodes.nodes[number], state.eps_N[number]
+        self.points, self.stiffness = points.take(number), state.eps_N[number]

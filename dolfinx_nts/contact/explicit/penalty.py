@@ -197,7 +197,7 @@ class ContactSprings:
         candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
         x = candidates.scatter.forward(x)
         segment, gap, springs = candidates.penalty_forces(
-            seen.nodes, x, seen.current, seen.reach, number, stiffness
+            seen.points, x, seen.current, seen.reach, number, stiffness
         )
         seen.current, inside = segment, gap < 0
         lambda_N = (stiffness * gap)[inside]

@@ -10,7 +10,6 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["Approach", "LocalSearch"]
 
@@ -46,14 +45,15 @@ class LocalSearch:
 
     Attributes:
         candidates: Candidates in reach.
-        points: Contact points of the nodes.
+        points: Contact points of the nodes, which face what they do at t_n.
         way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
         segment_n: Segment of each node at t_n or -1, shape ``(n,)``.
         segment: Segment of each node now or -1, shape ``(n,)``.
-        gap: Gap to it, NaN without, shape ``(n,)`` [m].
+        gap_n: Gap to the segment at t_n, NaN without, shape ``(n,)`` [m].
+        gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
     """
 
@@ -65,13 +65,15 @@ class LocalSearch:
         # Nodes down to some depth still belong to their segments.
         self.reach = _WAYS * self.way + _kernels.DEEPEST * pair.segment_size
         self.candidates, _ = candidates, _ = state.search.update(x_n, self.reach)
-        self.points = points = NodalPoints(pair.nodes.nodes)
+        self.points = points = state.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
         trial = candidates.scatter.forward(x_trial)
 
         self.last = candidates.find(state.history.key)
         self.segment_n, self.gap = candidates.pair(points, self.x_n, self.last, self.reach)
+        self.gap_n = self.gap.copy()
         met, gap_trial = candidates.pair(points, trial, self.segment_n, self.reach)
+        self._catch(trial, met, gap_trial)
         # The gap at t_n counts on the segment that the ballistic state meets.
         gap_n = self.gap.copy()
         moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
@@ -81,6 +83,16 @@ class LocalSearch:
         self.segment = self.segment_n.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
         self._is_calm = True  # no node has changed its segment too often
+
+    def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
+        """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
+        if self.way <= self.candidates.shortest_passage / 2:
+            return
+        node = (~(self.gap_n > 2 * self.way)).nonzero()[0].astype(np.int32)
+        none = np.full(len(node), -1, dtype=np.int32)
+        ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
+        caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
+        met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
 
     @property
     def may_close(self) -> Flags:

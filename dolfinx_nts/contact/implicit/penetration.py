@@ -1,7 +1,7 @@
 """Nodes that a step would let through a surface: such a step fails, and says so.
 
 Nodes and segments are paired down to a depth of half a segment, as a deeper node may belong to
-another side of the body. A node that gets there within a step has gone through the surface.
+another side of the body. See `passing` for nodes that go through in one step.
 """
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.passing import passing_nodes
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints
 
@@ -19,23 +20,21 @@ __all__ = ["check_penetration"]
 _DEEP = 0.1
 # By how much another segment may make a node deeper, relative to the size of a segment [-].
 _DEEPER = 0.05
-# Length of the parts in which the path of a node is looked at, relative to the size of a
-# segment [-], less than the depth at which it has one; and the greatest number of parts.
-_PART, _MOST_PARTS = 0.25, 100
 
 
-def check_penetration(step: ContactStep) -> str:
+def check_penetration(step: ContactStep, dt: float) -> str:
     """Say what is wrong with the nodes at the end of a step, or "". Collective.
 
     Call it after the last evaluation of the step.
 
     Args:
         step: The solved step.
+        dt: Its length [s].
     """
-    counts = [_tunnelled(step), _without_segment(step), _between_segments(step)]
-    tunnelled, without, between = reductions.total(step.state.nodes.V.mesh.comm, counts)
-    if tunnelled:
-        return f"nodes that pass through a surface: {tunnelled}"
+    if passing := passing_nodes(step, dt):
+        return passing
+    counts = [_without_segment(step), _between_segments(step)]
+    without, between = reductions.total(step.state.nodes.V.mesh.comm, counts)
     if without:
         return f"nodes that sank into a surface and face no segment any more: {without}"
     return f"nodes that sank into a surface between two segments: {between}" if between else ""
@@ -83,26 +82,3 @@ def _between_segments(step: ContactStep) -> int:
     after, gap_after = step.candidates.pair(points, step.x, now, search.reach)
     deeper = (gap_after < -_DEEP * size[now]) & (gap_after < gap - _DEEPER * size[now])
     return int(np.count_nonzero(deeper & (after != now)))
-
-
-def _tunnelled(step: ContactStep) -> int:
-    """Number of nodes that were outside before the step and came out on the other side."""
-    candidates, search, points = step.candidates, step.search, step.search.points
-    x_n, reach, size = search.x_n, search.reach, candidates.size.min(initial=np.inf)
-    way = 2 * _kernels.farthest(step.x, x_n)
-    if way <= _PART * size:
-        return 0
-    before, gap_n = candidates.pair(points, x_n, search.segment_n, reach)
-    after, _ = candidates.pair(points, step.x, before, reach)
-    outside = (before >= 0) & (gap_n > 0) & (after < 0) & ~step.normal.active
-    node = np.flatnonzero(outside).astype(np.int32)
-    if not len(node):
-        return 0
-    inside = np.zeros(len(node), dtype=bool)
-    segment, points = before[node], points.take(node)
-    num_parts = min(int(np.ceil(way / (_PART * size))), _MOST_PARTS)
-    for part in np.linspace(0, 1, num_parts + 1)[1:-1]:
-        x = x_n + part * (step.x - x_n)
-        segment, gap = candidates.pair(points, x, segment, reach)
-        inside |= (segment >= 0) & (gap < 0)
-    return int(np.count_nonzero(inside))

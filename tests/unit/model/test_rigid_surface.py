@@ -5,6 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
+from dolfinx_nts.model.facing import Facing
 
 ROUNDING = 1e3 * np.finfo(float).eps
 
@@ -34,7 +35,9 @@ def test_facets_turn_to_the_outside_whatever_their_sense(rng):
         for side in (1.0, -1.0):
             surface = nts.RigidSurface(points, [facet], [0, 0, side])
             x = np.array([[0.2, 0.2, 0.1]])
-            facet_found, gap = surface.find(x, np.array([-1], dtype=np.int32), 0.01, np.inf)
+            facet_found, gap = surface.find(
+                x, np.array([-1], dtype=np.int32), 0.01, np.inf, Facing.everywhere(len(x))
+            )
             gradient = surface.contact("static", x, x, facet_found)[3]
             np.testing.assert_allclose(gradient[0], [0, 0, side])
             np.testing.assert_allclose(gap[0], 0.1 * side)

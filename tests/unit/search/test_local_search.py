@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.model.facing import Facing
 from reference import nts
 from reference.bulk import rotation
 
@@ -48,9 +49,13 @@ def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None):
     vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
     orientation = np.asarray(orientation, dtype=np.float64)
     kernel = _kernels.Segments(vertices, orientation, key.astype(np.int64))
-    return kernel.pair(
-        nodes, current.astype(np.int32), _kernels.HYSTERESIS, reach, segments.reshape(-1, 3)
-    )
+    where = current.astype(np.int32), _kernels.HYSTERESIS, reach, segments.reshape(-1, 3)
+    return kernel.pair(nodes, *where, *anything(nodes, segments))
+
+
+def anything(nodes, segments):
+    """Arguments with which nodes may touch any segment."""
+    return *Facing.everywhere(len(nodes)).arguments, np.full(len(segments), np.inf)
 
 
 def distances(node, segments):
@@ -234,11 +239,11 @@ def test_tree_is_kept_while_no_vertex_moves_far(k, rng):
     nodes = rng.uniform(LOWER, UPPER, (60, 3))
     nowhere = np.full(len(nodes), -1, dtype=np.int32)
 
-    trees = []
+    free, trees = anything(nodes, segments), []
     for motion in (0.0, 0.01, 0.01, 0.1, 0.0, np.nan, 0.0):
         moved = x + rng.uniform(-1, 1, 3) * motion
-        result = cached.pair(nodes, nowhere, 0.01, 0.2, moved)
-        fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.01, 0.2, moved)
+        result = cached.pair(nodes, nowhere, 0.01, 0.2, moved, *free)
+        fresh = _kernels.Segments(*arrays).pair(nodes, nowhere, 0.01, 0.2, moved, *free)
         for value, expected in zip(result, fresh, strict=True):
             np.testing.assert_array_equal(value, expected)
         trees.append(cached.num_trees)
@@ -253,7 +258,7 @@ def test_no_tree_where_all_nodes_stay_over_their_segments(rng):
     kernel = _kernels.Segments(vertices, orientation, np.arange(len(segments)))
     x, nodes = segments.reshape(-1, 3), segments.mean(axis=1)
     current = np.arange(len(nodes), dtype=np.int32)
-    found, _, gap, _ = kernel.pair(nodes, current, 0.01, 0.1, x)
+    found, _, gap, _ = kernel.pair(nodes, current, 0.01, 0.1, x, *anything(nodes, segments))
     np.testing.assert_array_equal(found, current)
     np.testing.assert_allclose(gap, 0, atol=1e-14)
     assert kernel.num_trees == 0

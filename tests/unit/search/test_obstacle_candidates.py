@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates, ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes
@@ -31,7 +32,9 @@ def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
     facet, gap = candidates.pair(NodalPoints(nodes.nodes), x, none, 0.5)
-    found, exact = OBSTACLES[name].find(x[nodes.nodes], none, 0.01, 0.5)
+    found, exact = OBSTACLES[name].find(
+        x[nodes.nodes], none, 0.01, 0.5, Facing.everywhere(len(none))
+    )
     np.testing.assert_array_equal(facet, found)
     np.testing.assert_array_equal(gap, np.where(found >= 0, exact, np.nan))
     met = np.flatnonzero(found >= 0)

@@ -149,10 +149,6 @@ void convective_slips(std::span<const double> x_pair_n,
   }
 }
 
-/// @brief Lets any node touch any segment.
-inline constexpr auto any_segment
-    = [](std::size_t) noexcept { return Anything{}; };
-
 /// @brief Find the segment of every node.
 /// @param[in] x_node Positions, (n, 3) [m].
 /// @param[in] current Segment of the previous choice or -1, (n,).

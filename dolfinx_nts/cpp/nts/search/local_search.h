@@ -57,11 +57,26 @@ struct SegmentSurface
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 };
 
-/// @brief Says that any node may touch any segment.
+/// @brief Says that a node may touch any segment.
 struct Anything
 {
+  /// @brief Whether the node may stay with its segment, given the projection.
   template <class S>
-  bool operator()(std::int32_t, const Projection<S>&) const noexcept
+  bool keeps(std::int32_t, const Projection<S>&) const noexcept
+  {
+    return true;
+  }
+
+  /// @brief Whether the node may touch a segment, given the projection.
+  template <class S>
+  bool touches(std::int32_t, const Projection<S>&) const noexcept
+  {
+    return true;
+  }
+
+  /// @brief Whether the nearest segment is the right one, when all were seen.
+  template <class S>
+  bool confirms(const Projection<S>&, double) const noexcept
   {
     return true;
   }
@@ -78,12 +93,11 @@ struct Anything
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
-/// @param[in] may_touch Whether the node may touch a segment, given the
-/// projection on it.
-template <class S, class GetTree, class MayTouch = Anything>
+/// @param[in] may What the node may touch, see `Anything`.
+template <class S, class GetTree, class May = Anything>
 Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
-                   GetTree&& tree, const MayTouch& may_touch = {})
+                   GetTree&& tree, May&& may = {})
 {
   // Distances that differ by less are equal, relative to the segment [-]: much
   // more than round-off, much less than any real difference.
@@ -101,7 +115,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
-    if (over(p, current, slack) && p.gap <= reach && may_touch(current, p))
+    if (over(p, current, slack) && p.gap <= reach && may.keeps(current, p))
       return {current, p.xi, p.gap, p.normal};
   }
 
@@ -109,7 +123,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   Projection<S> best_projection;
   double nearest = reach;
   tree().nearest(node, reach,
-                 [&](std::int32_t i) noexcept
+                 [&](std::int32_t i)
                  {
                    const double margin = tie * surface.size(i);
                    // The boxes of a cached tree are wider than segments.
@@ -117,7 +131,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                        > (nearest + margin) * (nearest + margin))
                      return nearest + margin;
                    const Projection<S> p = project_on(i);
-                   if (!p.converged || !may_touch(i, p))
+                   if (!p.converged || !may.touches(i, p))
                      return nearest + margin;
                    const double away
                        = distance<S>({node, surface.segment(i)}, p);
@@ -133,7 +147,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    }
                    return nearest + margin; // ties must be seen
                  });
-  if (best < 0 || !over(best_projection, best, LocalSearchRule::overhang))
+  if (best < 0 || !over(best_projection, best, LocalSearchRule::overhang)
+      || !may.confirms(best_projection, nearest))
     return {};
   return {best, best_projection.xi, best_projection.gap,
           best_projection.normal};

@@ -36,18 +36,28 @@ struct SelfContact
   SegmentSurface<S> reference;       ///< reference segments
   std::span<const double> thickness; ///< of the cells, (s,) [m]
 
-  /// @brief What node number i may touch.
-  auto of(std::size_t i) const noexcept
+  /// @brief What node number i may touch, see `find_segment`.
+  struct OfNode : Anything
   {
-    return [this, i](std::int32_t j, const Projection<S>& p) noexcept
+    bool keeps(std::int32_t j, const Projection<S>& p) const noexcept
+    {
+      return touches(j, p);
+    }
+
+    bool touches(std::int32_t j, const Projection<S>& p) const noexcept
     {
       return S::outside(p.xi) <= LocalSearchRule::overhang
-             && p.gap >= -thickness[j] && dot(vector(normal, i), p.normal) < 0
-             && apart_in_reference(i, j);
-    };
-  }
+             && p.gap >= -own.thickness[j]
+             && dot(vector(own.normal, i), p.normal) < 0
+             && own.apart_in_reference(i, j);
+    }
 
-private:
+    const SelfContact& own;
+    std::size_t i;
+  };
+
+  OfNode of(std::size_t i) const noexcept { return {{}, *this, i}; }
+
   /// @brief Whether a node and a segment are no neighbours, see the class.
   bool apart_in_reference(std::size_t i, std::int32_t j) const noexcept
   {

@@ -1,0 +1,166 @@
+#pragma once
+
+#include "nts/search/local_search.h"
+
+#include <optional>
+
+/// @brief What a node faces: it touches with its outside only.
+namespace nts
+{
+/// @brief Cosines of the angles between nodes and segments [-].
+struct FacingRule
+{
+  /// A node faces a segment whose normal is opposed to one of its own by more
+  /// than this.
+  static constexpr double opposed = 0.1;
+  /// By how much less the normals of single facets count than their mean:
+  /// coplanar sides of two bodies, which bulge, do not face each other's rims.
+  static constexpr double single = 0.25;
+  /// A node looks away from a segment if its mean normal is along that of the
+  /// segment by more than this.
+  static constexpr double away = 0.35;
+  /// The same for a node that leaves a body ahead of its own: not a rim.
+  static constexpr double ahead = 0.8;
+  /// Segments opposed to each other by more than this are two sides of a wall.
+  static constexpr double wall = 0.5;
+};
+
+/// @brief Unit normal of a facet out of its body; zero where it has none.
+/// @param[in] vertices Of a triangle or quadrilateral, in Basix order [m].
+/// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
+inline Vec3 facet_normal(std::span<const Vec3> vertices,
+                         double orientation) noexcept
+{
+  const auto& x = vertices;
+  // Two edges of a triangle, the diagonals of a quadrilateral.
+  const Vec3 n = x.size() == 3 ? cross(x[1] - x[0], x[2] - x[0])
+                               : cross(x[3] - x[0], x[2] - x[1]);
+  const double length = norm(n);
+  return length > 0 ? (orientation / length) * n : Vec3{};
+}
+
+/// @brief Facets around each node of a surface.
+struct FacetsAroundNodes
+{
+  std::span<const std::int32_t> vertices; ///< rows of x, (f, k)
+  std::span<const double> orientation;    ///< +1 or -1, (f,)
+  std::size_t k;                          ///< vertices of a facet
+  std::span<const std::int32_t> first;    ///< of each node, (n + 1,)
+  std::span<const std::int32_t> facets;   ///< those around a node
+  std::span<const double> angle;          ///< theirs there, undeformed [rad]
+  std::span<const double> x;              ///< positions, (l, 3) [m]
+
+  /// @brief Unit normal of a facet, see `facet_normal`.
+  Vec3 normal(std::int32_t facet) const noexcept
+  {
+    std::array<Vec3, 4> positions;
+    for (std::size_t i = 0; i < k; ++i)
+      positions[i] = vector(x, vertices[k * facet + i]);
+    return facet_normal(std::span(positions).first(k), orientation[facet]);
+  }
+};
+
+/// @brief Directions in which a node can be touched.
+///
+/// They are the mean of the normals around it, weighted by angles, so that a
+/// spike can touch with its tip, and each of these normals, so that a thin edge
+/// can touch with its side.
+class Directions
+{
+public:
+  /// @brief Directions of a node; without facets around it, it faces all.
+  Directions(const FacetsAroundNodes& around, std::int32_t node)
+  {
+    for (std::int32_t i = around.first[node]; i < around.first[node + 1]; ++i)
+    {
+      _normals.push_back(around.normal(around.facets[i]));
+      _mean += around.angle[i] * _normals.back();
+    }
+    const double length = norm(_mean);
+    if (length > 0)
+      _mean = (1 / length) * _mean;
+  }
+
+  /// @brief Whether nothing is known of the node, and it faces everything.
+  bool are_all() const noexcept { return _normals.empty(); }
+
+  /// @brief Whether the node faces a segment with this normal.
+  bool faces(const Vec3& normal) const noexcept
+  {
+    double cosine = are_all() ? 1 : -dot(_mean, normal);
+    for (const Vec3& n : _normals)
+      cosine = std::max(cosine, -dot(n, normal) - FacingRule::single);
+    return cosine > FacingRule::opposed;
+  }
+
+  /// @brief Whether the node looks along a normal by more than a cosine.
+  bool looks_along(const Vec3& normal, double cosine) const noexcept
+  {
+    return dot(_mean, normal) > cosine;
+  }
+
+private:
+  Vec3 _mean = {};
+  std::vector<Vec3> _normals;
+};
+
+/// @brief Says what one node may touch: what faces it, see `find_segment`.
+///
+/// Its current segment it keeps, however it turns.
+template <class S>
+class Facing
+{
+public:
+  /// @param[in] around Facets around the nodes at t_n.
+  /// @param[in] node Number of the node.
+  /// @param[in] surface The segments.
+  /// @param[in] thickness Of the cells behind the segments, (s,) [m].
+  Facing(const FacetsAroundNodes& around, std::int32_t node,
+         const SegmentSurface<S>& surface, std::span<const double> thickness)
+      : _around(around), _node(node), _surface(surface), _thickness(thickness)
+  {
+  }
+
+  bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
+
+  /// @brief Whether the node may touch a segment; where not, remembers whether
+  /// it lies in front.
+  bool touches(std::int32_t i, const Projection<S>& p)
+  {
+    if (!_directions)
+      _directions.emplace(_around, _node);
+    // Deeper it is nearer to the other side of the wall.
+    if (_directions->are_all()
+        || (p.gap >= -_thickness[i] && _directions->faces(p.normal)))
+      return true;
+    if (p.gap > 0 && p.gap < _in_front_by && S::outside(p.xi) <= 0)
+    {
+      _in_front_by = p.gap;
+      _normal = p.normal;
+      // Sides of two bodies that lie in one plane, and bulge, hide no rim.
+      _hides_from = _directions->looks_along(p.normal, FacingRule::away)
+                        ? INFINITY
+                        : LocalSearchRule::hysteresis * _surface.size(i);
+    }
+    return false;
+  }
+
+  /// @brief Whether a node behind the segment found for it is inside the body:
+  /// not in front of a nearer segment beside it or of the other side of a wall.
+  bool confirms(const Projection<S>& found, double distance) const noexcept
+  {
+    return found.gap >= 0 || _in_front_by > distance
+           || (_in_front_by <= _hides_from
+               && dot(_normal, found.normal) >= -FacingRule::wall);
+  }
+
+private:
+  const FacetsAroundNodes& _around;
+  std::int32_t _node;
+  const SegmentSurface<S>& _surface;
+  std::span<const double> _thickness;
+  std::optional<Directions> _directions;
+  double _in_front_by = INFINITY, _hides_from = 0;
+  Vec3 _normal = {};
+};
+} // namespace nts

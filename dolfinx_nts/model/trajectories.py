@@ -1,0 +1,53 @@
+"""Where points go through a surface within a step."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+
+__all__ = ["Trajectories"]
+
+# Depth, relative to a segment [-], to which a point may cut off a corner of a body.
+_CORNER = 0.1
+
+
+class Trajectories(NamedTuple):
+    """Longest way of each of ``m`` points below a surface that it enters.
+
+    Points and vertices move straight from one state to the other. Times are parts of the step.
+    See `cpp/nts/search/trajectory.h`.
+
+    Attributes:
+        entered: Segment that is entered, -1 without, shape ``(m,)``.
+        leaves: Whether the point comes out again, shape ``(m,)``.
+        begin: Time when it enters, -1 if it starts inside, shape ``(m,)`` [-].
+        way: Its way below the surface, shape ``(m,)`` [m].
+        cosine: Between the normals where it enters and where it leaves or ends, ``(m,)`` [-].
+        gap: Gap at the end to the plane in which it enters, shape ``(m,)`` [m].
+    """
+
+    entered: Ints
+    leaves: Flags
+    begin: Floats
+    way: Floats
+    cosine: Floats
+    gap: Floats
+
+    def take(self, points: Ints) -> "Trajectories":
+        """Select some of the points."""
+        return Trajectories(*(values[points] for values in self))
+
+    def passes(self, sizes: Floats) -> Flags:
+        """Whether points come out on another side, or would be pushed out there, ``(m,)``.
+
+        ``sizes`` are those of the segments, shape ``(s,)`` [m]. Points that cut off a corner of
+        a body do not pass.
+        """
+        size = np.append(sizes, np.inf)[self.entered]
+        # Depth of the edge in which the planes of entry and exit meet, in the middle of the way.
+        depth = self.way / 2 * np.sqrt((1 - self.cosine) / np.fmax(1 + self.cosine, 1e-9))
+        through = (self.cosine < -_kernels.WALL) | (depth > _CORNER * size)
+        flags: Flags = (self.entered >= 0) & np.where(self.leaves, through, self.cosine < 0)
+        return flags
