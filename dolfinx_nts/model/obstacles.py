@@ -170,7 +170,7 @@ class _Exact(Obstacle):
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        """Cut straight ways with the surface, see `Obstacle.follow`; nodes face it from all sides."""
+        """Cut straight ways with the surface, see `Obstacle.follow`."""
         begin, end = self._part_inside(x_n, x)
         enters = begin < end
         (entry, n_in), (exit_, n_out) = (

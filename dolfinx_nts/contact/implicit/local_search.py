@@ -82,7 +82,6 @@ class LocalSearch:
         self.approach = Approach(np.where(met >= 0, met, self.segment_n), gap_n, gap_trial)
         self.segment = self.segment_n.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
-        self._is_calm = True  # no node has changed its segment too often
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
@@ -124,7 +123,7 @@ class LocalSearch:
         """Segments of nodes; whether they are others than before."""
         before = self.segment[node]
         free, current = node, before
-        if not self._is_calm:
+        if self._moves.max(initial=0) >= _MOST_MOVES:
             free = node[self._moves[node] < _MOST_MOVES]
             current = self.segment[free]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
@@ -136,7 +135,6 @@ class LocalSearch:
         """Count changes of the segment, node by node."""
         if moved.any():
             self._moves[node] += moved
-            self._is_calm = bool(self._moves.max() < _MOST_MOVES)
 
     @property
     def restless(self) -> Flags:

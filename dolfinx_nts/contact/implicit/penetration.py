@@ -31,13 +31,13 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         step: The solved step.
         dt: Its length [s].
     """
-    if passing := passing_nodes(step, dt):
-        return passing
     counts = [_without_segment(step), _between_segments(step)]
     without, between = reductions.total(step.state.nodes.V.mesh.comm, counts)
     if without:
         return f"nodes that sank into a surface and face no segment any more: {without}"
-    return f"nodes that sank into a surface between two segments: {between}" if between else ""
+    if between:
+        return f"nodes that sank into a surface between two segments: {between}"
+    return passing_nodes(step, dt)
 
 
 def _without_segment(step: ContactStep) -> int:
