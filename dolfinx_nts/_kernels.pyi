@@ -14,6 +14,7 @@ _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
 
 HYSTERESIS: float
 OVERHANG: float
+WALL: float
 DEEPEST: float
 
 def project(x_pair: _Floats, orientation: _Floats) -> tuple[_Floats, _Floats, _Floats, _Status]: ...
@@ -118,7 +119,7 @@ class Segments:
         facets: NodeFacets,
         x_facets: _Floats,
         numbers: _Ints,
-    ) -> tuple[_Ints, Flags, _Floats, _Floats, _Floats, _Floats]: ...
+    ) -> tuple[_Ints, npt.NDArray[np.bool_], _Floats, _Floats, _Floats, _Floats]: ...
     def near(self, x_node: _Floats, reach: float, x: _Floats) -> _Ints: ...
     def pair_own(
         self,

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, nonnegative, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 
-__all__ = ["Coulomb", "TractionModel", "transport"]
+__all__ = ["Coulomb", "TractionModel", "slip_energy", "transport"]
 
 # Bound on the stiffness against a change of the direction of slip, relative to the weight [-]:
 # a tighter one would slow Newton's method where slip is small.
@@ -174,6 +174,22 @@ def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floa
     rotated = traction - factor[:, None] * (normal_from + normal)
     components: Floats = np.einsum("mij,mj->mi", frame, rotated)
     return components
+
+
+def slip_energy(traction: Floats, eps_T: Floats | None) -> Floats:
+    """Compute the energy of tangential springs. Local.
+
+    Args:
+        traction: Tractions, shape ``(n, 3)`` [N].
+        eps_T: Stiffness, shape ``(n,)`` [N/m]; None without springs.
+
+    Returns:
+        Energy, shape ``(n,)`` [J].
+    """
+    if eps_T is None:
+        return np.zeros(len(traction))
+    energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * eps_T)
+    return energy
 
 
 def _polar(t: Floats) -> tuple[Floats, Floats, Floats]:

@@ -117,13 +117,6 @@ class PairState:
         if pair.nodes.V.mesh.comm.rank == 0:
             _logger.info("%s", self)
 
-    def slip_energy(self, traction: Floats) -> Floats:
-        """Energy of tangential springs, ``(n,)`` [J], by tractions, ``(n, 3)`` [N]. Local."""
-        if self.eps_T is None:
-            return np.zeros(len(traction))
-        energy: Floats = np.einsum("ni,ni->n", traction, traction) / (2 * self.eps_T)
-        return energy
-
     def points(self, x: Floats) -> NodalPoints:
         """Contact points of the nodes, which face what they do at positions x. Collective.
 

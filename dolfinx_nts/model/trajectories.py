@@ -36,8 +36,8 @@ class Trajectories(NamedTuple):
     gap: Floats
 
     def take(self, points: Ints) -> "Trajectories":
-        """Select some of the points."""
-        return Trajectories(*(values[points] for values in self))
+        """Select some of the points, by their numbers."""
+        return Trajectories(*(values[points] for values in self))  # type: ignore[arg-type]
 
     def passes(self, sizes: Floats) -> Flags:
         """Whether points come out on another side, or would be pushed out there, ``(m,)``.

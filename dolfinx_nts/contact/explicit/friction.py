@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.friction import Coulomb, transport
+from dolfinx_nts.contact.friction import Coulomb, slip_energy, transport
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
@@ -94,5 +94,5 @@ class SpringFriction(Friction):
     def without_contact(self) -> dict[str, Any]:
         """The slip so far; the energy of springs that no node loads any more is dissipated."""
         history = self._state.history
-        released = self._state.slip_energy(history.traction)
+        released = slip_energy(history.traction, self._state.eps_T)
         return {"slip": history.slip.copy(), "dissipation": released}

@@ -122,7 +122,7 @@ class ContactSprings:
         """
         state, neighbours = self._state, self._neighbours
         neighbours.serialize(archive, f"{name}/neighbours", x)
-        k = state.segments.segments.shape[1] if isinstance(state.segments, Surface) else 0
+        k = neighbours.candidates.segments.shape[1]
         force: Floats = np.zeros((len(state.nodes.nodes), 1 + k, 3))
         if forces is not None:
             force[forces.springs.node] = forces.springs.force

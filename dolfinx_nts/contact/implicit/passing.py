@@ -48,14 +48,15 @@ def _passing(
     if way.max(initial=0.0) + longest <= candidates.shortest_passage:
         return np.empty(0, dtype=np.int32), 1.0
     near = ~(search.gap_n > way + longest) & ~active & (way + longest > 0)
-    node = near.nonzero()[0].astype(np.int32)
+    node = numbers(near)
     points, way = points.take(node), way[node] + longest
     inside = np.where(search.gap_n[node] < 0, search.segment_n[node], -1).astype(np.int32)
     ways = candidates.follow(points, x_n, x, inside)
     passes = ways.passes(candidates.size)
-    (stays,) = ((ways.entered >= 0) & ~ways.leaves & ~passes).nonzero()
+    stays = numbers((ways.entered >= 0) & ~ways.leaves & ~passes)
     passes[stays] = _is_lost(candidates, points.take(stays), x, ways.take(stays), search.reach)
-    return node[passes], possible_part(candidates, ways.take(passes), way[passes])
+    through = numbers(passes)
+    return node[through], possible_part(candidates, ways.take(through), way[through])
 
 
 def _is_lost(
@@ -69,6 +70,11 @@ def _is_lost(
     lost = (after < 0) & deep & (ways.way > _DEEP * size)
     flags: Flags = lost | (came & (gap > 0) & (ways.way > _PAST * size))
     return flags
+
+
+def numbers(flags: Flags) -> Ints:
+    """Where flags are true."""
+    return flags.nonzero()[0].astype(np.int32)
 
 
 def relative_ways(

@@ -80,7 +80,7 @@ class PenaltyContact(NormalContact):
     def released_energy(self, node: Ints) -> float:
         """Energy at t_n of springs whose nodes have no pair any more, see `NormalContact`."""
         history = self._state.history
-        energy = history.energy - self._state.slip_energy(history.traction)
+        energy = history.energy - slip_energy(history.traction, self._state.eps_T)
         energy[node] = 0.0
         return float(energy.sum())
 

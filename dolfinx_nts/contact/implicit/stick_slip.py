@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.friction import Coulomb, TractionModel, transport
+from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
@@ -261,6 +261,6 @@ class StickSlip(Friction):
         parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
         dx = (x - self._search.x_n)[pairs.dofs]
         parts["dissipation"][node] = slip.work(t, dx.reshape(pairs.contact.force.shape))
-        energy = state.slip_energy(parts["traction"])
-        parts["dissipation"] -= energy - state.slip_energy(old.traction)
+        energy = slip_energy(parts["traction"], state.eps_T)
+        parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
