@@ -23,11 +23,20 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search"]
+__all__ = ["Candidates", "Search", "shortest_passage"]
 
 # Motion relative to the size of a candidate and to its thickness [-] below which no point is
 # lost: the local search finds it again.
 _SHORT, _THIN = 0.25, 0.5
+
+
+def shortest_passage(size: Floats, thickness: Floats) -> float:
+    """Relative motion below which the local search finds points again [m]. Local.
+
+    ``size`` are diameters of segments, ``thickness`` that of the cells behind them, ``(s,)``
+    [m].
+    """
+    return float(min(_SHORT * size.min(initial=np.inf), _THIN * thickness.min(initial=np.inf)))
 
 
 class Candidates(ABC):
@@ -43,14 +52,13 @@ class Candidates(ABC):
             facet has none.
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
-        thickness: Of the body behind each candidate, shape ``(s,)`` [m].
     """
 
     scatter: NodalScatter
     segments: Ints
     key: GlobalInts
     size: Floats
-    thickness: Floats
+    _thickness: Floats  # of the body behind each candidate, (s,) [m]
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
@@ -142,17 +150,7 @@ class Candidates(ABC):
     @property
     def shortest_passage(self) -> float:
         """Relative motion below which no point can pass a candidate [m]."""
-        size, thickness = (v.min(initial=np.inf) for v in (self.size, self.thickness))
-        return float(min(_SHORT * size, _THIN * thickness))
-
-    @abstractmethod
-    def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
-        """Tell at all nodes of the map which displacements are unknown. Collective.
-
-        ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, shape
-        ``(n, 3)``. Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements
-        of the points and of the candidates on this rank are unknown.
-        """
+        return shortest_passage(self.size, self._thickness)
 
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

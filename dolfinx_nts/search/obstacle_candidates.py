@@ -38,7 +38,7 @@ class ObstacleCandidates(Candidates):
         self.key = obstacle.key
         self.segments = np.empty((len(self.key), 0), dtype=np.int32)
         self.size = np.full(len(self.key), nodes.size)
-        self.thickness = obstacle.thickness
+        self._thickness = obstacle.thickness
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the facet of each key, see `Candidates.find`."""
@@ -98,10 +98,6 @@ class ObstacleCandidates(Candidates):
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find where points go through the obstacle, see `Candidates.follow`."""
         return self._obstacle.follow(points.of(x_n), points.of(x), inside, points.facing)
-
-    def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
-        """Tell which displacements are unknown, see `Candidates.restrict`."""
-        return None if points.of(free).all() else free
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to the rim of the obstacle, see `Candidates.is_at_rim`."""

@@ -50,7 +50,7 @@ class SegmentCandidates(Candidates):
     def __init__(self, found: FoundSegments) -> None:
         """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
-        self.size, self.thickness = found[4:]
+        self.size, self._thickness = found[4:]
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
 
     def find(self, key: GlobalInts) -> Ints:
@@ -90,7 +90,7 @@ class SegmentCandidates(Candidates):
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
         facing = points.facing.arguments
-        return self._kernel.pair(points.of(x), current, slack, reach, x, *facing, self.thickness)
+        return self._kernel.pair(points.of(x), current, slack, reach, x, *facing, self._thickness)
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the points near the boxes around the segments, see `Candidates.near`."""
@@ -126,12 +126,6 @@ class SegmentCandidates(Candidates):
     def _own_rows(self, points: ContactPoints) -> Ints:
         """Vertex of the segments that each point is, or -1, shape ``(p,)``."""
         return np.full(len(points.facing.numbers), -1, dtype=np.int32)
-
-    def restrict(self, points: ContactPoints, free: Floats) -> Floats | None:
-        """Tell which displacements are unknown, see `Candidates.restrict`."""
-        free = self.scatter.forward(free)
-        all_free = bool(free[self.segments].all() and points.of(free).all())
-        return None if all_free else free
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""

@@ -70,7 +70,7 @@ class ContactStep:
         state.derive_penalty(stiffness)
         self.search = search = LocalSearch(state, x_n, x_trial)
         self.x = search.x_n
-        self._free = None if free is None else search.candidates.restrict(search.points, free)
+        self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
         law = state.pair.friction
@@ -220,6 +220,18 @@ class ContactStep:
         return ContactContribution(
             pairs, active, rank, columns, residual, tangent, force, changed, failed
         )
+
+
+def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
+    """Which displacements of the nodes that the candidates know are unknown. Collective.
+
+    ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, 3)``.
+    Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements of the points
+    and of the candidates on this rank are unknown.
+    """
+    free = search.candidates.scatter.forward(free)
+    all_free = bool(free[search.candidates.segments].all() and search.points.of(free).all())
+    return None if all_free else free
 
 
 def _normal_contact(

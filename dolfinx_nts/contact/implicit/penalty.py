@@ -4,6 +4,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.friction import slip_energy
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact

@@ -1,7 +1,7 @@
 """Nodes that a step would let through a surface: such a step fails, and says so.
 
 Nodes and segments are paired down to a depth of half a segment, as a deeper node may belong to
-another side of the body. See `passing` for nodes that go through in one step.
+another side of the body. See `passage` for nodes that go through in one step.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.passing import passing_nodes
+from dolfinx_nts.contact.passage import Passage, passing_message
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints
 
@@ -37,7 +37,13 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface and face no segment any more: {without}"
     if between:
         return f"nodes that sank into a surface between two segments: {between}"
-    return passing_nodes(step, dt)
+    search, nodes = step.search, step.state.nodes
+    ends, start = (search.x_n, step.x), (search.segment_n, search.gap_n)
+    passage = Passage.through(
+        step.candidates, search.points, ends, start, search.reach, ~step.normal.active
+    )
+    ids = nodes.node_ids[passage.points]
+    return passing_message(nodes.V.mesh.comm, "nodes", ids, passage.part * dt)
 
 
 def _without_segment(step: ContactStep) -> int:

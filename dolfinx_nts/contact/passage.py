@@ -1,0 +1,144 @@
+"""Points that go through a surface within a step, or too deep into it to be found again.
+
+A point may enter a surface within a step, as it is caught there in the next one. It must not
+leave on another side.
+"""
+
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.points import ContactPoints
+
+__all__ = ["Passage", "passing_message"]
+
+# Ways relative to a segment [-]: below the surface to a place from which a point must be found
+# again, and past a place where another segment is found for it.
+_DEEP, _PAST = 0.1, 0.25
+
+
+class Passage(NamedTuple):
+    """Points that pass what they face, on straight ways. Local.
+
+    Attributes:
+        points: Their numbers, shape ``(m,)``.
+        part: Part of the step that could be made, after which all could still be caught [-].
+    """
+
+    points: Ints
+    part: float
+
+    @classmethod
+    def through(
+        cls,
+        candidates: Candidates,
+        points: ContactPoints,
+        ends: tuple[Floats, Floats],
+        start: tuple[Ints, Floats],
+        reach: float,
+        free: Flags | None = None,
+    ) -> "Passage":
+        """Find the points that pass, or are too deep at the end to be found again.
+
+        Args:
+            candidates: What they may pass.
+            points: The ``p`` points.
+            ends: Positions at both ends of the step, see `Candidates`.
+            start: Candidate of each point at t_n or -1, and gap to it, ``(p,)`` [m].
+            reach: Largest gap of interest [m].
+            free: Which points contact does not hold, shape ``(p,)``; None: all.
+        """
+        way, longest = _relative_ways(candidates, points, *ends)
+        if way.max(initial=0.0) + longest <= candidates.shortest_passage:
+            return cls(np.empty(0, dtype=np.int32), 1.0)
+        segment_n, gap_n = start
+        near = ~(gap_n > way + longest) & (way + longest > 0)
+        number = _numbers(near if free is None else near & free)
+        points, way = points.take(number), way[number] + longest
+        inside = np.where(gap_n[number] < 0, segment_n[number], -1).astype(np.int32)
+        ways = candidates.follow(points, *ends, inside)
+        passes = ways.passes(candidates.size)
+        stays = _numbers((ways.entered >= 0) & ~ways.leaves & ~passes)
+        passes[stays] = _is_lost(candidates, points.take(stays), ends[1], ways.take(stays), reach)
+        return cls(number[passes], _possible_part(candidates, ways, way, passes))
+
+    @classmethod
+    def to_another_side(
+        cls, candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats]
+    ) -> "Passage":
+        """Find the points that come out on another side, wherever they have been inside.
+
+        Arguments are as of `through`.
+        """
+        way, longest = _relative_ways(candidates, points, *ends)
+        number = candidates.near(points, ends[0], float(way.max(initial=0.0)) + longest)
+        points, way = points.take(number), way[number] + longest
+        segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), np.inf)
+        inside = np.where(gap < 0, segment, -1).astype(np.int32)
+        ways = candidates.follow(points, *ends, inside)
+        passes: Flags = ways.leaves & (ways.cosine < -_kernels.WALL)
+        return cls(number[passes], _possible_part(candidates, ways, way, passes))
+
+
+def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, dt: float) -> str:
+    """Name points that pass on any rank and a step with which they would not. Collective.
+
+    Args:
+        comm: Communicator.
+        what: What they are, in plural.
+        ids: Their numbers on this rank, shape ``(m,)``.
+        dt: A step by which those of this rank would not pass [s].
+
+    Returns:
+        The message, "" if no point passes.
+    """
+    if not reductions.anywhere(comm, len(ids) > 0):
+        return ""
+    everywhere = np.unique(np.concatenate(comm.allgather(ids)))
+    dt = float(reductions.least(comm, dt))
+    return (
+        f"{len(everywhere)} {what} go through a surface that they face: {listed(everywhere)}; "
+        f"a dt of {dt:.2g} would let contact catch them"
+    )
+
+
+def _numbers(flags: Flags) -> Ints:
+    return flags.nonzero()[0].astype(np.int32)
+
+
+def _relative_ways(
+    candidates: Candidates, points: ContactPoints, x_n: Floats, x: Floats
+) -> tuple[Floats, float]:
+    """Ways of points, ``(p,)``, and the longest of a vertex, relative to the mean vertex [m]."""
+    moved = x - x_n
+    vertices = moved[candidates.segments.ravel()]
+    mean = vertices.mean(axis=0) if len(vertices) else np.zeros(3)
+    longest = float(np.linalg.norm(vertices - mean, axis=1).max(initial=0.0))
+    return np.linalg.norm(points.of(moved) - mean, axis=1), longest
+
+
+def _is_lost(
+    candidates: Candidates, points: ContactPoints, x: Floats, ways: Trajectories, reach: float
+) -> Flags:
+    """Whether points that stay below a surface would not be found there."""
+    size = candidates.size[ways.entered]
+    after, gap = candidates.pair(points, x, ways.entered, reach)
+    came = ways.begin >= 0
+    deep = came | (-candidates.gap(points, x, ways.entered) > _kernels.DEEPEST * size)
+    lost = (after < 0) & deep & (ways.way > _DEEP * size)
+    flags: Flags = lost | (came & (gap > 0) & (ways.way > _PAST * size))
+    return flags
+
+
+def _possible_part(candidates: Candidates, ways: Trajectories, way: Floats, passes: Flags) -> float:
+    """Part of a step of relative ways, ``(m,)`` [m], after which points are still caught."""
+    parts = np.fmax(ways.begin, 0.0)[passes] + candidates.shortest_passage / way[passes]
+    return float(parts.min(initial=1.0))

@@ -1,0 +1,103 @@
+"""Vertices of segments that go through the facets of the nodes: a pair seen in reverse.
+
+Contact of a pair holds nodes only. Vertices may sink in between the nodes, but no vertex may
+come out of the other body on another side.
+"""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.passage import Passage, passing_message
+from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import shortest_passage
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.nodal_facets import NodalFacets
+
+__all__ = ["ReversePassages"]
+
+
+class ReversePassages:
+    """Watches the vertices of the segments of pairs from look to look. Collective.
+
+    Several steps may lie between two looks, as long as no vertex can pass within them.
+
+    Args:
+        pairs: The pairs of a stepper.
+    """
+
+    def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        """Choose the pairs of two surfaces of which no other pair is the reverse."""
+        both = {(pair.nodes, pair.segments) for pair in pairs}
+        self._sweeps = [
+            _Sweep(pair.segments, pair.nodes)
+            for pair in pairs
+            if isinstance(pair.segments, Surface) and (pair.segments, pair.nodes) not in both
+        ]
+        self._shortest = min((sweep.shortest for sweep in self._sweeps), default=np.inf)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, as the state was set. Local."""
+        self._x: Floats | None = None  # positions at the last look
+        self._travelled = 0.0  # bound on the relative motion since then [m]
+
+    def check(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
+        """Say which vertices come out on another side in a step, or "".
+
+        Args:
+            x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
+            x: The same at its end.
+            moved: Largest motion of any node in the step, the same on all ranks [m].
+            dt: Length of the step [s].
+        """
+        before = x_n if self._x is None else self._x
+        if self._travelled + 2 * moved <= self._shortest:
+            return ""
+        reasons = (
+            sweep.passing(before, x, self._travelled + 2 * moved, dt) for sweep in self._sweeps
+        )
+        return next(filter(None, reasons), "")
+
+    def accept(self, x_n: Floats, x: Floats, moved: float) -> None:
+        """Count an accepted step; arguments as of `check`. Local."""
+        if self._x is None:
+            self._x = x_n.copy()
+        self._travelled += 2 * moved
+        if self._travelled > self._shortest:
+            self._x, self._travelled = x.copy(), 0.0
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the last look."""
+        x = None if self._x is None else [self._x, np.array(self._travelled)]
+        stored = archive.local("reverse_passages", x)
+        if archive.giving:
+            self.forget()
+            if stored is not None:
+                self._x, self._travelled = stored[0], float(stored[1])
+
+
+class _Sweep:
+    """Vertices of one surface against the facets of another. Collective."""
+
+    def __init__(self, vertices: Surface, facets: Surface) -> None:
+        self._vertices, self._comm = vertices, vertices.V.mesh.comm
+        self._comm: MPI.Comm
+        self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
+        size = diameters(facets.V.tabulate_dof_coordinates()[facets.segments])
+        shortest = shortest_passage(size, facets.thickness)
+        self.shortest = float(reductions.least(self._comm, shortest))
+
+    def passing(self, x_n: Floats, x: Floats, reach: float, dt: float) -> str:
+        """Say which vertices pass between two states, or ""."""
+        candidates, _ = self._search.update(x_n, reach)
+        points, forward = self._facets.points(x_n), candidates.scatter.forward
+        passage = Passage.to_another_side(candidates, points, (forward(x_n), forward(x)))
+        ids = self._vertices.node_ids[passage.points]
+        return passing_message(self._comm, "vertices of segments", ids, passage.part * dt)
