@@ -12,13 +12,16 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import diameters
 from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.candidates import Candidates, shortest_passage
 from dolfinx_nts.search.points import ContactPoints
 
-__all__ = ["Passage", "passing_message"]
+__all__ = ["Passage", "passing_message", "shortest_passage_of"]
 
 # Ways relative to a segment [-]: below the surface to a place from which a point must be found
 # again, and past a place where another segment is found for it.
@@ -86,6 +89,16 @@ class Passage(NamedTuple):
         ways = candidates.follow(points, *ends, inside)
         passes: Flags = ways.leaves & (ways.cosine < -_kernels.WALL)
         return cls(number[passes], _possible_part(candidates, ways, way, passes))
+
+
+def shortest_passage_of(pair: ContactPair) -> float:
+    """Relative motion below which no node of a pair passes [m]. Collective."""
+    segments = pair.segments
+    if isinstance(segments, Obstacle):
+        return shortest_passage(np.array([pair.nodes.size]), segments.thickness)
+    size = diameters(segments.V.tabulate_dof_coordinates()[segments.segments])
+    shortest = shortest_passage(size, segments.thickness)
+    return float(reductions.least(segments.V.mesh.comm, shortest))
 
 
 def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, dt: float) -> str:

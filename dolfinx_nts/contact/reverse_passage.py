@@ -13,10 +13,8 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.passage import Passage, passing_message
-from dolfinx_nts.model.surfaces import Surface, diameters
-from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import shortest_passage
+from dolfinx_nts.contact.passage import Passage, passing_message, shortest_passage_of
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 
@@ -48,6 +46,12 @@ class ReversePassages:
         self._x: Floats | None = None  # positions at the last look
         self._travelled = 0.0  # bound on the relative motion since then [m]
 
+    def is_due(self, moved: float) -> bool:
+        """Whether a step may let vertices pass in which no node moves more than given [m]. Local."""
+        return bool(self._sweeps) and (
+            self._x is None or self._travelled + 2 * moved > self._shortest
+        )
+
     def check(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
         """Say which vertices come out on another side in a step, or "".
 
@@ -58,20 +62,23 @@ class ReversePassages:
             dt: Length of the step [s].
         """
         before = x_n if self._x is None else self._x
-        if self._travelled + 2 * moved <= self._shortest:
+        reach = self._travelled + 2 * moved
+        if reach <= self._shortest:
             return ""
-        reasons = (
-            sweep.passing(before, x, self._travelled + 2 * moved, dt) for sweep in self._sweeps
-        )
+        reasons = (sweep.passing(before, x, reach, dt) for sweep in self._sweeps)
         return next(filter(None, reasons), "")
 
     def accept(self, x_n: Floats, x: Floats, moved: float) -> None:
-        """Count an accepted step; arguments as of `check`. Local."""
-        if self._x is None:
-            self._x = x_n.copy()
-        self._travelled += 2 * moved
-        if self._travelled > self._shortest:
+        """Go on from a step that was accepted; arguments as of `check`. Local."""
+        if self._travelled + 2 * moved > self._shortest:
             self._x, self._travelled = x.copy(), 0.0
+            return
+        self._x = x_n.copy() if self._x is None else self._x
+        self.travel(moved)
+
+    def travel(self, moved: float) -> None:
+        """Go on from a step for which no look was due, see `is_due`. Local."""
+        self._travelled += 2 * moved
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last look."""
@@ -87,12 +94,10 @@ class _Sweep:
     """Vertices of one surface against the facets of another. Collective."""
 
     def __init__(self, vertices: Surface, facets: Surface) -> None:
-        self._vertices, self._comm = vertices, vertices.V.mesh.comm
-        self._comm: MPI.Comm
+        self._vertices = vertices
+        self._comm: MPI.Comm = vertices.V.mesh.comm
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
-        size = diameters(facets.V.tabulate_dof_coordinates()[facets.segments])
-        shortest = shortest_passage(size, facets.thickness)
-        self.shortest = float(reductions.least(self._comm, shortest))
+        self.shortest = shortest_passage_of(ContactPair(vertices, facets))
 
     def passing(self, x_n: Floats, x: Floats, reach: float, dt: float) -> str:
         """Say which vertices pass between two states, or ""."""

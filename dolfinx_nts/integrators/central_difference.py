@@ -201,6 +201,7 @@ class CentralDifference(Stepper):
 
     def _state_was_set(self) -> None:
         self._forces.known = False
+        self._reverse.forget()
         for springs in self._springs:
             springs.forget()
 
@@ -247,6 +248,7 @@ class CentralDifference(Stepper):
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
         _, _, v, rate, du = self._arrays
         moved = self._move()
+        self._check_passage(moved)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         reaction = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(moved)
@@ -258,12 +260,15 @@ class CentralDifference(Stepper):
             rate[given] = (2 * rate - v)[given]
             inertia = (self.mass[:, None] * (rate - v))[given] / dt
             support = (inertia - (reaction + bulk.total[given]) / 2) @ du[given]
-        contact = np.zeros(7)
+        contact = np.zeros(8)
         for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
-            contact += springs.num_segments, len(new.springs.node), *springs.work(old, new, du)
+            counts = springs.num_lost, springs.num_segments, len(new.springs.node)
+            contact += *counts, *springs.work(old, new, du)
         defect = dt**2 / 8 * (forces.power - power)
         works = reductions.total(self._comm, [load, damping, support, defect, *contact.tolist()])
-        load, damping, support, defect, num_segments, num_active, *by_cause = works
+        load, damping, support, defect, num_lost, num_segments, num_active, *by_cause = works
+        if num_lost:
+            self._refuse(f"{num_lost:g} nodes sank too deep into a surface, stiffer springs help")
         contact_work = ContactWork(*by_cause)
         self._stability.count((load, support), damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
@@ -311,6 +316,19 @@ class CentralDifference(Stepper):
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
         return moved
 
+    def _check_passage(self, moved: float) -> None:
+        """Raise if nodes or vertices, of which none moves farther than given, pass a surface."""
+        fast = [springs for springs in self._springs if springs.may_pass(moved)]
+        if not (fast or self._reverse.is_due(moved)):
+            self._reverse.travel(moved)
+            return
+        x_n, x = (self._X + u.reshape(-1, 3) for u in (self._u_n, self._u))
+        reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
+        reason = next(filter(None, reasons), "") or self._reverse.check(x_n, x, moved, self.dt)
+        if reason:
+            self._refuse(reason)
+        self._reverse.accept(x_n, x, moved)
+
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass[:, None] * v, v) / 2
@@ -332,7 +350,7 @@ class CentralDifference(Stepper):
         self._state_was_set()
         stable = self._stability.longest_step(self.x)
         raise ConvergenceError(
-            f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is not stable: {reason}; "
+            f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is refused: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "
             f"step is {stable:.4g} s: a smaller dt may help",
             [],

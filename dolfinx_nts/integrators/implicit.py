@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
@@ -107,6 +108,7 @@ class ImplicitStepper(Stepper):
 
     def _state_was_set(self) -> None:
         self._rates.forget()
+        self._reverse.forget()
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
@@ -121,14 +123,27 @@ class ImplicitStepper(Stepper):
                 steps, solution = self._solve(start, x, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
-                reason = self._volume_ratio.inverted() or next(
-                    filter(None, (check_penetration(each, self.dt) for each in steps)), ""
-                )
+                moved = reductions.largest(self._comm, _kernels.farthest(self.x, x[0]))
+                reason = self._wrong(steps, x[0], moved)
                 if not reason:
+                    self._reverse.accept(x[0], self.x, moved)
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps)
+
+    def _wrong(self, steps: Sequence[ContactStep], x_n: Floats, moved: float) -> str:
+        """Say why a solution cannot be accepted, or "".
+
+        ``x_n`` are positions at t_n, shape ``(l, 3)`` [m], ``moved`` is the largest motion [m].
+        """
+        if inverted := self._volume_ratio.inverted():
+            return inverted
+        reasons = (check_penetration(step, self.dt) for step in steps)
+        with self.timings.phase("passage"):
+            return next(filter(None, reasons), "") or self._reverse.check(
+                x_n, self.x, moved, self.dt
+            )
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""

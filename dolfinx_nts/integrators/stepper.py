@@ -16,6 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.reverse_passage import ReversePassages
 from dolfinx_nts.contact.start import check_start
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
@@ -75,6 +76,7 @@ class Stepper(TimeLoop):
         end_together()
         super().__init__(V, dt)
         self.contacts = tuple(PairState(pair) for pair in self.pairs)
+        self._reverse = ReversePassages(self.pairs)
         self.timings = Timings()
         self._update = update
         # Asking a Function for its values takes as long as copying those of a small mesh.
@@ -112,6 +114,7 @@ class Stepper(TimeLoop):
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
+        self._reverse.serialize(archive)
 
     def _check_body(self, body: Body) -> None:
         if body not in self.bodies:

@@ -14,12 +14,13 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.passage import Passage, passing_message, shortest_passage_of
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import NodalPoints
@@ -27,6 +28,8 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
 
+# Depth, relative to the size of a segment [-], from which on a node has not merely left it.
+_SUNK = 0.1
 # Stiffness of a node by which a `PairState` derives springs, relative to the penalty [-]: the
 # state makes the normal spring ten times as stiff, and the tangential spring as stiff.
 _SOFTER = 0.1
@@ -77,6 +80,9 @@ class ContactSprings:
         state: State of the contact pair.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
+    Attributes:
+        num_lost: Nodes of this rank that sank too deep to be found in the last evaluation.
+
     Raises:
         ValueError: The pair is enforced by multipliers.
     """
@@ -105,6 +111,8 @@ class ContactSprings:
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
+        self._shortest_passage = shortest_passage_of(pair)
+        self.num_lost = 0
 
     def forget(self) -> None:
         """Look at all nodes again, as the state was set. Local."""
@@ -174,6 +182,39 @@ class ContactSprings:
         """Number of segments that this rank looks at. Local."""
         return len(self._neighbours.candidates.size)
 
+    def may_pass(self, moved: float) -> bool:
+        """Whether a node may pass in a step in which none moves more than given [m]. Local."""
+        return 2 * moved > self._shortest_passage
+
+    def passing(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
+        """Say which nodes pass a surface in a step, or "".
+
+        Args:
+            x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
+            x: The same at its end.
+            moved: Largest motion of any node, the same on all ranks [m].
+            dt: Length of the step [s].
+        """
+        state, reach = self._state, 2 * moved + self._neighbours.reach
+        candidates, _ = state.search.update(x_n, reach)
+        points, forward = state.points(x_n), candidates.scatter.forward
+        ends = forward(x_n), forward(x)
+        start = candidates.pair(points, ends[0], candidates.find(state.history.key), reach)
+        passage = Passage.through(candidates, points, ends, start, reach)
+        ids = state.nodes.node_ids[passage.points]
+        return passing_message(self._comm, "nodes", ids, passage.part * dt)
+
+    def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
+        """Number of listed nodes that have sunk too deep below their last segments. Local."""
+        lost = ((before >= 0) & (after < 0)).nonzero()[0].astype(np.int32)
+        if not len(lost):
+            return 0
+        candidates, segment = self._neighbours.candidates, before[lost]
+        points = self._neighbours.points.take(lost)
+        deep = candidates.gap(points, x, segment) < -_SUNK * candidates.size[segment]
+        beside = candidates.is_at_rim(points, x, segment)
+        return int(np.count_nonzero(deep & ~beside))
+
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
         """Compute the forces at x; the accepted contact does not change. Collective.
 
@@ -186,6 +227,7 @@ class ContactSprings:
         """
         seen, n = self._neighbours, len(self._reduced_mass)
         seen.update(x, step)
+        self.num_lost = 0
         if seen.is_idle:
             parts = self._friction.without_contact()
             return SpringForces(
@@ -199,6 +241,7 @@ class ContactSprings:
         segment, gap, springs = candidates.penalty_forces(
             seen.points, x, seen.current, seen.reach, number, stiffness
         )
+        self.num_lost = self._count_lost(x, seen.current, segment)
         seen.current, inside = segment, gap < 0
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
