@@ -16,9 +16,9 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import diameters
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Candidates, shortest_passage
+from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 
 __all__ = ["Passage", "passing_message", "shortest_passage_of"]
@@ -95,7 +95,7 @@ def shortest_passage_of(pair: ContactPair) -> float:
     """Relative motion below which no node of a pair passes [m]. Collective."""
     segments = pair.segments
     if isinstance(segments, Obstacle):
-        return shortest_passage(np.array([pair.nodes.size]), segments.thickness)
+        return segments.shortest_passage
     size = diameters(segments.V.tabulate_dof_coordinates()[segments.segments])
     shortest = shortest_passage(size, segments.thickness)
     return float(reductions.least(segments.V.mesh.comm, shortest))

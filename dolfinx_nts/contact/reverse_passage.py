@@ -47,7 +47,7 @@ class ReversePassages:
         self._travelled = 0.0  # bound on the relative motion since then [m]
 
     def is_due(self, moved: float) -> bool:
-        """Whether a step may let vertices pass in which no node moves more than given [m]. Local."""
+        """Whether vertices may pass in a step in which no node moves more than given [m]. Local."""
         return bool(self._sweeps) and (
             self._x is None or self._travelled + 2 * moved > self._shortest
         )

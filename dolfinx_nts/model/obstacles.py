@@ -28,7 +28,7 @@ class Obstacle(ABC):
 
     Attributes:
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
-        thickness: Of the obstacle behind each facet, shape ``(f,)`` [m].
+        shortest_passage: Motion in a step below which no node passes the obstacle [m].
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
@@ -37,7 +37,7 @@ class Obstacle(ABC):
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
-    thickness: Floats = np.full(1, np.inf)
+    shortest_passage = np.inf
 
     def __repr__(self) -> str:
         """Arguments that define the surface, or its number of facets, in one line. Local."""
@@ -252,7 +252,8 @@ class _Round(_Exact):
             raise ValueError(f"expected a radius > 0, given {radius}")
         self._centre, self._radius = _vector("centre", centre), float(radius)
         self._projector, self._sign = projector, -1.0 if hollow else 1.0
-        self.thickness = np.full(1, np.inf if hollow else self._radius)
+        if not hollow:
+            self.shortest_passage = self._radius / 2
 
     def _radial(self, x: Floats) -> tuple[Floats, Floats]:
         r = (x - self._centre) @ self._projector

@@ -10,7 +10,8 @@ from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rims import is_nearest_a_rim
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.surfaces import area_vectors, diameters
+from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
 
 __all__ = ["RigidSurface"]
 
@@ -27,7 +28,6 @@ class RigidSurface(Obstacle):
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
-        thickness: Infinite, as nothing is known of what is behind them, shape ``(s,)`` [m].
 
     Raises:
         ValueError: Shapes or indices do not fit, or ``outside`` lies in the plane of a facet.
@@ -55,9 +55,18 @@ class RigidSurface(Obstacle):
             raise ValueError("expected facets that turn a side to outside, given edges")
         self._orientation = np.sign(side)
         self.key = np.arange(len(facets), dtype=np.int64)
-        self.thickness = np.full(len(facets), np.inf)
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
+        self.shortest_passage = self._shortest_passage()
+
+    def _shortest_passage(self) -> float:
+        """Motion below which no node passes, by the thickness below the centres of facets [m]."""
+        size, centre = diameters(self._x), self._x.mean(axis=1)
+        inward = -area_vectors(self._x, self._orientation)
+        inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
+        everywhere = Facing.everywhere(len(size))
+        ways = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
+        return shortest_passage(size, np.where(ways.leaves, ways.way, np.inf))
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""
@@ -88,7 +97,7 @@ class RigidSurface(Obstacle):
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
         """Find the facet that each node faces, see `Obstacle.find`."""
-        faced = (*facing.arguments, self.thickness)
+        faced = (*facing.arguments, np.full(len(self.key), np.inf))
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points, *faced)
         return found, gap
 

@@ -7,10 +7,23 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["Trajectories"]
+__all__ = ["Trajectories", "shortest_passage"]
 
 # Depth, relative to a segment [-], to which a point may cut off a corner of a body.
 _CORNER = 0.1
+# Motion relative to the size of a segment and to the thickness behind it [-] below which the
+# local search finds a point again.
+_SHORT, _THIN = 0.25, 0.5
+
+
+def shortest_passage(size: Floats, thickness: Floats) -> float:
+    """Relative motion below which no point passes a segment [m]. Local.
+
+    Args:
+        size: Diameters of the segments, shape ``(s,)`` [m].
+        thickness: Of the body behind each segment, shape ``(s,)`` [m].
+    """
+    return float(min(_SHORT * size.min(initial=np.inf), _THIN * thickness.min(initial=np.inf)))
 
 
 class Trajectories(NamedTuple):
@@ -47,7 +60,9 @@ class Trajectories(NamedTuple):
         """
         size = np.append(sizes, np.inf)[self.entered]
         # Depth of the edge in which the planes of entry and exit meet, in the middle of the way.
-        depth = self.way / 2 * np.sqrt((1 - self.cosine) / np.fmax(1 + self.cosine, 1e-9))
+        depth = (
+            self.way / 2 * np.sqrt(np.fmax(1 - self.cosine, 0.0) / np.fmax(1 + self.cosine, 1e-9))
+        )
         through = (self.cosine < -_kernels.WALL) | (depth > _CORNER * size)
         flags: Flags = (self.entered >= 0) & np.where(self.leaves, through, self.cosine < 0)
         return flags

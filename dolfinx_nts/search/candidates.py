@@ -10,8 +10,6 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-import numpy as np
-
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
@@ -23,20 +21,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "shortest_passage"]
-
-# Motion relative to the size of a candidate and to its thickness [-] below which no point is
-# lost: the local search finds it again.
-_SHORT, _THIN = 0.25, 0.5
-
-
-def shortest_passage(size: Floats, thickness: Floats) -> float:
-    """Relative motion below which the local search finds points again [m]. Local.
-
-    ``size`` are diameters of segments, ``thickness`` that of the cells behind them, ``(s,)``
-    [m].
-    """
-    return float(min(_SHORT * size.min(initial=np.inf), _THIN * thickness.min(initial=np.inf)))
+__all__ = ["Candidates", "Search"]
 
 
 class Candidates(ABC):
@@ -52,13 +37,14 @@ class Candidates(ABC):
             facet has none.
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
+        shortest_passage: Relative motion below which no point passes a candidate [m].
     """
 
     scatter: NodalScatter
     segments: Ints
     key: GlobalInts
     size: Floats
-    _thickness: Floats  # of the body behind each candidate, (s,) [m]
+    shortest_passage: float
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
@@ -146,11 +132,6 @@ class Candidates(ABC):
 
         ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
         """
-
-    @property
-    def shortest_passage(self) -> float:
-        """Relative motion below which no point can pass a candidate [m]."""
-        return shortest_passage(self.size, self._thickness)
 
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

@@ -38,7 +38,7 @@ class ObstacleCandidates(Candidates):
         self.key = obstacle.key
         self.segments = np.empty((len(self.key), 0), dtype=np.int32)
         self.size = np.full(len(self.key), nodes.size)
-        self._thickness = obstacle.thickness
+        self.shortest_passage = obstacle.shortest_passage
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the facet of each key, see `Candidates.find`."""

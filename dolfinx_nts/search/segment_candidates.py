@@ -9,7 +9,7 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.model.rims import is_nearest_a_rim
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
@@ -51,6 +51,7 @@ class SegmentCandidates(Candidates):
         """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:]
+        self.shortest_passage = shortest_passage(self.size, self._thickness)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
 
     def find(self, key: GlobalInts) -> Ints:
