@@ -15,13 +15,13 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import diameters
+from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 
-__all__ = ["Passage", "passing_message", "shortest_passage_of"]
+__all__ = ["Passage", "passing_message", "passing_nodes_message", "shortest_passage_of"]
 
 # Ways relative to a segment [-]: below the surface to a place from which a point must be found
 # again, and past a place where another segment is found for it.
@@ -101,14 +101,14 @@ def shortest_passage_of(pair: ContactPair) -> float:
     return float(reductions.least(segments.V.mesh.comm, shortest))
 
 
-def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, dt: float) -> str:
-    """Name points that pass on any rank and a step with which they would not. Collective.
+def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> str:
+    """Name points that pass on any rank, and what would help. Collective.
 
     Args:
         comm: Communicator.
         what: What they are, in plural.
         ids: Their numbers on this rank, shape ``(m,)``.
-        dt: A step by which those of this rank would not pass [s].
+        advice: What would help.
 
     Returns:
         The message, "" if no point passes.
@@ -116,11 +116,25 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, dt: float) -> st
     if not reductions.anywhere(comm, len(ids) > 0):
         return ""
     everywhere = np.unique(np.concatenate(comm.allgather(ids)))
-    dt = float(reductions.least(comm, dt))
-    return (
-        f"{len(everywhere)} {what} go through a surface that they face: {listed(everywhere)}; "
-        f"a dt of {dt:.2g} would let contact catch them"
-    )
+    where = f"{len(everywhere)} {what} go through a surface that they face: {listed(everywhere)}"
+    return f"{where}; {advice}"
+
+
+def passing_nodes_message(nodes: Surface, passage: Passage, dt: float) -> str:
+    """Name nodes that pass on any rank, and a step with which they would not. Collective.
+
+    Args:
+        nodes: Their surface.
+        passage: Those of this rank.
+        dt: Length of the step [s].
+
+    Returns:
+        The message, "" if no node passes.
+    """
+    comm = nodes.V.mesh.comm
+    possible = float(reductions.least(comm, passage.part * dt))
+    advice = f"a dt of {possible:.2g} would let contact catch them"
+    return passing_message(comm, "nodes", nodes.node_ids[passage.points], advice)
 
 
 def _numbers(flags: Flags) -> Ints:

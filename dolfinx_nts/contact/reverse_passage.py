@@ -20,6 +20,11 @@ from dolfinx_nts.search.nodal_facets import NodalFacets
 
 __all__ = ["ReversePassages"]
 
+_ADVICE = (
+    "contact holds nodes only: let the finer surface give the nodes, or both sides "
+    "(two_half_passes)"
+)
+
 
 class ReversePassages:
     """Watches the vertices of the segments of pairs from look to look. Collective.
@@ -52,20 +57,19 @@ class ReversePassages:
             self._x is None or self._travelled + 2 * moved > self._shortest
         )
 
-    def check(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
+    def check(self, x_n: Floats, x: Floats, moved: float) -> str:
         """Say which vertices come out on another side in a step, or "".
 
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
             x: The same at its end.
             moved: Largest motion of any node in the step, the same on all ranks [m].
-            dt: Length of the step [s].
         """
         before = x_n if self._x is None else self._x
         reach = self._travelled + 2 * moved
         if reach <= self._shortest:
             return ""
-        reasons = (sweep.passing(before, x, reach, dt) for sweep in self._sweeps)
+        reasons = (sweep.passing(before, x, reach) for sweep in self._sweeps)
         return next(filter(None, reasons), "")
 
     def accept(self, x_n: Floats, x: Floats, moved: float) -> None:
@@ -99,10 +103,10 @@ class _Sweep:
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
         self.shortest = shortest_passage_of(ContactPair(vertices, facets))
 
-    def passing(self, x_n: Floats, x: Floats, reach: float, dt: float) -> str:
+    def passing(self, x_n: Floats, x: Floats, reach: float) -> str:
         """Say which vertices pass between two states, or ""."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
         passage = Passage.to_another_side(candidates, points, (forward(x_n), forward(x)))
         ids = self._vertices.node_ids[passage.points]
-        return passing_message(self._comm, "vertices of segments", ids, passage.part * dt)
+        return passing_message(self._comm, "vertices of segments", ids, _ADVICE)

@@ -324,7 +324,7 @@ class CentralDifference(Stepper):
             return
         x_n, x = (self._X + u.reshape(-1, 3) for u in (self._u_n, self._u))
         reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
-        reason = next(filter(None, reasons), "") or self._reverse.check(x_n, x, moved, self.dt)
+        reason = next(filter(None, reasons), "") or self._reverse.check(x_n, x, moved)
         if reason:
             self._refuse(reason)
         self._reverse.accept(x_n, x, moved)

@@ -141,9 +141,7 @@ class ImplicitStepper(Stepper):
             return inverted
         reasons = (check_penetration(step, self.dt) for step in steps)
         with self.timings.phase("passage"):
-            return next(filter(None, reasons), "") or self._reverse.check(
-                x_n, self.x, moved, self.dt
-            )
+            return next(filter(None, reasons), "") or self._reverse.check(x_n, self.x, moved)
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""

@@ -20,7 +20,7 @@ from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.passage import Passage, passing_message, shortest_passage_of
+from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import NodalPoints
@@ -201,8 +201,7 @@ class ContactSprings:
         ends = forward(x_n), forward(x)
         start = candidates.pair(points, ends[0], candidates.find(state.history.key), reach)
         passage = Passage.through(candidates, points, ends, start, reach)
-        ids = state.nodes.node_ids[passage.points]
-        return passing_message(self._comm, "nodes", ids, passage.part * dt)
+        return passing_nodes_message(state.nodes, passage, dt)
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
         """Number of listed nodes that have sunk too deep below their last segments. Local."""

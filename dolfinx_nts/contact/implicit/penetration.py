@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.passage import Passage, passing_message
+from dolfinx_nts.contact.passage import Passage, passing_nodes_message
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints
 
@@ -42,8 +42,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
     passage = Passage.through(
         step.candidates, search.points, ends, start, search.reach, ~step.normal.active
     )
-    ids = nodes.node_ids[passage.points]
-    return passing_message(nodes.V.mesh.comm, "nodes", ids, passage.part * dt)
+    return passing_nodes_message(nodes, passage, dt)
 
 
 def _without_segment(step: ContactStep) -> int:

@@ -1,0 +1,153 @@
+"""Contact that is never missed: bodies bounce, or the step fails and says how."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+
+WIDTH, GAP, THICKNESS = 0.2, 0.02, 0.1
+STEP = 1e-3  # s
+
+
+def shell(low, high):
+    """A closed box of rigid facets."""
+    ends = tuple(zip(low, high, strict=True))
+    points = np.array([[x, y, z] for z in ends[2] for y in ends[1] for x in ends[0]])
+    facets = [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 4, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 3, 5, 7]]
+    centre = points[facets].mean(axis=1)
+    return nts.RigidSurface(points, facets, 2 * centre - points.mean(axis=0))
+
+
+OBSTACLES = {
+    "sphere": nts.RigidSphere((0, 0, -THICKNESS / 2), THICKNESS / 2),
+    "cylinder": nts.RigidCylinder((0, 0, -THICKNESS / 2), (0, 1, 0), THICKNESS / 2),
+    "facets": shell((-0.25, -0.25, -THICKNESS), (0.25, 0.25, 0)),
+}
+
+
+class Flight:
+    """A block that flies down at a target, by ``ratio`` of its thickness in a step."""
+
+    def __init__(self, comm, target, scheme, enforcement, ratio, reverse=False):
+        """Make the scene."""
+
+        def fill(model):
+            corner = (-WIDTH / 2, -WIDTH / 2, GAP)
+            parts.add_box(model, "block", corner=corner, size=(WIDTH,) * 3, cells=(2, 2, 2))
+            if target == "plate":
+                corner, size = (-0.25, -0.25, -THICKNESS), (0.5, 0.5, THICKNESS)
+                cells = (2, 2, 1) if reverse else (3, 3, 2)
+                parts.add_box(model, "plate", corner=corner, size=size, cells=cells)
+
+        mesh, cells, _, tag = nts.read_mesh(fill, comm)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        # Waves in it are twenty times as fast as it flies.
+        speed = ratio * THICKNESS / STEP
+        rubber = nts.NeoHookean(1e3 * (20 * speed) ** 2, 0.3, 1e3)
+        self.block = nts.Body(V, cells, tag["block"], rubber)
+        bodies, bcs, options = [self.block], [], {}
+        if target == "plate":
+            bodies.append(nts.Body(V, cells, tag["plate"], rubber))
+            held = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 1e-9) & (abs(x[0]) > 0.249))
+            bcs = [fem.dirichletbc(np.zeros(3), held, V)]
+            surfaces = [nts.boundary_of(body) for body in bodies]
+            pair = nts.ContactPair(*(surfaces[::-1] if reverse else surfaces), enforcement)
+        else:
+            pair = nts.ContactPair(nts.boundary_of(self.block), OBSTACLES[target], enforcement)
+        if scheme is not nts.CentralDifference:
+            options["dt"] = STEP
+        self.stepper = scheme(bodies, [pair], bcs=bcs, **options)
+        self.stepper.set_velocity(self.block, (0, 0, -speed * STEP / self.stepper.dt))
+        self.diagnostics = nts.Diagnostics(self.stepper)
+        # Enough to reach the other side.
+        self.num_steps = int(np.ceil((THICKNESS + GAP + 2 * WIDTH) / (ratio * THICKNESS))) + 3
+
+    def outcome(self):
+        """Tell whether it bounces or passes, or the error, which restores the state."""
+        try:
+            for _ in range(self.num_steps):
+                before = self.stepper.u.x.array.copy()
+                self.stepper.advance()
+        except nts.ConvergenceError as error:
+            np.testing.assert_array_equal(self.stepper.u.x.array, before)
+            return str(error)
+        height = self.diagnostics.centre_of_mass(self.block)[2]
+        falls = self.diagnostics.body_velocity(self.block)[2] < 0
+        return "passes" if falls and height < -THICKNESS else "bounces"
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("ratio", [1.5, 10])
+@pytest.mark.parametrize("target", ["plate", *OBSTACLES])
+def test_nothing_passes_in_silence_however_long_the_step(comm, target, ratio):
+    outcome = Flight(comm, target, nts.EnergyMomentum, nts.LagrangeMultiplier(), ratio).outcome()
+    # What flies on to beyond a round obstacle can only be refused.
+    round_ = target in ("sphere", "cylinder")
+    assert ("go through a surface" in outcome) if round_ else (outcome == "bounces")
+    if round_:
+        assert "a dt of" in outcome
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("scheme", "enforcement"),
+    [
+        (nts.EnergyMomentum, nts.LagrangeMultiplier("plastic")),
+        (nts.EnergyMomentum, nts.Penalty()),
+        (nts.Midpoint, nts.LagrangeMultiplier()),
+        (nts.GeneralizedAlpha, nts.Penalty()),
+    ],
+)
+def test_no_scheme_and_no_law_lets_a_block_pass_a_plate(comm, scheme, enforcement):
+    assert Flight(comm, "plate", scheme, enforcement, 3.0).outcome() == "bounces"
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("target", ["plate", "sphere", "facets"])
+def test_explicit_steps_let_nothing_pass_in_silence(comm, target):
+    flight = Flight(comm, target, nts.CentralDifference, nts.Penalty(), 1.5)
+    assert flight.outcome() != "passes"
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.5])
+def test_vertices_do_not_pass_the_facets_of_the_nodes_in_silence(comm, ratio):
+    # The wrong way round: nodes of the coarse plate, segments of the small block.
+    law = nts.LagrangeMultiplier()
+    flight = Flight(comm, "plate", nts.EnergyMomentum, law, ratio, reverse=True)
+    outcome = flight.outcome()
+    assert outcome == "bounces" or "go through a surface" in outcome
+
+
+def fall(comm, num_cells, how):
+    """Velocity and peak force of a cube that falls on another one of the same width."""
+
+    def fill(model):
+        parts.add_box(model, "low", corner=(0, 0, 0), size=(1, 1, 1), cells=(3, 3, 3))
+        corner, cells = (0, 0, 1.02), (num_cells,) * 3
+        parts.add_box(model, "top", corner=corner, size=(1, 1, 1), cells=cells)
+
+    mesh, cells, facets, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    top, low = (nts.Body(V, cells, tag[name], rubber) for name in ("top", "low"))
+    if how == "faces":
+        surfaces = (nts.Surface(V, facets, tag[name]) for name in ("top_bottom", "low_top"))
+        pairs = [nts.ContactPair(*surfaces)]
+    else:
+        pairs = nts.all_pairs([top, low])
+    held = fem.locate_dofs_geometrical(V, lambda x: x[2] < 1e-9)
+    bcs = [fem.dirichletbc(np.zeros(3), held, V)]
+    stepper = nts.EnergyMomentum([top, low], pairs, dt=5e-3, bcs=bcs)
+    stepper.set_velocity(top, (0, 0, -1))
+    diagnostics, peak = nts.Diagnostics(stepper), 0.0
+    for _ in stepper.run(until=0.3, control=nts.StepControl()):
+        peak = max(peak, diagnostics.contact_force()[2])
+    return np.array([*diagnostics.body_velocity(top), peak])
+
+
+def test_flush_bodies_bounce_the_same_by_their_whole_boundaries_and_by_their_faces(comm):
+    boundaries, faces = (fall(comm, 4, how) for how in ("boundaries", "faces"))
+    np.testing.assert_allclose(boundaries, faces, rtol=1e-2, atol=1e-6)
+    assert abs(boundaries[:2]).max() < 1e-6  # no drift to the side

@@ -1,0 +1,78 @@
+"""Nodes touch what faces them: not the sides of bodies next to them."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.nodal_facets import NodalFacets
+from helpers import scenes
+
+cells = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+GAP = 0.01
+
+
+class Two:
+    """Two blocks, ``(lower corner, upper corner, cells)`` each, with their whole boundaries."""
+
+    def __init__(self, comm, *blocks, cell="hexahedron"):
+        """Make the bodies."""
+        corners = [np.array(block[:2], dtype=float) for block in blocks]
+        data = scenes.boxes([b[2] for b in blocks], [c[1] - c[0] for c in corners], cell=cell)
+        first = 0
+        for (low, _), block in zip(corners, blocks, strict=True):
+            count = np.prod(np.array(block[2]) + 1)
+            X = data.X[first : first + count]
+            X += low - X.min(axis=0)
+            first += count
+        mesh, tags, _, _ = scenes.distribute(comm, data)
+        self.V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        stone = nts.NeoHookean(1e5, 0.3, 1e3)
+        self.bodies = [nts.Body(self.V, tags, value, stone) for value in range(len(blocks))]
+
+    def gaps(self, shift):
+        """Reference positions of the second body's nodes, and gaps when it is shifted."""
+        nodes, segments = (nts.boundary_of(body) for body in reversed(self.bodies))
+        x = self.V.tabulate_dof_coordinates().copy()
+        x[self.bodies[1].nodes] += shift
+        candidates, _ = GlobalSearch(nodes, segments).update(x, 1.0)
+        none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+        points = NodalFacets(nodes).points(x)
+        _, gap = candidates.pair(points, candidates.scatter.forward(x), none, 1.0)
+        return self.V.tabulate_dof_coordinates()[nodes.nodes], gap
+
+
+@cells
+def test_rims_of_flush_blocks_face_the_top_and_not_the_sides(comm, agree, cell):
+    low, high = ((0, 0, 0), (1, 1, 1), (2, 2, 2)), ((0, 0, 1.0), (1, 1, 2), (3, 3, 3))
+    two = Two(comm, low, high, cell=cell)
+    for shift in (GAP, -GAP):
+        X, gap = two.gaps((0, 0, shift))
+        bottom = np.isclose(X[:, 2], 1)
+        assert agree(np.allclose(gap[bottom], shift, atol=1e-12))
+        assert agree(np.isnan(gap[~bottom]).all())
+
+
+def test_block_beside_another_faces_its_side(comm, agree):
+    two = Two(comm, ((0, 0, 0), (1, 1, 1), (2, 2, 2)), ((1, 0, 0), (2, 1, 1), (2, 2, 2)))
+    X, gap = two.gaps((GAP, 0, 0))
+    assert agree(np.allclose(gap[np.isclose(X[:, 0], 1)], GAP, atol=1e-12))
+
+
+def test_edge_of_a_turned_block_faces_what_it_presses_on(comm, agree):
+    # A thin fin that stands on its narrow side, and one that lies on its broad side.
+    floor = ((-2, -2, -1), (2, 2, 0), (4, 4, 1))
+    for fin in (((0, 0, 0), (0.02, 1, 1), (1, 3, 3)), ((0, 0, 0), (1, 1, 0.02), (3, 3, 1))):
+        X, gap = Two(comm, floor, fin).gaps((0.01, 0.013, GAP))
+        assert agree(np.allclose(gap[np.isclose(X[:, 2], 0)], GAP, atol=1e-12))
+
+
+def test_node_below_a_thin_plate_is_not_taken_for_one_deep_inside(comm, agree):
+    plate = ((-1, -1, -0.05), (1, 1, 0), (2, 2, 1))
+    two = Two(comm, plate, ((-0.4, -0.4, 0), (0.4, 0.4, 0.8), (2, 2, 2)))
+    # Its bottom faces the top of the plate, but lies below the plate.
+    X, gap = two.gaps((0.01, 0.013, -0.2))
+    assert agree(np.isnan(gap[np.isclose(X[:, 2], 0)]).all())
+    X, gap = two.gaps((0.01, 0.013, -0.03))
+    assert agree(np.allclose(gap[np.isclose(X[:, 2], 0)], -0.03, atol=1e-12))
