@@ -132,6 +132,8 @@ def passing_nodes_message(nodes: Surface, passage: Passage, dt: float) -> str:
         The message, "" if no node passes.
     """
     comm = nodes.V.mesh.comm
+    if not reductions.anywhere(comm, len(passage.points) > 0):
+        return ""
     possible = float(reductions.least(comm, passage.part * dt))
     advice = f"a dt of {possible:.2g} would let contact catch them"
     return passing_message(comm, "nodes", nodes.node_ids[passage.points], advice)
