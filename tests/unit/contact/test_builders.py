@@ -113,6 +113,7 @@ def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(co
         ((2, 2), (1e7, 1e5), False),
         ((2, 3), (1e5, 1e7), True),  # a little finer does not count
         ((1, 4), (1e5, 1e7), False),  # much finer does
+        ((1, 2), (1e5, 1e13), False),  # and however stiff it is
         ((3, 3), (0.0, 1e5), True),
     ],
 )
