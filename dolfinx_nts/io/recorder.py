@@ -51,6 +51,9 @@ class Recorder:
     ``resume`` a script that is started again continues from the checkpoint, on any number of
     ranks; rows and states after the step of the checkpoint are removed.
 
+    While the block is open, ``name.lock`` tells host and process of the run, and another run
+    that would write to files of this name is refused. The lock ends with the process.
+
     Args:
         name: Path of the files without suffix, in an existing folder.
         stepper: Stepper of the run.
@@ -70,8 +73,9 @@ class Recorder:
 
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1, or ``fields`` is another
-            kind, or one that cannot be resumed.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``fields`` is another
+            kind, or one that cannot be resumed, or ``name`` is that of a folder or has a colon,
+            a backslash or characters that cannot be printed.
 
     Example:
         >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
@@ -113,16 +117,16 @@ class Recorder:
         """Create the files and write the present state, or resume the run.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be created or replaced. Nothing
-                has been created.
-            ValueError: The checkpoint is damaged or of another scene, or the table does not
-                reach to its step. Nothing has been changed.
+            OSError: The folder does not exist, another run writes to these files, or one of
+                them cannot be created or replaced. Nothing has been created.
+            ValueError: The checkpoint is damaged or of another scene, or the table is not that
+                of the run. Nothing has been changed.
         """
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
             self._penetration = ReversePenetration(self._stepper)
-            stack.callback(self._files.close_table)
+            stack.callback(self._files.close)
             if not self._files.open(self._ledger, self._options.resume):
                 self._files.fields.write()
                 self._write_row(0.0)
