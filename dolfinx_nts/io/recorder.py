@@ -17,6 +17,7 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
+from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton import ConvergenceError
 
@@ -104,7 +105,7 @@ class Recorder:
         self.diagnostics = Diagnostics(stepper)
         self._files = RunFiles(str(name), stepper, fields)
         comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._is_root = comm.rank == 0
+        self._comm = comm
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
 
@@ -122,6 +123,7 @@ class Recorder:
             ValueError: The checkpoint is damaged or of another scene, or the table is not that
                 of the run. Nothing has been changed.
         """
+        meet(self._comm, f"open {self!r}")
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
@@ -145,6 +147,7 @@ class Recorder:
             OSError: A file cannot be written, for instance because the disk is full.
             ValueError: The recorder is not open, or a step is left out.
         """
+        meet(self._comm, f"write step {step.step} of {self._options.name}")
         if self._open is None:
             raise ValueError("expected an open recorder, given one outside its with block")
         due = self._ledger.step + 1
@@ -176,12 +179,13 @@ class Recorder:
         stack, self._open = self._open, None
         with self._stepper.timings.phase("output"), stack:
             if error is None or isinstance(error, ConvergenceError):
+                meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
                 self._files.fields.write()
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
                 self._files.fields.close()
         self._summary.stop()
-        if self._is_root:
+        if self._comm.rank == 0:
             _logger.info("%s", self.summary())
 
     def summary(self) -> str:

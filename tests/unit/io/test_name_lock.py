@@ -97,4 +97,5 @@ def test_file_system_without_locks_is_told(path, monkeypatch, caplog):
     lock.take()
     lock.release()
     (text,) = caplog.messages
-    assert text.startswith(f"{path} cannot be locked: {os.strerror(errno.ENOLCK)}; this is harmless")
+    reason = os.strerror(errno.ENOLCK)
+    assert text.startswith(f"{path} cannot be locked: {reason}; this is harmless")
