@@ -7,6 +7,7 @@ of the latter it learns by notes that ranks send when they leave.
 
 import atexit
 import math
+import os
 import sys
 import time
 import zlib
@@ -24,7 +25,7 @@ __all__ = ["Meeting", "leave_with_notes", "meet"]
 # different calls meet as well.
 _MOST = 2
 # Time [s] for which a waiting rank only yields its core, and then sleeps between two looks.
-_SHORT, _PAUSE = 1e-3, 1e-4
+_SHORT, _PAUSE = 2e-2, 1e-4
 # Time [s] after which the second rank that learns of one that has left ends the program, if the
 # first has not.
 _GRACE = 0.5
@@ -66,14 +67,12 @@ class Meeting:
 
     def __init__(self, comm: MPI.Comm, call: str, *numbers: float) -> None:
         """Tell the other ranks, without waiting for them."""
-        self._comm, self._call = comm, call
-        code = zlib.crc32(call.encode())
-        mine = np.array([code, -code, *numbers, *([-np.inf] * (_MOST - len(numbers)))])
-        self._num_numbers = len(numbers)
-        self._largest: Floats = np.empty_like(mine)
-        # MPI reads the array until the request is complete.
-        self._mine = mine
-        self._request = comm.Iallreduce(mine, self._largest, op=MPI.MAX)
+        self._comm, self._call, self._num_numbers = comm, call, len(numbers)
+        code, nothing = zlib.crc32(call.encode()), [-np.inf] * (_MOST - len(numbers))
+        # MPI reads and writes both arrays until the request is complete.
+        self._mine: Floats = np.array([code, -code, *numbers, *nothing])
+        self._largest: Floats = np.empty_like(self._mine)
+        self._request = comm.Iallreduce(self._mine, self._largest, op=MPI.MAX)
 
     def wait(self, patience: float = math.inf) -> bool:
         """Wait for the other ranks; end the program if one of them has left it.
@@ -90,9 +89,11 @@ class Meeting:
             if waited > patience:
                 _pending.append(self)
                 return False
-            if waited > _SHORT:
+            if waited < _SHORT:
+                os.sched_yield()
+            else:
                 _end_if_one_has_left(self._call)
-            time.sleep(0.0 if waited < _SHORT else _PAUSE)
+                time.sleep(_PAUSE)
         return True
 
     def largest(self) -> list[float]:
@@ -106,8 +107,7 @@ class Meeting:
             raise ValueError(
                 f"expected all ranks to do the same, given {' on some and '.join(calls)} on others"
             )
-        largest: list[float] = self._largest[2 : 2 + self._num_numbers].tolist()
-        return largest
+        return [float(number) for number in self._largest[2 : 2 + self._num_numbers]]
 
 
 def leave_with_notes() -> None:
