@@ -24,8 +24,8 @@ __all__ = ["Meeting", "leave_with_notes", "meet"]
 # Most numbers that ranks bring to a meeting; all meetings have messages of one length, so that
 # different calls meet as well.
 _MOST = 2
-# Time [s] for which a waiting rank only yields its core, and then sleeps between two looks.
-_SHORT, _PAUSE = 2e-2, 1e-4
+# Times [s] after which a waiting rank yields its core between two looks, and sleeps as well.
+_AT_ONCE, _SHORT, _PAUSE = 5e-5, 2e-2, 1e-4
 # Time [s] after which the second rank that learns of one that has left ends the program, if the
 # first has not.
 _GRACE = 0.5
@@ -89,11 +89,11 @@ class Meeting:
             if waited > patience:
                 _pending.append(self)
                 return False
-            if waited < _SHORT:
-                os.sched_yield()
-            else:
+            if waited > _SHORT:
                 _end_if_one_has_left(self._call)
                 time.sleep(_PAUSE)
+            elif waited > _AT_ONCE:
+                os.sched_yield()
         return True
 
     def largest(self) -> list[float]:
