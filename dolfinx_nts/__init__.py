@@ -26,9 +26,13 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __version__ = "0.1.0"
+
+# From here on, so that no call of the package lets ranks wait for one that has failed.
+end_together()
 
 __all__ = [
     "Balance",

@@ -130,16 +130,10 @@ def test_exit_status_is_that_of_the_command(status: int) -> None:
 
 
 @inside
-@pytest.mark.alone
-def test_call_inside_builds_nothing_and_is_quick(tmp_path: Path) -> None:
-    times = []
+def test_call_inside_builds_nothing(tmp_path: Path) -> None:
     environ = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    for _ in range(3):
-        start = time.monotonic()
-        subprocess.run([RUN, "true"], check=True, env=environ)
-        times.append(time.monotonic() - start)
+    subprocess.run([RUN, "true"], check=True, env=environ)
     assert list((tmp_path / "dolfinx_nts").iterdir()) == []
-    assert min(times) < 1.0
 
 
 @inside

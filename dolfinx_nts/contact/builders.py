@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from dolfinx import la
-from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
+from dolfinx.mesh import exterior_facet_indices
 
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Flags
@@ -17,7 +17,7 @@ from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.surfaces import Surface, boundary_facets
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
@@ -44,7 +44,8 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
 
     Raises:
         TypeError: Something is no body.
-        ValueError: No bodies, several spaces, or no facet is left.
+        ValueError: No bodies, several spaces, the function returns another shape, or no facet
+            is left.
 
     Example:
         >>> top = nts.boundary_of(body, where=lambda x: x[2] > 0.49)
@@ -59,7 +60,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
     if where is not None:
-        facets = np.intersect1d(facets, locate_entities_boundary(V.mesh, 2, where))
+        facets = np.intersect1d(facets, boundary_facets(V, where))
     return Surface.of(V, facets)
 
 

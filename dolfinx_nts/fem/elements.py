@@ -15,6 +15,7 @@ from dolfinx.mesh import MeshTags
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.parallel.meeting import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
 
@@ -170,6 +171,7 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
     if tags.dim != dim:
         raise ValueError(f"expected {name} of dimension {dim}, given dimension {tags.dim}")
     comm = V.mesh.comm
+    meet(comm, f"look for tag {tag} in {name}")
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
     if tag not in values:
         raise ValueError(f"expected a tag out of {values} in {name}, given {tag}")

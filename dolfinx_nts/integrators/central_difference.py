@@ -37,6 +37,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["CentralDifference"]
@@ -309,7 +310,11 @@ class CentralDifference(Stepper):
             ghosts.scatter_forward()
         # A maximum over ranks may ignore NaN, but not infinity.
         moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
-        moved = reductions.largest(self._comm, moved)
+        try:
+            (moved,) = meet(self._comm, f"motion of {self._next()}", moved)
+        except ValueError:
+            self._u[:] = self._u_n
+            raise
         if not moved <= self._stability.smallest:
             self._u[:] = self._u_n
             super()._check_state()

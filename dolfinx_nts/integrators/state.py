@@ -121,7 +121,7 @@ class State(ABC):
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         self._check_body(body)
         V, X = self.u.function_space, self._X[body.nodes].T
-        with agreed(self._comm):
+        with agreed(self._comm, f"set the {function.name} of a body"):
             if isinstance(value, fem.Function):
                 if value.function_space != V:
                     raise ValueError(

@@ -22,12 +22,13 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
-from dolfinx_nts.model.bodies import Body, check_bodies
+from dolfinx_nts.model.bodies import Body, check_bodies, common_space
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.errors import agreed, end_together
+from dolfinx_nts.parallel.errors import agreed
+from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["Stepper"]
@@ -59,6 +60,8 @@ class Stepper(TimeLoop):
         update: Callable[[float], None] | None,
     ) -> None:
         """Check the arguments, and begin with undeformed bodies without motion."""
+        comm = common_space(bodies).mesh.comm
+        meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)
         self.bodies = tuple(bodies)
         self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
@@ -73,7 +76,6 @@ class Stepper(TimeLoop):
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
-        end_together()
         super().__init__(V, dt)
         self.contacts = tuple(PairState(pair) for pair in self.pairs)
         self._reverse = ReversePassages(self.pairs)
@@ -129,14 +131,15 @@ class Stepper(TimeLoop):
         Raises:
             ConvergenceError: The step could not be solved. The state is as before the call.
             ValueError: The state, a load or a condition is not finite, conditions conflict, or
-                the first step starts inside a rigid obstacle. The state is as before the call.
+                the first step starts inside a rigid obstacle, or ranks have different ``dt``.
+                The state is as before the call.
         """
         self._check_state()
         if self.step == 0:
             for contact in self.contacts:
                 check_start(contact, self.x)
         if self._update is not None or self.loads:
-            with agreed(self._comm):
+            with agreed(self._comm, f"update and loads of {self._next()}"):
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
@@ -154,9 +157,15 @@ class Stepper(TimeLoop):
         for load in self.loads:
             load.update(self.t + point * self.dt)
 
+    def _next(self) -> str:
+        """What all ranks do together now."""
+        return f"step {self.step + 1} from t = {self.t!r} s by dt = {self.dt!r} s"
+
     def _check_state(self) -> None:
         n = 3 * len(self.node_ids)
         bad = [np.count_nonzero(~np.isfinite(f.x.array[:n])) for f in (self.u, self.v)]
+        if not any(meet(self._comm, self._next(), *bad)):
+            return
         counts = reductions.total(self._comm, bad)
         for name, count in zip(("displacement", "velocity"), counts, strict=True):
             if count:

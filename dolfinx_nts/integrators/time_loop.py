@@ -18,6 +18,7 @@ from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
+from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["TimeLoop"]
@@ -74,6 +75,7 @@ class TimeLoop(State):
                 that of the last accepted step.
         """
         finite("until", until)
+        meet(self._comm, f"run from t = {self.t!r} s until {until!r} s")
         yield from self._run_evenly(until) if control is None else self._run(until, control)
 
     def _run_evenly(self, until: float) -> Iterator[StepReport]:

@@ -57,9 +57,10 @@ def save(path: Path, stepper: Stepper, *others: HasState) -> None:
         part.serialize(archive)
 
     def write() -> None:
-        attributes = {"format": _FORMAT, "scene": json.dumps(scene)}
-        digest = _digest(archive.values)
-        replace(path, hdf5_image(archive.values, **attributes, sha256=digest), durable=True)
+        text = json.dumps(scene)
+        digest = _digest(text, archive.values)
+        image = hdf5_image(archive.values, format=_FORMAT, scene=text, sha256=digest)
+        replace(path, image, durable=True)
 
     on_root(archive.comm, write)
 
@@ -180,9 +181,9 @@ def _partition(stepper: Stepper) -> Array:
     return np.frombuffer(text, dtype=np.uint8)
 
 
-def _digest(values: dict[str, Array]) -> str:
-    """Digest by which a reader notices that a value has changed."""
-    digest = hashlib.sha256()
+def _digest(scene: str, values: dict[str, Array]) -> str:
+    """Digest by which a reader notices that something has changed."""
+    digest = hashlib.sha256(scene.encode())
     for name in sorted(values):
         array = values[name]
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
@@ -205,13 +206,14 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     try:
         with h5py.File(path, "r") as file:
             attributes = dict(file.attrs)
-            if attributes.get("format") != _FORMAT:
-                raise ValueError(
-                    f"expected a {_FORMAT}, given {path}, an HDF5 file of another kind"
-                )
-            file.visititems(collect)
-    except (OSError, RuntimeError) as error:
+            if attributes.get("format") == _FORMAT:
+                file.visititems(collect)
+                scene = attributes["scene"]
+                is_whole = _digest(scene, values) == attributes["sha256"]
+    except Exception as error:  # damaged files make h5py raise errors of many kinds
         raise ValueError(f"expected a checkpoint, given {path}: {error}") from None
-    if _digest(values) != attributes["sha256"]:
+    if attributes.get("format") != _FORMAT:
+        raise ValueError(f"expected a {_FORMAT}, given {path}, an HDF5 file of another kind")
+    if not is_whole:
         raise ValueError(f"expected a whole checkpoint, given {path}, whose values are damaged")
-    return values, json.loads(attributes["scene"])
+    return values, json.loads(scene)

@@ -1,12 +1,17 @@
 """Table of a run: a CSV file in which each row can be read as soon as it is written."""
 
 import csv
+import hashlib
+import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
+
+import numpy as np
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array
 
 __all__ = ["Table"]
 
@@ -21,23 +26,26 @@ class Table:
 
     Attributes:
         path: The file.
-        size: Length of the file when `sync` was called last [bytes]. A resumed run cuts the
+        size: Length of the table when `sync` was called last [bytes]. A resumed run cuts the
             file to it.
+        digest: That of these bytes, by which a resumed run knows its table.
     """
 
     def __init__(self, path: Path) -> None:
         """Remember the name of the file; `open` creates it."""
-        self.path, self.size = path, 0
-        self._file: TextIO | None = None
-        self._has_head = False
+        self.path = path
+        self._file: BinaryIO | None = None
+        self._written, self._hash = 0, hashlib.sha256()
+        self.size, self.digest = self._present()
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize `size`. Collective.
+        """Serialize `size` and `digest`. Collective.
 
         Args:
-            archive: Takes the size that rank 0 has, or gives it to all ranks.
+            archive: Takes what rank 0 has, or gives it to all ranks.
         """
         self.size = archive.same("table_size", self.size)
+        self.digest = archive.same("table_digest", self.digest)
 
     def open(self, resume: bool) -> None:
         """Begin a new file, or cut the existing one to `size` and continue it.
@@ -47,20 +55,32 @@ class Table:
 
         Raises:
             OSError: The file cannot be created.
-            ValueError: The file to continue is shorter than `size`. It has not been changed.
+            ValueError: The file to continue does not begin with the rows that it had. It has
+                not been changed.
         """
-        self._has_head = resume
+        self._written, self._hash = 0, hashlib.sha256()
         if not resume:
-            self._file, self.size = open(self.path, "w", newline="", encoding="utf-8"), 0
+            self._file = open(self.path, "wb")
+            self.size, self.digest = self._present()
             return
-        size = self.path.stat().st_size if self.path.exists() else 0
+        known = b""
+        if self.path.exists():
+            with open(self.path, "rb") as file:
+                known = file.read(self.size)
+        self._count(known)
+        size, digest = self._present()
         if size < self.size:
             raise ValueError(
                 f"expected a table {self.path} of {self.size} bytes or more, which it had at "
                 f"the checkpoint, given one of {size}"
             )
+        if not np.array_equal(digest, self.digest):
+            raise ValueError(
+                f"expected a table {self.path} that begins with the rows which it had at the "
+                "checkpoint, given other rows; put the table back, or start without resume"
+            )
         os.truncate(self.path, self.size)
-        self._file = open(self.path, "a", newline="", encoding="utf-8")
+        self._file = open(self.path, "ab")
 
     def write(self, row: Mapping[str, float]) -> None:
         """Add a row; the first row of a new file comes after one with the names.
@@ -72,20 +92,31 @@ class Table:
             OSError: The row cannot be written, for instance because the disk is full.
         """
         assert self._file is not None
-        rows = csv.writer(self._file)
-        if not self._has_head:
+        text = io.StringIO(newline="")
+        rows = csv.writer(text)
+        if not self._written:
             rows.writerow(row)
         rows.writerow(row.values())
-        self._has_head = True
+        data = text.getvalue().encode()
+        self._file.write(data)
         self._file.flush()
+        self._count(data)
 
     def sync(self) -> None:
-        """Wait until the disk has the rows, and set `size`."""
+        """Wait until the disk has the rows, and set `size` and `digest`."""
         assert self._file is not None
         os.fsync(self._file.fileno())
-        self.size = os.fstat(self._file.fileno()).st_size
+        self.size, self.digest = self._present()
 
     def close(self) -> None:
         """Close the file, if it is open."""
         if self._file is not None:
             self._file.close()
+
+    def _count(self, data: bytes) -> None:
+        self._written += len(data)
+        self._hash.update(data)
+
+    def _present(self) -> tuple[int, Array]:
+        """Length of all rows so far [bytes], and their digest."""
+        return self._written, np.frombuffer(self._hash.digest(), dtype=np.uint8)

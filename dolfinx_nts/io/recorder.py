@@ -17,6 +17,7 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
+from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton import ConvergenceError
 
@@ -51,6 +52,9 @@ class Recorder:
     ``resume`` a script that is started again continues from the checkpoint, on any number of
     ranks; rows and states after the step of the checkpoint are removed.
 
+    While the block is open, ``name.lock`` tells host and process of the run, and another run
+    that would write to files of this name is refused. The lock ends with the process.
+
     Args:
         name: Path of the files without suffix, in an existing folder.
         stepper: Stepper of the run.
@@ -70,8 +74,9 @@ class Recorder:
 
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1, or ``fields`` is another
-            kind, or one that cannot be resumed.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``fields`` is another
+            kind, or one that cannot be resumed, or ``name`` is that of a folder or has a colon,
+            a backslash or characters that cannot be printed.
 
     Example:
         >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
@@ -100,7 +105,7 @@ class Recorder:
         self.diagnostics = Diagnostics(stepper)
         self._files = RunFiles(str(name), stepper, fields)
         comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._is_root = comm.rank == 0
+        self._comm = comm
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
 
@@ -113,16 +118,17 @@ class Recorder:
         """Create the files and write the present state, or resume the run.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be created or replaced. Nothing
-                has been created.
-            ValueError: The checkpoint is damaged or of another scene, or the table does not
-                reach to its step. Nothing has been changed.
+            OSError: The folder does not exist, another run writes to these files, or one of
+                them cannot be created or replaced. Nothing has been created.
+            ValueError: The checkpoint is damaged or of another scene, or the table is not that
+                of the run. Nothing has been changed.
         """
+        meet(self._comm, f"open {self!r}")
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
             self._penetration = ReversePenetration(self._stepper)
-            stack.callback(self._files.close_table)
+            stack.callback(self._files.close)
             if not self._files.open(self._ledger, self._options.resume):
                 self._files.fields.write()
                 self._write_row(0.0)
@@ -141,6 +147,7 @@ class Recorder:
             OSError: A file cannot be written, for instance because the disk is full.
             ValueError: The recorder is not open, or a step is left out.
         """
+        meet(self._comm, f"write step {step.step} of {self._options.name}")
         if self._open is None:
             raise ValueError("expected an open recorder, given one outside its with block")
         due = self._ledger.step + 1
@@ -172,12 +179,13 @@ class Recorder:
         stack, self._open = self._open, None
         with self._stepper.timings.phase("output"), stack:
             if error is None or isinstance(error, ConvergenceError):
+                meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
                 self._files.fields.write()
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
                 self._files.fields.close()
         self._summary.stop()
-        if self._is_root:
+        if self._comm.rank == 0:
             _logger.info("%s", self.summary())
 
     def summary(self) -> str:

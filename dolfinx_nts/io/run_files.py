@@ -10,6 +10,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.name_lock import NameLock
 from dolfinx_nts.io.vtx import VtxFile
 from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
@@ -20,7 +21,7 @@ __all__ = ["RunFiles"]
 class RunFiles:
     """Table, fields and checkpoint of a run.
 
-    Collective, as all its methods except `close_table`.
+    Collective, as all its methods except `close`.
 
     Args:
         name: Path of the files without suffix.
@@ -29,14 +30,20 @@ class RunFiles:
 
     Attributes:
         fields: File of the fields.
+
+    Raises:
+        ValueError: The name is that of a folder, or has characters that readers of XDMF do not
+            take as they are.
     """
 
     def __init__(self, name: str, stepper: Stepper, kind: str) -> None:
-        """Remember the names of the files; `open` creates them."""
+        """Check the name; `open` creates the files."""
+        _check_name(name)
         self._stepper = stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._table = Table(Path(f"{name}.csv"))
         self._checkpoint = Path(f"{name}.checkpoint.h5")
+        self._lock = NameLock(Path(f"{name}.lock"))
         self._saved_step = 0
         self.fields: XdmfFile | VtxFile = (
             VtxFile(Path(f"{name}.bp"), stepper)
@@ -55,20 +62,25 @@ class RunFiles:
             Whether the run has been resumed.
 
         Raises:
-            OSError: The folder does not exist, or a file cannot be created or replaced. Nothing
-                has been created.
-            ValueError: The checkpoint is damaged or of another scene, or the table does not
-                reach to its step. Nothing has been changed.
+            OSError: The folder does not exist, another run writes to these files, or one of
+                them cannot be created or replaced. Nothing has been created.
+            ValueError: The checkpoint is damaged or of another scene, or the table is not that
+                of the run. Nothing has been changed.
         """
-        resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
+
+        def take() -> bool:
+            folder = self._checkpoint.parent
+            if not folder.is_dir():
+                raise FileNotFoundError(f"expected an existing folder, given {folder}")
+            self._lock.take()
+            return resume and self._checkpoint.exists()
+
+        resume = on_root(self._comm, take)
         if resume:
             checkpoint.load(self._checkpoint, self._stepper, ledger, self._table, self.fields)
         self._saved_step = ledger.step
 
         def open_table() -> None:
-            folder = self._checkpoint.parent
-            if not folder.is_dir():
-                raise FileNotFoundError(f"expected an existing folder, given {folder}")
             check_replaceable(self._table.path)
             self.fields.check()
             if not resume:
@@ -105,6 +117,22 @@ class RunFiles:
         checkpoint.save(self._checkpoint, self._stepper, ledger, self._table, self.fields)
         self._saved_step = ledger.step
 
-    def close_table(self) -> None:
-        """Close the table. Local, as ranks may be apart after an error."""
+    def close(self) -> None:
+        """Close the table and release the name. Local, as ranks may be apart after an error."""
         self._table.close()
+        self._lock.release()
+
+
+def _check_name(name: str) -> None:
+    """Raise unless files whose names begin with this one can be written and read."""
+    last = name.rpartition("/")[2]
+    if last in ("", ".", ".."):
+        raise ValueError(
+            f"expected the path of files without suffix, such as 'results/run', given {name!r}, "
+            "a folder"
+        )
+    if unfit := sorted({c for c in last if c in ":\\" or not c.isprintable()}):
+        raise ValueError(
+            "expected a name that readers of XDMF take as it is, without "
+            f"{' and '.join(map(repr, unfit))}, given {last!r}"
+        )

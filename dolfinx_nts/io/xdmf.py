@@ -69,6 +69,9 @@ class XdmfFile:
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._path = path
         self._folder = path.with_name(f"{path.stem}_fields")
+        first = self._folder.name[0]
+        # VTK leaves out a space, and letters that are not ASCII, at the start.
+        self._prefix = "" if first.isascii() and first != " " else "./"
         self._series = XmlSeries(path, _HEAD, _TAIL)
         self._mesh_xml = ""
         self._steps: set[int] = set()
@@ -149,7 +152,7 @@ class XdmfFile:
 
     def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
-        self._mesh_xml = mesh_xml(f"{self._folder.name}/{_MESH}", mesh)
+        self._mesh_xml = mesh_xml(self._reference(_MESH), mesh)
         self._unsynced = []
         states = self._states() if resume else {}
         # Before the states are removed nothing refers to them any more.
@@ -171,7 +174,7 @@ class XdmfFile:
             try:
                 with h5py.File(path, "r") as file:
                     states[name] = self._state_xml(name, float(file.attrs["time"]), file)
-            except (OSError, KeyError, RuntimeError) as error:
+            except Exception as error:  # of many kinds
                 # Somebody has changed the files; the run itself is whole.
                 moved = self._move_aside()
                 _logger.warning(
@@ -195,7 +198,11 @@ class XdmfFile:
         self._series.append(self._state_xml(name, time, fields))
 
     def _state_xml(self, name: str, time: float, fields: Mapping[str, Any]) -> str:
-        return state_xml(f"{self._folder.name}/{name}", self._mesh_xml, time, fields)
+        return state_xml(self._reference(name), self._mesh_xml, time, fields)
+
+    def _reference(self, name: str) -> str:
+        """Path by which the XDMF file refers to a file in the folder."""
+        return f"{self._prefix}{self._folder.name}/{name}"
 
     def _replace(self, name: str, image: bytes) -> None:
         path = self._folder / name

@@ -28,6 +28,7 @@ from dolfinx_nts.meshing.parts import (
     add_torus,
 )
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed
 
 __all__ = [
     "MeshData",
@@ -119,20 +120,19 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     if not 0 <= rank < comm.size:
         raise ValueError(f"expected a rank below {comm.size}, given {rank}")
     with ExitStack() as stack:
-        model, failure = None, None
+        model = None
         tags: dict[str, int] = {}
         num_facets: dict[int, int] = {}
-        if comm.rank == rank:
-            try:
-                model = stack.enter_context(only_one_kind(stack.enter_context(_opened(source))))
-                tags, num_facets = _inspect(model)
-            except (ImportError, OSError, TypeError, ValueError) as error:
-                failure = error
-            except Exception as error:  # gmsh has no exception class of its own
-                failure = ValueError(f"expected a gmsh mesh, given {source}: {error}")
-        failure, tags, num_facets = comm.bcast((failure, tags, num_facets), root=rank)
-        if failure is not None:
-            raise failure
+        with agreed(comm, "read a mesh"):
+            if comm.rank == rank:
+                try:
+                    model = stack.enter_context(only_one_kind(stack.enter_context(_opened(source))))
+                    tags, num_facets = _inspect(model)
+                except Exception as error:
+                    if type(error) is not Exception:  # that of gmsh, which has no other
+                        raise
+                    raise ValueError(f"expected a gmsh mesh, given {source}: {error}") from error
+        tags, num_facets = comm.bcast((tags, num_facets), root=rank)
         mesh, cells, facets = compat.model_to_mesh(model, comm, rank)
 
     mesh.topology.create_connectivity(2, 3)

@@ -19,6 +19,7 @@ from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "Pressure", "Traction"]
 
@@ -98,7 +99,8 @@ class _LoadWithValue(Load):
         else:
             self._value = fem.Constant(V.mesh, np.zeros(self._shape))
             self._in_time = value if callable(value) else None
-            self._set(value(0.0) if callable(value) else value)
+            with agreed(V.mesh.comm, f"make a {type(self).__name__}"):
+                self._set(value(0.0) if callable(value) else value)
 
     def update(self, t: float) -> None:
         """Set the value to that at a time, if it depends on the time.
@@ -135,7 +137,7 @@ class _LoadWithValue(Load):
 
 
 class BodyForce(_LoadWithValue):
-    """Force per reference volume of a body. Local.
+    """Force per reference volume of a body. Collective.
 
     Args:
         body: The body.
@@ -174,7 +176,7 @@ class BodyForce(_LoadWithValue):
 
 
 class Gravity(_LoadWithValue):
-    """Weight of bodies. Local.
+    """Weight of bodies. Collective.
 
     Args:
         bodies: The bodies, of one space.
@@ -239,7 +241,7 @@ class _SurfaceLoad(_LoadWithValue):
 
 
 class Traction(_SurfaceLoad):
-    """Dead load: a force per reference area that never changes its direction. Local.
+    """Dead load: a force per reference area that never changes its direction. Collective.
 
     Args:
         surface: Where it acts.
@@ -261,7 +263,7 @@ class Traction(_SurfaceLoad):
 
 
 class Pressure(_SurfaceLoad):
-    r"""Follower load: a pressure on the current area along the current normal. Local.
+    r"""Follower load: a pressure on the current area along the current normal. Collective.
 
     The force per reference area is that of the mean of cof F on the straight path of the step,
     :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F /
@@ -302,7 +304,7 @@ def _cofactor(A: Any) -> Any:
 
 
 class FormLoad(Load):
-    r"""A load that you write as a form: a source, a spring, a follower. Local.
+    r"""A load that you write as a form: a source, a spring, a follower. Collective.
 
     The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
     pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
@@ -332,7 +334,8 @@ class FormLoad(Load):
         self.V, self._work = V, work
         self._t = fem.Constant(V.mesh, 0.0)
         u = fem.Function(V)
-        form: Any = self.form(u, u)
+        with agreed(V.mesh.comm, "make a FormLoad"):
+            form: Any = self.form(u, u)
         if not isinstance(form, ufl.Form):
             raise TypeError(f"expected a form of virtual work, given {type(form).__name__}")
         try:

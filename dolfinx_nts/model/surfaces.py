@@ -22,8 +22,9 @@ from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["NEIGHBOURS", "Surface", "area_vectors", "diameters"]
+__all__ = ["NEIGHBOURS", "Surface", "area_vectors", "boundary_facets", "diameters"]
 
 # Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
 _NO_LENGTH = 1e-12
@@ -149,10 +150,10 @@ class Surface:
             The surface.
 
         Raises:
-            ValueError: The space does not fit, or no facet is taken.
+            ValueError: The space does not fit, the function returns another shape, or no facet
+                is taken.
         """
-        check_space(V)
-        return cls.of(V, locate_entities_boundary(V.mesh, 2, predicate))
+        return cls.of(V, boundary_facets(V, predicate))
 
     @classmethod
     def of(cls, V: fem.FunctionSpace, facets: Ints) -> "Surface":
@@ -291,6 +292,35 @@ def diameters(x: Floats) -> Floats:
         np.maximum(squared, np.einsum("si,si->s", edge, edge), out=squared)
     lengths: Floats = np.sqrt(squared)
     return lengths
+
+
+def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:
+    """Find the facets of the boundary at given places. Collective.
+
+    Args:
+        V: Vector space of the displacement.
+        predicate: As in `Surface.where`.
+
+    Returns:
+        Local indices, sorted, shape ``(s,)``.
+
+    Raises:
+        ValueError: The space does not fit, or the function returns another shape.
+    """
+    check_space(V)
+
+    def checked(x: Floats) -> Any:
+        with agreed(V.mesh.comm, "look for facets of the boundary"):
+            inside = np.asarray(predicate(x))
+            if inside.shape != x.shape[1:]:
+                raise ValueError(
+                    f"expected a boolean for each of {x.shape[1]} positions, given shape "
+                    f"{inside.shape}"
+                )
+        return inside.astype(bool)
+
+    facets: Ints = locate_entities_boundary(V.mesh, 2, checked)
+    return facets
 
 
 def area_vectors(vertices: Floats, orientation: Floats) -> Floats:

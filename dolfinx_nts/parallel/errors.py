@@ -15,7 +15,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
+from dolfinx_nts.parallel.meeting import Meeting, leave_with_notes
 
 __all__ = ["agreed", "end_together", "portable"]
 
@@ -35,7 +35,7 @@ _pending: list[MPI.Request] = []
 
 
 @contextmanager
-def agreed(comm: MPI.Comm) -> Iterator[None]:
+def agreed(comm: MPI.Comm, call: str) -> Iterator[None]:
     """Context that raises an error of one rank on all ranks. Collective.
 
     If several ranks fail, all raise the error of the lowest of them. A rank that waits for the
@@ -43,27 +43,29 @@ def agreed(comm: MPI.Comm) -> Iterator[None]:
 
     Args:
         comm: Communicator.
+        call: What the ranks do in the context, as in `meet`.
 
     Raises:
         Exception: What was raised in the context on a rank.
+        ValueError: Ranks make different calls.
     """
     error: Exception | None = None
     try:
         yield
     except Exception as failure:
         error = failure
-    mine = np.array([comm.size if error is None else comm.rank])
-    first = np.empty_like(mine)
-    request, start = comm.Iallreduce(mine, first, op=MPI.MIN), time.monotonic()
-    while error is not None and not request.Test():
-        if time.monotonic() - start > _PATIENCE:
-            _pending.append(request)
+    if comm.size == 1:
+        if error is not None:
             raise error
-        time.sleep(_PAUSE)
-    request.Wait()
-    if first[0] < comm.size:
-        shared = comm.bcast(None if error is None else portable(error), root=first[0])
-        raise error if comm.rank == first[0] and error is not None else shared
+        return
+    meeting = Meeting(comm, call, -float(comm.size if error is None else comm.rank))
+    if error is not None and not meeting.wait(_PATIENCE):
+        raise error
+    meeting.wait()
+    first = -int(meeting.largest()[0])
+    if first < comm.size:
+        shared = comm.bcast(None if error is None else portable(error), root=first)
+        raise error if comm.rank == first and error is not None else shared
 
 
 def portable(error: Exception) -> Exception:
@@ -83,14 +85,16 @@ def portable(error: Exception) -> Exception:
 
 
 def end_together() -> None:
-    """Let an exception that leaves the program on one rank end it on all. Local.
+    """Let an error, or ``sys.exit``, on one rank end the program on all. Local.
 
-    One rank prints the traceback, and `MPI.Comm.Abort` ends the ranks that did not fail. On one
-    rank and in an interactive session nothing is changed.
+    Of an exception that leaves the program one rank prints the traceback, and `MPI.Comm.Abort`
+    ends the ranks that did not fail. A rank that leaves the program in another way tells those
+    that wait for it. On one rank and in an interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive
     if MPI.COMM_WORLD.size > 1 and not interactive and not isinstance(sys.excepthook, _Hook):
         sys.excepthook = _Hook(sys.excepthook)
+        leave_with_notes()
 
 
 class _Hook:

@@ -6,8 +6,6 @@ waits for memory.
 
 from typing import Any
 
-from petsc4py import PETSc
-
 import numpy as np
 from dolfinx import la
 
@@ -15,6 +13,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.shells import shell_matrix
 
 __all__ = ["BlockILU", "SinglePrecisionOperator"]
 
@@ -119,9 +118,9 @@ class SinglePrecisionOperator:
         self._vector = la.vector(rows.matrix.index_map(1), 3)
 
     def matrix(self) -> Any:
-        """Create the shell matrix. Collective."""
+        """Create the shell matrix, which works as long as this object is kept. Collective."""
         size = 3 * self._map.size_local, 3 * self._map.size_global
-        return PETSc.Mat().createPython((size, size), self, comm=self._map.comm)
+        return shell_matrix(self._map.comm, size, self)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to A x; called by PETSc."""

@@ -11,6 +11,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.petsc_options import PetscOptions
+from dolfinx_nts.solvers.shells import use_shell
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["BulkPreconditioner"]
@@ -128,10 +129,10 @@ class _PetscFactors:
     which a resumed run does not know.
 
     Args:
-        make: Makes it for the present matrix.
+        make: Makes it for the present matrix; returns it and what its shells need.
     """
 
-    def __init__(self, make: Callable[[], Any]) -> None:
+    def __init__(self, make: Callable[[], tuple[Any, ...]]) -> None:
         self._make = make
         self._pc: Any = None
 
@@ -141,44 +142,42 @@ class _PetscFactors:
     def build(self) -> bool:
         if self._pc is not None:
             self._pc.destroy()
-        self._pc = self._make()
+        self._pc, *self._contexts = self._make()
         return True
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
 
 
-def _chosen(tangent: Tangent, options: PetscOptions) -> Any:
+def _chosen(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:
     """Preconditioner by the user's options. Collective."""
     kinds = {value for key, value in options.bulk.items() if key.endswith("pc_type")}
     others = any(key.endswith("mat_solver_type") for key in options.bulk)
     matrix = tangent.matrix(scalar=others or not kinds <= _TAKE_BLOCKS)
-    return _from_options(matrix, matrix, options.bulk_prefix)
+    return (_from_options(matrix, matrix, options.bulk_prefix),)
 
 
-def _complete(tangent: Tangent, prefix: str) -> Any:
+def _complete(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
     """Complete factors by MUMPS. Collective."""
     matrix = tangent.matrix(scalar=True)
     with _options(prefix, {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}):
-        return _from_options(matrix, matrix, prefix)
+        return (_from_options(matrix, matrix, prefix),)
 
 
-def _multigrid(tangent: Tangent, prefix: str) -> Any:
+def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
     """Multigrid whose finest level works in single precision. Collective.
 
     Iterations take half as long again with PETSc's products and factors on
     this level, which are scalar and in double precision.
     """
-    operator = SinglePrecisionOperator(tangent.rows).matrix()
+    operator = SinglePrecisionOperator(tangent.rows)
     with _options(prefix, _MULTIGRID):
-        pc = _from_options(operator, tangent.matrix(scalar=True), prefix)
+        pc = _from_options(operator.matrix(), tangent.matrix(scalar=True), prefix)
     finest = pc.getMGLevels() - 1
     factors = BlockILU(tangent.rows)
     if finest > 0 and factors.build():
-        smoother = pc.getMGSmoother(finest).getPC()
-        smoother.setType("python")
-        smoother.setPythonContext(factors)
-    return pc
+        use_shell(pc.getMGSmoother(finest).getPC(), factors)
+    return pc, operator, factors
 
 
 def _from_options(operator: Any, matrix: Any, prefix: str) -> Any:

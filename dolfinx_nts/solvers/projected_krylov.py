@@ -10,6 +10,7 @@ from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.shells import shell_matrix, use_shell
 
 __all__ = ["KrylovMethod", "Operator", "Preconditioner"]
 
@@ -84,7 +85,8 @@ class KrylovMethod:
     ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         comm, n = operator.bulk.comm, operator.bulk.num_owned
-        matrix = PETSc.Mat().createPython(((n, None), (n, None)), operator, comm=comm)
+        self._contexts = operator, preconditioner
+        matrix = shell_matrix(comm, (n, None), operator)
         matrix.setUp()
         self._options: PetscOptions | None = options  # until they are known to be used
         self._ksp = PETSc.KSP().create(comm)
@@ -95,9 +97,7 @@ class KrylovMethod:
         self._ksp.setGMRESRestart(_MAX_ITERATIONS)
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        pc = self._ksp.getPC()
-        pc.setType("python")
-        pc.setPythonContext(preconditioner)
+        use_shell(self._ksp.getPC(), preconditioner)
         self._ksp.setFromOptions()
         self._x, self._b = matrix.createVecs()
         self.num_iterations = 0

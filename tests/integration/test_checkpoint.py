@@ -4,6 +4,7 @@ import errno
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -147,13 +148,55 @@ def test_damaged_and_foreign_files_are_refused_with_the_reason(comm, folder, ref
     assert stepper.t == 0 and not stepper.u.x.array.any()
 
 
-def test_a_table_that_is_too_short_is_refused(comm, folder, refused):
+@pytest.mark.serial
+def test_any_damage_to_a_checkpoint_is_refused_or_harmless(folder, rng):
+    path, stepper = folder / "run.h5", blocks(MPI.COMM_SELF).stepper
+    stepper.advance()
+    checkpoint.save(path, stepper)
+    whole, u = path.read_bytes(), stepper.u.x.array.copy()
+    refused = 0
+    for _ in range(300):
+        damaged = bytearray(whole)
+        # What HDF5 and the description of the scene need lies at the start.
+        at = rng.integers(6000)
+        damaged[at : at + 8] = rng.bytes(8)
+        path.write_bytes(damaged)
+        try:
+            checkpoint.load(path, stepper)
+        except ValueError as error:
+            assert str(error).startswith("expected a ")
+            refused += 1
+        assert np.array_equal(stepper.u.x.array, u)
+    assert 50 < refused < 300
+
+
+def test_a_table_that_is_too_short_or_foreign_is_refused(comm, folder, refused):
     record(blocks(comm).stepper, folder / "run", 3)
     if comm.rank == 0:
         (folder / "run.csv").write_text("")
     comm.barrier()
     with refused(ValueError, "expected a table .*run.csv of .* bytes or more"):
         record(blocks(comm).stepper, folder / "run", 4)
+    if comm.rank == 0:
+        (folder / "run.csv").write_text(1000 * "somebody else's, table\n")
+    comm.barrier()
+    with refused(ValueError, "expected a table .*run.csv that begins with the rows"):
+        record(blocks(comm).stepper, folder / "run", 4)
+
+
+def test_a_second_run_of_the_same_name_is_refused_and_changes_nothing(comm, folder, refused):
+    with nts.Recorder(folder / "run", blocks(comm).stepper) as first:
+        first.write(first._stepper.advance())
+        comm.barrier()
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        for resume in (False, True):
+            second = nts.Recorder(folder / "run", blocks(comm).stepper, resume=resume)
+            owner = comm.bcast(os.getpid())
+            with refused(OSError, f"belong to process {owner} on {socket.gethostname()}"):
+                second.__enter__()
+        assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    comm.barrier()
+    assert not (folder / "run.lock").exists()
 
 
 def test_a_full_disk_is_an_error_that_leaves_the_last_checkpoint(comm, folder, refused):
@@ -290,6 +333,7 @@ def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signu
     assert killed.returncode in (-signum, 128 + signum), killed.stderr
     rows = (folder / "parts.csv").read_text().splitlines()
     assert 3 < len(rows) < 10
+    assert (folder / "parts.lock").exists() == (signum != signal.SIGINT)
     times, _ = read_grids(folder / "parts.xdmf")
     assert len(rows) - 2 <= len(times) <= len(rows) - 1
     if signum != signal.SIGKILL:

@@ -139,3 +139,26 @@ def test_hexahedra_are_not_turned_inside_out(comm, tmp_path, agree):
     # The blocks are twisted a little.
     assert agree((volumes > 0).all())
     assert agree(abs(volumes.sum() / (1.2 * 1.2 * 0.5 + 0.8 * 0.8 * 0.4) - 1) < 0.05)
+
+
+NAMES = ["a&b", "a<b>c", "\"a'b'", "a  b", " a ", "ünïcödé", "日本", "a?>b]]>--", "$HOME%20;#"]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", NAMES)
+def test_files_of_any_name_can_be_read(comm, tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    with nts.Recorder(f"{folder}/{name}", blocks(comm).stepper):
+        pass
+    for read in (read_vtk, read_meshio):
+        file = read(folder / f"{name}.xdmf")
+        assert len(file.points) > 0
+        assert not file.nodal[0]["displacement"].any()
+
+
+@pytest.mark.parametrize("name", ["a:b", "a\\b", "a\nb", "a/", "a/..", "", "a\udcff"])
+def test_names_that_no_reader_would_take_are_refused(comm, tmp_path, refused, name):
+    path = f"{comm.bcast(tmp_path)}/{name}"
+    with refused(ValueError, "expected the path of files|expected a name that readers"):
+        nts.Recorder(path, blocks(comm).stepper)

@@ -30,7 +30,7 @@ def test_resumed_table_goes_on_after_the_last_sync(path):
     table.write({"step": 1})
     table.close()
     again = Table(path)
-    again.size = table.size
+    again.size, again.digest = table.size, table.digest
     again.open(resume=True)
     again.write({"step": 2})
     again.close()
@@ -45,3 +45,18 @@ def test_table_that_is_too_short_is_refused_and_left_alone(path):
         table.open(resume=True)
     table.close()
     assert path.read_bytes() == b"step\r\n"
+
+
+@pytest.mark.parametrize("damage", [bytes.upper, lambda text: b"0" + text, lambda text: 9 * b"a,b"])
+def test_table_with_other_rows_is_refused_and_left_alone(path, damage):
+    table = Table(path)
+    table.open(resume=False)
+    table.write({"step": 0})
+    table.sync()
+    table.close()
+    path.write_bytes(damage(path.read_bytes()))
+    before = path.read_bytes()
+    table.close()
+    with pytest.raises(ValueError, match="given other rows; put the table back"):
+        table.open(resume=True)
+    assert path.read_bytes() == before

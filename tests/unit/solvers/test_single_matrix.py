@@ -74,7 +74,8 @@ def test_kernel_refuses_what_does_not_fit(rng):
 
 def test_products_of_single_precision_are_those_of_all_ranks(comm, matrices, agree):
     rows, dense, _ = matrices
-    A = SinglePrecisionOperator(rows).matrix()
+    operator = SinglePrecisionOperator(rows)
+    A = operator.matrix()
     x, y = A.createVecs()
     first, last = x.getOwnershipRange()
     values = np.random.default_rng(0).normal(size=len(dense))

@@ -1,0 +1,58 @@
+"""Shells: matrices and preconditioners of PETSc whose work is done by objects of Python.
+
+A shell does not keep its object alive, so the owner of the shell keeps both. When a program
+ends, PETSc no longer frees what its shells hold, and whatever they kept alive would remain:
+bodies, contacts and kernels.
+"""
+
+import weakref
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+__all__ = ["shell_matrix", "use_shell"]
+
+
+def shell_matrix(comm: MPI.Comm, size: tuple[int, int | None], worker: Any) -> Any:
+    """Create a square shell matrix. Collective.
+
+    Args:
+        comm: Communicator of the matrix.
+        size: Numbers of rows of this rank and of all ranks; None for their sum.
+        worker: Object with a method ``mult(matrix, x, y)``, kept by the caller.
+
+    Returns:
+        The matrix.
+    """
+    return PETSc.Mat().createPython((size, size), _Context(worker), comm=comm)
+
+
+def use_shell(pc: Any, worker: Any) -> None:
+    """Let an object do the work of a preconditioner of PETSc. Local.
+
+    Args:
+        pc: The preconditioner.
+        worker: Object with a method ``apply(pc, r, z)``, kept by the caller.
+    """
+    pc.setType("python")
+    pc.setPythonContext(_Context(worker))
+
+
+class _Context:
+    """Context of a shell, which asks a worker as long as there is one.
+
+    Args:
+        worker: The object that does the work.
+    """
+
+    def __init__(self, worker: Any) -> None:
+        self._worker: Any = weakref.ref(worker)
+
+    def mult(self, *arguments: Any) -> None:
+        """Multiply; called by PETSc."""
+        self._worker().mult(*arguments)
+
+    def apply(self, *arguments: Any) -> None:
+        """Precondition; called by PETSc."""
+        self._worker().apply(*arguments)
