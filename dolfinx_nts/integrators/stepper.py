@@ -7,13 +7,17 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.start import check_start
@@ -43,6 +47,7 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
+        overlap_watch: Looks for overlaps of bodies, and tells them.
     """
 
     scheme: Scheme
@@ -75,6 +80,8 @@ class Stepper(TimeLoop):
         end_together()
         super().__init__(V, dt)
         self.contacts = tuple(PairState(pair) for pair in self.pairs)
+        self.overlap_watch = OverlapWatch(self.bodies, self.pairs)
+        self._was_displaced = True
         self.timings = Timings()
         self._update = update
         # Asking a Function for its values takes as long as copying those of a small mesh.
@@ -129,9 +136,8 @@ class Stepper(TimeLoop):
                 the first step starts inside a rigid obstacle. The state is as before the call.
         """
         self._check_state()
-        if self.step == 0:
-            for contact in self.contacts:
-                check_start(contact, self.x)
+        if self._was_displaced:
+            self._look_at_start()
         if self._update is not None or self.loads:
             with agreed(self._comm):
                 if self._update is not None:
@@ -141,10 +147,39 @@ class Stepper(TimeLoop):
         self._u_n[:] = self._u
         report = self._step()
         self.t, self.step = report.t, report.step
+        with self.timings.phase("overlap"):
+            self.overlap_watch.follow(self._way(), lambda: self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
+
+    def look_for_overlaps(self) -> None:
+        """Tell, in the log, what overlaps now and was not told before.
+
+        Runs do that by themselves whenever bodies have moved by half of the smallest cell, and
+        at their end.
+        """
+        with self.timings.phase("overlap"):
+            self.overlap_watch.look(self.x, self.t)
+
+    def _look_at_start(self) -> None:
+        """Look at a displacement that was set, before the first step or between steps."""
+        if self.step == 0:
+            for contact in self.contacts:
+                check_start(contact, self.x)
+        with self.timings.phase("overlap"):
+            self.overlap_watch.start(self.x)
+        self._was_displaced = False
+
+    def _way(self) -> float:
+        """Farthest way of a node in the last step, or a bound on it [m]."""
+        way = _kernels.farthest(self._u.reshape(-1, 3), self._u_n.reshape(-1, 3))
+        return reductions.largest(self._comm, way)
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        super()._set(function, body, value)
+        self._was_displaced |= function is self.u
 
     def _load_at(self, point: float) -> None:
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""

@@ -9,6 +9,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.surfaces import diameters
 
 __all__ = ["RigidSurface"]
 
@@ -84,6 +85,16 @@ class RigidSurface(Obstacle):
         """Find the facet that each node faces, see `Obstacle.find`."""
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points)
         return found, gap
+
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points are behind the facets they face, see `Obstacle.depth`.
+
+        As far as nodes touch them: not deeper than half a facet.
+        """
+        none = np.full(len(x), -1, dtype=np.int32)
+        reach = float(diameters(self._x).max(initial=0.0))
+        found, gap = self.find(x, none, _kernels.HYSTERESIS, reach)
+        return np.where(found >= 0, -gap, 0.0)
 
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
         """Whether nodes are nearest to the rim, see `Obstacle.is_at_rim`."""

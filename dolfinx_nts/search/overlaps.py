@@ -1,0 +1,222 @@
+"""Overlaps: bodies that are inside each other, or inside obstacles, whatever contact finds.
+
+Contact looks at nodes and segments of its pairs. This looks at whole closed boundaries: at the
+nodes on one that are inside another, and at the edges of one that cross another.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.bodies import Body, connected, numbered
+from dolfinx_nts.model.closed_boundaries import closed_boundaries
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.search.inside import Insides
+
+__all__ = ["Overlap", "OverlapSearch"]
+
+# Depth relative to the size of a facet [-] up to which bodies touch and do not overlap.
+_TOUCHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two bodies that are inside each other, or a body in an obstacle.
+
+    Attributes:
+        names: The two, as ``"body 1"`` by the place in the list of bodies, or ``"bodies 1, 2"``
+            that share nodes, and ``"RigidPlane"``; the first is the one of which a point lies
+            deepest inside the second.
+        depth: Distance of that point from the boundary of the second [m].
+        nodes: Number of nodes on the boundary of either that are inside the other; 0 where only
+            edges cross.
+        cells: Number of cells of either whose centres are inside the other.
+        size: Longest facet of the one with the smaller facets [m].
+
+    Example:
+        >>> stepper.set_displacement(other, (0.0, 0.0, -0.06))  # m, and the gap was 0.01 m
+        >>> (overlap,) = nts.Diagnostics(stepper).overlaps()
+        >>> overlap.names, f"{overlap.depth:.2g} m", overlap.nodes, overlap.cells
+        (('body 2', 'body 1'), '0.05 m', 4, 0)
+    """
+
+    names: tuple[str, str]
+    depth: float
+    nodes: int
+    cells: int
+    size: float
+
+
+class OverlapSearch:
+    """Finds overlaps of bodies that share no nodes, and with obstacles. Collective.
+
+    Args:
+        bodies: All bodies of the mesh.
+        obstacles: Rigid obstacles.
+
+    Attributes:
+        shortest: Length of the smallest cell in the reference configuration [m].
+    """
+
+    def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
+        """Find the boundaries of the bodies."""
+        V = bodies[0].V
+        self._comm: MPI.Comm = V.mesh.comm
+        self._boundaries = closed_boundaries(connected(bodies))
+        self._names = [numbered(boundary.bodies, bodies) for boundary in self._boundaries]
+        self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
+        self._sizes = np.array([boundary.size for boundary in self._boundaries])
+        length = _kernels.cell_lengths(V.tabulate_dof_coordinates(), V.dofmap.list)
+        self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
+
+    def names_of(self, surface: Surface | Obstacle) -> frozenset[str]:
+        """Names in an `Overlap` of the bodies to which a surface belongs. Collective."""
+        if isinstance(surface, Obstacle):
+            return frozenset([self._obstacles[surface]])
+        mine = [bool(np.isin(surface.nodes, b.nodes).any()) for b in self._boundaries]
+        belongs = reductions.anywhere(self._comm, mine)
+        return frozenset(name for name, yes in zip(self._names, belongs, strict=True) if yes)
+
+    def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], float]:
+        """Find all overlaps that are more than a touch. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+            least: Depth that an overlap must have to be of interest [m].
+
+        Returns:
+            The overlaps; and how far any two bodies, or a body and an obstacle, are apart at
+            least [m]. The same on all ranks.
+        """
+        touching = np.maximum(_TOUCHING * self._sizes, least)
+        boxes = self._boxes(x)
+        in_obstacles, clearance = self._with_obstacles(x, touching)
+        apart = (boxes[0] - boxes[1]).max(axis=2)
+        np.fill_diagonal(apart, clearance)
+        pairs = np.argwhere(apart < -np.minimum.outer(touching, touching)).astype(np.int32)
+        regions = boxes[:, pairs[:, 0], pairs[:, 1]].swapaxes(0, 1)
+        overlaps = self._between_bodies(x, touching, pairs, regions) if len(pairs) else ()
+        return [*overlaps, *in_obstacles], float(apart.min())
+
+    def _between_bodies(
+        self, x: Floats, touching: Floats, pairs: Ints, regions: Floats
+    ) -> Iterator[Overlap]:
+        """Overlaps of bodies whose boxes have common parts.
+
+        Args:
+            x: Positions [m].
+            touching: Depth of a touch for each boundary, shape ``(g,)`` [m].
+            pairs: Boundaries in both orders, shape ``(p, 2)``.
+            regions: Least and greatest coordinates of the common parts, ``(p, 2, 3)`` [m].
+        """
+        nodes, edges = [np.empty((0, 4))], [np.empty((0, 7))]
+        for number, (region, (inner, _)) in enumerate(zip(regions, pairs, strict=True)):
+            boundary = self._boundaries[inner]
+            nodes.append(_within(region, x[boundary.nodes], number))
+            ends = x[boundary.edges]
+            near = _meets(region, ends.min(axis=1), ends.max(axis=1))
+            edges.append(_labelled(ends[near].reshape(-1, 6), number))
+        at_nodes, ways = (joined(self._comm, np.concatenate(rows)) for rows in (nodes, edges))
+        insides = Insides(self._comm, self._boundaries, x)
+        crossed = ways[:, 6].astype(np.int32)
+        middles, way = insides.chords(ways[:, :3], ways[:, 3:6], pairs[crossed, 1])
+        points = np.concatenate([at_nodes[:, :3], middles])
+        pair = np.concatenate([at_nodes[:, 3].astype(np.int32), crossed[way]])
+        touching = touching[pairs].min(axis=1)
+        depth = insides.depth(points, pairs[pair, 1], touching[pair])
+        deepest = np.zeros(len(pairs))
+        np.maximum.at(deepest, pair, depth)
+        deep = pair[: len(at_nodes)][depth[: len(at_nodes)] > 0]
+        num_nodes = np.bincount(deep, minlength=len(pairs))
+        number = {(i, j): p for p, (i, j) in enumerate(pairs.tolist())}
+        both = np.array([[p, number[j, i]] for (i, j), p in number.items() if i < j])
+        both = both[(deepest[both] > 0).any(axis=1)]
+        if not len(both):
+            return
+        rows = [np.empty((0, 4))]
+        for p in both.ravel():
+            centres = _centres(x, self._boundaries[pairs[p, 0]].cells)
+            rows.append(_within(regions[p], centres, p))
+        centres = joined(self._comm, np.concatenate(rows))
+        pair = centres[:, 3].astype(np.int32)
+        deep = insides.depth(centres[:, :3], pairs[pair, 1], touching[pair]) > 0
+        num_cells = np.bincount(pair[deep], minlength=len(pairs))
+        for two in both:
+            first = pairs[two[deepest[two].argmax()]]
+            yield Overlap(
+                (self._names[first[0]], self._names[first[1]]),
+                float(deepest[two].max()),
+                int(num_nodes[two].sum()),
+                int(num_cells[two].sum()),
+                float(self._sizes[first].min()),
+            )
+
+    def _boxes(self, x: Floats) -> Floats:
+        """Least and greatest coordinates of what boxes of two boundaries share, (2, g, g, 3) [m]."""
+        least = np.full((len(self._boundaries), 2, 3), np.inf)
+        for box, boundary in zip(least, self._boundaries, strict=True):
+            some = x[boundary.nodes].T
+            box[:] = some.min(axis=1, initial=np.inf), -some.max(axis=1, initial=-np.inf)
+        lower, upper = reductions.least(self._comm, least).swapaxes(0, 1)
+        upper = -upper
+        return np.stack([np.maximum(lower[:, None], lower), np.minimum(upper[:, None], upper)])
+
+    def _with_obstacles(self, x: Floats, touching: Floats) -> tuple[list[Overlap], float]:
+        """Overlaps with obstacles, and the least distance from one [m]."""
+        shape = len(self._obstacles), len(self._boundaries)
+        deepest, num_nodes = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64)
+        for i, obstacle in enumerate(self._obstacles):
+            for j, boundary in enumerate(self._boundaries):
+                depth = obstacle.depth(x[boundary.nodes])
+                deepest[i, j] = depth.max(initial=-np.inf)
+                num_nodes[i, j] = np.count_nonzero(depth > touching[j])
+        deepest = reductions.largest(self._comm, deepest)
+        overlaps = []
+        for i, j in np.argwhere(deepest > touching):
+            (obstacle, name), boundary = list(self._obstacles.items())[i], self._boundaries[j]
+            depth = obstacle.depth(_centres(x, boundary.cells))
+            counts = [int(num_nodes[i, j]), int(np.count_nonzero(depth > touching[j]))]
+            nodes, cells = reductions.total(self._comm, counts)
+            names = self._names[j], name
+            overlaps.append(Overlap(names, float(deepest[i, j]), nodes, cells, boundary.size))
+        return overlaps, -float(deepest.max(initial=-np.inf))
+
+
+def _names(obstacles: Sequence[Obstacle]) -> list[str]:
+    """Classes of obstacles, with a number where there are several."""
+    kinds = [type(obstacle).__name__ for obstacle in obstacles]
+    return [
+        kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"
+        for i, kind in enumerate(kinds)
+    ]
+
+
+def _centres(x: Floats, cells: Ints) -> Floats:
+    """Centres of the nodes of cells, shape ``(c, 3)`` [m]."""
+    # Node by node, which is faster than to gather all of them.
+    centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
+    return centres
+
+
+def _meets(region: Floats, lower: Floats, upper: Floats) -> Flags:
+    """Whether boxes meet a box, shape ``(n,)``."""
+    flags: Flags = ((lower <= region[1]) & (upper >= region[0])).all(axis=1)
+    return flags
+
+
+def _within(region: Floats, points: Floats, number: int) -> Floats:
+    """Those of some points that are in a box, with a number, shape ``(n, 4)``."""
+    return _labelled(points[_meets(region, points, points)], number)
+
+
+def _labelled(rows: Floats, number: int) -> Floats:
+    """Rows with a number at their end."""
+    return np.column_stack([rows, np.full(len(rows), float(number))])
