@@ -22,7 +22,7 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Way between two looks while the boxes around two bodies overlap, relative to the smallest cell [-].
+# Way between two looks while boxes around bodies overlap, relative to the smallest cell [-].
 _WAY = 0.5
 
 
@@ -46,7 +46,8 @@ class OverlapWatch:
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # Bound on the way since the last look, that up to which none is due, and where it was.
-        self._way, self._free_way, self._x = 0.0, 0.0, np.empty((0, 3))
+        self._way, self._free_way = 0.0, 0.0
+        self._x: Floats = np.empty((0, 3))
 
     @cached_property
     def search(self) -> OverlapSearch:

@@ -105,8 +105,7 @@ def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:
         vertices = x.reshape(-1, *x.shape[2:])
         normal = area_vectors(vertices, np.ones(len(vertices)))
         sense = np.sign(np.einsum("si,si->s", normal, outward.reshape(-1, 3)))
-        parts.append(
-            (dofs[some][:, segments].reshape(len(sense), -1), sense, np.repeat(some, len(segments)))
-        )
+        rows = dofs[some][:, segments].reshape(-1, segments.shape[1])
+        parts.append((rows, sense, np.repeat(some, len(segments))))
     segments, orientation, cell = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return segments, orientation, cell

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
@@ -45,17 +45,18 @@ class Insides:
             ``(m,)`` [m].
         """
         crossings = np.zeros((2, len(points)), dtype=np.int32)
-        for tree, some in self._trees_of(where, np.arange(len(points))):
+        for tree, some in self._trees_of(where, _all(points)):
             crossings[:, some] = tree.crossings(points[some])
-        count, at_an_edge = reductions.total(self._comm, crossings)
-        (some,) = ((count > 0) | (at_an_edge > 0)).nonzero()
+        crossings = reductions.total(self._comm, crossings)
+        count, at_an_edge = crossings
+        some = _numbers((count > 0) | (at_an_edge > 0))
         distance = np.full(len(points), np.inf)
         for tree, here in self._trees_of(where, some):
             distance[here] = tree.distance(points[here])
         distance = reductions.least(self._comm, distance)
         inside = (count > 0) & (distance > least)
         # Rays from points on the boundary often hit edges, others hardly ever.
-        (unsure,) = ((at_an_edge > 0) & (distance > least)).nonzero()
+        unsure = _numbers((at_an_edge > 0) & (distance > least))
         if len(unsure):
             winding = np.zeros(len(points))
             for tree, here in self._trees_of(where, unsure):
@@ -75,8 +76,8 @@ class Insides:
             Middles, the same on all ranks, shape ``(c, 3)`` [m], and the way of each, ``(c,)``.
             Ways that meet no boundary have none.
         """
-        rows = [np.empty((0, 2))]
-        for tree, some in self._trees_of(where, np.arange(len(begin))):
+        rows: list[Floats] = [np.empty((0, 2))]
+        for tree, some in self._trees_of(where, _all(begin)):
             way, place = tree.cuts(begin[some], end[some])
             rows.append(np.column_stack([some[way], place]))
         cuts = joined(self._comm, np.concatenate(rows))
@@ -92,8 +93,18 @@ class Insides:
 
     def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
         """Boundaries of some points, and which of these belong to each."""
-        for number in np.unique(where[some]).tolist():
+        for number in map(int, np.unique(where[some])):
             if number not in self._trees:
                 triangles = self._boundaries[number].triangles
                 self._trees[number] = _kernels.Boundary(self._x[triangles])
             yield self._trees[number], some[where[some] == number]
+
+
+def _all(rows: Floats) -> Ints:
+    """Numbers of all rows."""
+    return np.arange(len(rows), dtype=np.int32)
+
+
+def _numbers(flags: Flags) -> Ints:
+    """Numbers of the rows with a flag."""
+    return np.flatnonzero(flags).astype(np.int32)

@@ -117,38 +117,37 @@ class OverlapSearch:
             pairs: Boundaries in both orders, shape ``(p, 2)``.
             regions: Least and greatest coordinates of the common parts, ``(p, 2, 3)`` [m].
         """
-        nodes, edges = [np.empty((0, 4))], [np.empty((0, 7))]
-        for number, (region, (inner, _)) in enumerate(zip(regions, pairs, strict=True)):
-            boundary = self._boundaries[inner]
-            nodes.append(_within(region, x[boundary.nodes], number))
+        nodes, edges, cells = _Rows(3), _Rows(6), _Rows(3)
+        for number, inner in enumerate(map(int, pairs[:, 0])):
+            boundary, region = self._boundaries[inner], regions[number]
+            points = x[boundary.nodes]
+            nodes.add(points[_meets(region, points, points)], number)
             ends = x[boundary.edges]
             near = _meets(region, ends.min(axis=1), ends.max(axis=1))
-            edges.append(_labelled(ends[near].reshape(-1, 6), number))
-        at_nodes, ways = (joined(self._comm, np.concatenate(rows)) for rows in (nodes, edges))
+            edges.add(ends[near].reshape(-1, 6), number)
         insides = Insides(self._comm, self._boundaries, x)
-        crossed = ways[:, 6].astype(np.int32)
-        middles, way = insides.chords(ways[:, :3], ways[:, 3:6], pairs[crossed, 1])
-        points = np.concatenate([at_nodes[:, :3], middles])
-        pair = np.concatenate([at_nodes[:, 3].astype(np.int32), crossed[way]])
         touching = touching[pairs].min(axis=1)
-        depth = insides.depth(points, pairs[pair, 1], touching[pair])
+
+        def depth(points: Floats, pair: Ints) -> Floats:
+            return insides.depth(points, pairs[pair, 1], touching[pair])
+
+        points, pair = nodes.joined(self._comm)
+        at_nodes = depth(points, pair)
+        num_nodes = np.bincount(pair[at_nodes > 0], minlength=len(pairs))
+        ways, crossed = edges.joined(self._comm)
+        middles, way = insides.chords(ways[:, :3], ways[:, 3:], pairs[crossed, 1])
         deepest = np.zeros(len(pairs))
-        np.maximum.at(deepest, pair, depth)
-        deep = pair[: len(at_nodes)][depth[: len(at_nodes)] > 0]
-        num_nodes = np.bincount(deep, minlength=len(pairs))
-        number = {(i, j): p for p, (i, j) in enumerate(pairs.tolist())}
-        both = np.array([[p, number[j, i]] for (i, j), p in number.items() if i < j])
-        both = both[(deepest[both] > 0).any(axis=1)]
-        if not len(both):
-            return
-        rows = [np.empty((0, 4))]
-        for p in both.ravel():
-            centres = _centres(x, self._boundaries[pairs[p, 0]].cells)
-            rows.append(_within(regions[p], centres, p))
-        centres = joined(self._comm, np.concatenate(rows))
-        pair = centres[:, 3].astype(np.int32)
-        deep = insides.depth(centres[:, :3], pairs[pair, 1], touching[pair]) > 0
-        num_cells = np.bincount(pair[deep], minlength=len(pairs))
+        np.maximum.at(deepest, pair, at_nodes)
+        np.maximum.at(deepest, crossed[way], depth(middles, crossed[way]))
+        # Both orders of two boundaries between which there is an overlap.
+        turned = np.lexsort((pairs[:, 0], pairs[:, 1]))
+        both = np.column_stack([np.arange(len(pairs)), turned])
+        both = both[(both[:, 0] < turned) & (np.maximum(deepest, deepest[turned]) > 0)]
+        for number in map(int, both.ravel()):
+            points = _centres(x, self._boundaries[pairs[number, 0]].cells)
+            cells.add(points[_meets(regions[number], points, points)], number)
+        points, pair = cells.joined(self._comm)
+        num_cells = np.bincount(pair[depth(points, pair) > 0], minlength=len(pairs))
         for two in both:
             first = pairs[two[deepest[two].argmax()]]
             yield Overlap(
@@ -160,7 +159,7 @@ class OverlapSearch:
             )
 
     def _boxes(self, x: Floats) -> Floats:
-        """Least and greatest coordinates of what boxes of two boundaries share, (2, g, g, 3) [m]."""
+        """Least and greatest coordinates of what two boxes share, ``(2, g, g, 3)`` [m]."""
         least = np.full((len(self._boundaries), 2, 3), np.inf)
         for box, boundary in zip(least, self._boundaries, strict=True):
             some = x[boundary.nodes].T
@@ -212,11 +211,17 @@ def _meets(region: Floats, lower: Floats, upper: Floats) -> Flags:
     return flags
 
 
-def _within(region: Floats, points: Floats, number: int) -> Floats:
-    """Those of some points that are in a box, with a number, shape ``(n, 4)``."""
-    return _labelled(points[_meets(region, points, points)], number)
+class _Rows:
+    """Rows of coordinates, each with the number of a pair."""
 
+    def __init__(self, width: int) -> None:
+        self._rows: list[Floats] = [np.empty((0, width + 1))]
 
-def _labelled(rows: Floats, number: int) -> Floats:
-    """Rows with a number at their end."""
-    return np.column_stack([rows, np.full(len(rows), float(number))])
+    def add(self, rows: Floats, pair: int) -> None:
+        """Add rows of one pair. Local."""
+        self._rows.append(np.column_stack([rows, np.full(len(rows), float(pair))]))
+
+    def joined(self, comm: MPI.Comm) -> tuple[Floats, Ints]:
+        """Rows of all ranks and their pairs, the same on all ranks. Collective."""
+        rows = joined(comm, np.concatenate(self._rows))
+        return np.ascontiguousarray(rows[:, :-1]), rows[:, -1].astype(np.int32)

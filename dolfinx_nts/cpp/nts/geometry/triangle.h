@@ -16,8 +16,7 @@ inline double squared_distance(const Vec3& point, const Vec3& begin,
 {
   const Vec3 along = end - begin, r = point - begin;
   const double square = dot(along, along);
-  const double s
-      = square > 0 ? std::clamp(dot(r, along) / square, 0., 1.) : 0.;
+  const double s = square > 0 ? std::clamp(dot(r, along) / square, 0., 1.) : 0.;
   const Vec3 way = r - s * along;
   return dot(way, way);
 }
@@ -58,8 +57,8 @@ inline double winding(const Vec3& point, const Triangle& t) noexcept
 /// @brief Where a line meets the plane of a triangle.
 struct Cut
 {
-  double s;       ///< place on the line, 0 at its begin, 1 at its end
-  int sign;       ///< 1 if it leaves the body there, -1 if it enters it
+  double s;        ///< place on the line, 0 at its begin, 1 at its end
+  int sign;        ///< 1 if it leaves the body there, -1 if it enters it
   bool at_an_edge; ///< whether round-off decides on which side of an edge
 };
 

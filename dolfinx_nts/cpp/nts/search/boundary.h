@@ -44,8 +44,8 @@ public:
     if (_triangles.empty())
       return found;
     // Beyond the boundary, wherever the point is.
-    const double length = norm(box.upper - box.lower)
-                          + std::sqrt(box.squared_distance(point));
+    const double length
+        = norm(box.upper - box.lower) + std::sqrt(box.squared_distance(point));
     const Vec3 end = point + 2 * length * direction;
     _tree.along(point, end,
                 [&](std::int32_t i) noexcept
@@ -77,9 +77,8 @@ public:
     _tree.nearest(point, nearest,
                   [&](std::int32_t i) noexcept
                   {
-                    nearest = std::min(
-                        nearest,
-                        std::sqrt(squared_distance(point, _triangles[i])));
+                    nearest = std::min(nearest, std::sqrt(squared_distance(
+                                                    point, _triangles[i])));
                     return nearest;
                   });
     return nearest;

@@ -47,8 +47,8 @@ struct Box
     {
       const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
       if (std::abs(apart[i]) > extent[i] + std::abs(half[i])
-          || std::abs(turned[i])
-                 > extent[j] * std::abs(half[k]) + extent[k] * std::abs(half[j]))
+          || std::abs(turned[i]) > extent[j] * std::abs(half[k])
+                                       + extent[k] * std::abs(half[j]))
         return false;
     }
     return true;
