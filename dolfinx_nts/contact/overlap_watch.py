@@ -145,13 +145,13 @@ class OverlapWatch:
             )
         if any(isinstance(pair.enforcement, Penalty) for pair in held):
             return (
-                "the springs of their contact pair are too soft, or steps too long; give a "
-                "larger eps_N, LagrangeMultiplier, or a smaller dt"
+                "the springs of their contact pair yield that much, which stiffer ones (eps_N) or "
+                "LagrangeMultiplier do not, or steps are too long (dt)"
             )
         return (
-            "their contact pair holds nodes as deep as the step has brought them in which they "
-            "touch; give a smaller dt, StepControl(gap_tol=...), or all of the surfaces that may "
-            "touch (all_pairs)"
+            "their contact pair holds nodes where the step has brought them in which they touch; "
+            "harmless if it stays, and less with a smaller dt or StepControl(gap_tol=...); if it "
+            "grows, the pair lacks surfaces that touch (all_pairs has all of them)"
         )
 
     def _forgotten(self, overlap: Overlap) -> str:

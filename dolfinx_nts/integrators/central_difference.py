@@ -184,9 +184,6 @@ class CentralDifference(Stepper):
         momentum: Floats = self.mass[:, None] * self._v
         return momentum
 
-    def _way(self) -> float:
-        return self._moved
-
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
 
@@ -249,7 +246,7 @@ class CentralDifference(Stepper):
             self._start()
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
         _, _, v, rate, du = self._arrays
-        self._moved = moved = self._move()
+        self._way = moved = self._move()
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         reaction = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(moved)

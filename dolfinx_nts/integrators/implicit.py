@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
@@ -184,6 +185,8 @@ class ImplicitStepper(Stepper):
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = self._bulk.load() @ du if self.loads else 0.0
         near = sum(len(step.candidates.size) for step in steps)
+        way = _kernels.farthest(*(f.x.array.reshape(-1, 3) for f in (self.u, self.u_n)))
+        self._way = reductions.largest(self._comm, way)
         v_n = self.v.x.array[:n].copy()
         sums = [float(value) for value in (loaded, -damped, solution.R @ du, near)]
         sums.append(self._rates.accept())

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
@@ -81,7 +80,8 @@ class Stepper(TimeLoop):
         super().__init__(V, dt)
         self.contacts = tuple(PairState(pair) for pair in self.pairs)
         self.overlap_watch = OverlapWatch(self.bodies, self.pairs)
-        self._was_displaced = True
+        # Bound on the way of all nodes in the last step [m].
+        self._was_displaced, self._way = True, 0.0
         self.timings = Timings()
         self._update = update
         # Asking a Function for its values takes as long as copying those of a small mesh.
@@ -148,7 +148,7 @@ class Stepper(TimeLoop):
         report = self._step()
         self.t, self.step = report.t, report.step
         with self.timings.phase("overlap"):
-            self.overlap_watch.follow(self._way(), lambda: self.x, self.t)
+            self.overlap_watch.follow(self._way, lambda: self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
@@ -171,11 +171,6 @@ class Stepper(TimeLoop):
         with self.timings.phase("overlap"):
             self.overlap_watch.start(self.x)
         self._was_displaced = False
-
-    def _way(self) -> float:
-        """Farthest way of a node in the last step, or a bound on it [m]."""
-        way = _kernels.farthest(self._u.reshape(-1, 3), self._u_n.reshape(-1, 3))
-        return reductions.largest(self._comm, way)
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         super()._set(function, body, value)

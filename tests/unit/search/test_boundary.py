@@ -85,7 +85,7 @@ def test_a_ray_that_hits_an_edge_or_a_vertex_says_so(turn, rng):
     diagonal = np.array([[0.5, 0.5, 1.0]]) @ Q.T
     for hit in (edge, CORNERS[-1:] @ Q.T, diagonal):
         points = hit - rng.uniform(0.05, 0.3, (len(hit), 1)) * RAY
-        count, at_an_edge = boundary.crossings(points)
+        _, at_an_edge = boundary.crossings(points)
         inside = ((points @ Q > 0) & (points @ Q < 1)).all(axis=1)
         assert at_an_edge[inside].all() and inside.any()
         np.testing.assert_allclose(boundary.winding(points[inside]), 1, atol=ROUNDING)

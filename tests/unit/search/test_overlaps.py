@@ -189,7 +189,8 @@ def test_nodes_and_cells_inside_are_those_in_cells_of_the_other(comm, cell, seed
             centres = contains(x[V.dofmap.list[one.cells]].mean(axis=1), x, cells)
             if i != j and (at_nodes.any() or centres.any()):
                 key = frozenset((f"body {i + 1}", f"body {j + 1}"))
-                counted[key] = counted.get(key, np.zeros(2, int)) + [at_nodes.sum(), centres.sum()]
+                counts = np.array([at_nodes.sum(), centres.sum()])
+                counted[key] = counted.get(key, 0) + counts
     found = {frozenset(o.names): [o.nodes, o.cells] for o in overlaps(bodies, x) if o.nodes}
     assert counted
     assert {key: list(values) for key, values in counted.items()} == found
