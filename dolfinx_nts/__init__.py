@@ -26,6 +26,7 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.overlaps import Overlap
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __version__ = "0.1.0"
@@ -51,6 +52,7 @@ __all__ = [
     "MooneyRivlin",
     "NeoHookean",
     "Obstacle",
+    "Overlap",
     "Penalty",
     "Pressure",
     "QuasiStatic",

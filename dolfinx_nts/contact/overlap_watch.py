@@ -23,7 +23,7 @@ _logger = logging.getLogger("dolfinx_nts")
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
 # Way between two looks while boxes around bodies overlap, relative to the smallest cell [-].
-_WAY = 0.5
+_WAY = 1.0
 
 
 class OverlapWatch:
@@ -36,13 +36,13 @@ class OverlapWatch:
         pairs: The contact pairs.
 
     Attributes:
-        deepest: Largest depth found so far by names of the two [m].
+        deepest: The deepest overlap of any two that was found so far, by their names.
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
         """Begin with nothing seen; boundaries are found at the first look."""
         self._bodies, self._pairs = tuple(bodies), tuple(pairs)
-        self.deepest: dict[tuple[str, str], float] = {}
+        self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # Bound on the way since the last look, that up to which none is due, and where it was.
@@ -108,9 +108,10 @@ class OverlapWatch:
         # Both of two bodies may move.
         self._way, self._free_way, self._x = 0.0, max(_WAY * shortest, clearance / 2), x
         for overlap in overlaps:
-            depth = self.deepest.get(overlap.names, 0.0)
-            self.deepest[overlap.names] = max(depth, overlap.depth)
             names = frozenset(overlap.names)
+            deepest = self.deepest.setdefault(names, overlap)
+            if overlap.depth > deepest.depth:
+                self.deepest[names] = overlap
             depth, cells = self._known.get(names, (0.0, 0))
             if overlap.depth > depth + part * overlap.size or overlap.cells > 0 == cells:
                 new.append((overlap, names))
@@ -136,7 +137,12 @@ class OverlapWatch:
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
-        held = [pair for pair, nodes, others in self._roles if inner in nodes and outer in others]
+        names = {inner} if overlap.reverse_depth < overlap.depth / 2 else {inner, outer}
+        held = [
+            pair
+            for pair, nodes, segments in self._roles
+            if any(one in nodes and other in segments for one in names for other in overlap.names)
+        ]
         if not held:
             return (
                 f"their contact pair holds the nodes of {outer} only, and {inner} sinks in "

@@ -157,7 +157,7 @@ class Stepper(TimeLoop):
     def look_for_overlaps(self) -> None:
         """Tell, in the log, what overlaps now and was not told before.
 
-        Runs do that by themselves whenever bodies have moved by half of the smallest cell, and
+        Runs do that by themselves whenever bodies have moved by the size of the smallest cell, and
         at their end.
         """
         with self.timings.phase("overlap"):

@@ -51,8 +51,8 @@ class Summary:
                 *str(self._stepper.statistics).splitlines(),
                 *ledger.drifts(),
                 *(
-                    f"{inner}: up to {depth:.3g} inside {outer}"
-                    for (inner, outer), depth in self._stepper.overlap_watch.deepest.items()
+                    f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
+                    for o in self._stepper.overlap_watch.deepest.values()
                 ),
                 f"wall time: {self._duration:.1f} s ({times})",
             ]

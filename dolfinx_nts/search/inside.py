@@ -93,7 +93,7 @@ class Insides:
 
     def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
         """Boundaries of some points, and which of these belong to each."""
-        for number in map(int, np.unique(where[some])):
+        for number in map(int, np.flatnonzero(np.bincount(where[some]))):
             if number not in self._trees:
                 triangles = self._boundaries[number].triangles
                 self._trees[number] = _kernels.Boundary(self._x[triangles])
