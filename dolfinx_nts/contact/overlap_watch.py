@@ -137,11 +137,13 @@ class OverlapWatch:
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
-        names = {inner} if overlap.reverse_depth < overlap.depth / 2 else {inner, outer}
+        deep = [(inner, outer), (outer, inner)]
+        if overlap.reverse_depth < overlap.depth / 2:
+            deep.pop()
         held = [
             pair
             for pair, nodes, segments in self._roles
-            if any(one in nodes and other in segments for one in names for other in overlap.names)
+            if any(one in nodes and other in segments for one, other in deep)
         ]
         if not held:
             return (
