@@ -27,6 +27,7 @@ from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, Rig
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
+from dolfinx_nts.search.overlaps import Overlap
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __version__ = "0.1.0"
@@ -55,6 +56,7 @@ __all__ = [
     "MooneyRivlin",
     "NeoHookean",
     "Obstacle",
+    "Overlap",
     "Penalty",
     "Pressure",
     "QuasiStatic",

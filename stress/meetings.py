@@ -218,7 +218,7 @@ CASES = [
             plate(),
             side="bottom",
             velocity=(0.0, 0.0, 0.0),
-            warns="start up to" if d > 0.01 else "",
+            warns="starts up to" if d > 0.01 else "",
         )
         for d in (0.0, 0.01, 0.1, 0.2)
     ),
@@ -232,7 +232,7 @@ CASES = [
             side="bottom",
             velocity=(0.0, 0.0, 0.0),
             law=law,
-            warns="start up to",
+            warns="starts up to",
         )
         for name, law in _CLOSING.items()
     ),

@@ -7,18 +7,15 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices
 
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.bodies import Body, common_space, connected, numbered
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, boundary_facets
-from dolfinx_nts.parallel import reductions
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
@@ -120,7 +117,7 @@ def all_pairs(
         # Rounded, so that equal bodies stay in the order in which they are given.
         return float(f"{surface(*group).size * weight:.6g}")
 
-    groups = sorted(_groups(bodies), key=coarseness)
+    groups = sorted(connected(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
@@ -136,10 +133,7 @@ def all_pairs(
             _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
 
     def names(some: Sequence[Body]) -> str:
-        if len(some) == len(bodies) > 1:
-            return "all bodies"
-        numbers = sorted(bodies.index(body) + 1 for body in some)
-        return f"bod{'y' if len(numbers) == 1 else 'ies'} {', '.join(map(str, numbers))}"
+        return "all bodies" if len(some) == len(bodies) > 1 else numbered(some, bodies)
 
     for finer, coarser in _halves(groups):
         add(list(chain(*finer)), list(chain(*coarser)))
@@ -200,23 +194,3 @@ def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]
         yield items[:middle], items[middle:]
         yield from _halves(items[:middle])
         yield from _halves(items[middle:])
-
-
-def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
-    """Groups of bodies that are connected by shared nodes. Collective."""
-    index_map = bodies[0].V.dofmap.index_map
-    last = np.full(index_map.size_local, -1)  # last body of each owned node
-    touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
-    for i, body in enumerate(bodies):
-        # A node may be owned by a rank that has no cell of the body.
-        marker = la.vector(index_map)
-        marker.array[body.nodes] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(marker.array[: index_map.size_local])
-        touching[i, np.setdiff1d(last[nodes], -1)] = True
-        last[nodes] = i
-    touching = reductions.total(bodies[0].V.mesh.comm, touching.astype(np.int32)) > 0
-    group = np.arange(len(bodies))
-    for i, j in np.argwhere(touching):
-        group[group == group[i]] = group[j]
-    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]

@@ -1,6 +1,4 @@
-"""The start of a run: bodies that overlap."""
-
-import logging
+"""The start of a run: bodies inside rigid obstacles."""
 
 import numpy as np
 
@@ -11,18 +9,14 @@ from dolfinx_nts.model.obstacles import Obstacle
 
 __all__ = ["check_start"]
 
-_logger = logging.getLogger("dolfinx_nts")
-
-# Depths that are reported, relative to the size of a segment [-]: meshes of curved surfaces
-# overlap by less, and a body and a rigid obstacle not at all but for round-off.
-_OVERLAP, _OVERLAP_RIGID = 0.02, 1e-6
+# Depth, relative to the size of a facet [-], that is more than round-off.
+_DEEP = 1e-6
 
 
 def check_start(state: PairState, x: Floats) -> None:
-    """Raise on all ranks if nodes lie inside a rigid obstacle. Collective.
+    """Raise on all ranks if nodes of a pair lie inside its rigid obstacle. Collective.
 
-    Inside another deformable body they may start, which is only logged: elastic impact holds
-    their depth, plastic impact and springs push them out.
+    Inside another deformable body they may start, see `OverlapWatch`.
 
     Args:
         state: State of the contact pair.
@@ -31,19 +25,16 @@ def check_start(state: PairState, x: Floats) -> None:
     Raises:
         ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
     """
-    pair, depth = state.pair, -state.gap(x)
-    rigid = isinstance(pair.segments, Obstacle)
-    comm = pair.nodes.V.mesh.comm
-    allowed = (_OVERLAP_RIGID if rigid else _OVERLAP) * pair.segment_size
-    nodes = np.sort(np.concatenate(comm.allgather(pair.nodes.node_ids[depth > allowed])))
+    pair = state.pair
+    if not isinstance(pair.segments, Obstacle):
+        return
+    depth, comm = -state.gap(x), pair.nodes.V.mesh.comm
+    inside = pair.nodes.node_ids[depth > _DEEP * pair.segment_size]
+    nodes = np.sort(np.concatenate(comm.allgather(inside)))
     if not len(nodes):
         return
     deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
-    where = listed(nodes)
-    if rigid:
-        raise ValueError(
-            f"expected bodies outside a {type(pair.segments).__name__}, given {len(nodes)} "
-            f"nodes up to {deepest:.3g} inside: {where}"
-        )
-    if comm.rank == 0:
-        _logger.warning("%d nodes start up to %.3g inside: %s", len(nodes), deepest, where)
+    raise ValueError(
+        f"expected bodies outside a {type(pair.segments).__name__}, given {len(nodes)} "
+        f"nodes up to {deepest:.3g} inside: {listed(nodes)}"
+    )

@@ -29,6 +29,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.overlaps import Overlap
 
 __all__ = ["Balance", "Diagnostics"]
 
@@ -211,6 +212,17 @@ class Diagnostics:
             own = float(gap[~np.isnan(gap)].min(initial=least))
             least = reductions.least(self._comm, own)
         return least if least < np.inf else np.nan
+
+    def overlaps(self) -> list[Overlap]:
+        """Find bodies that are inside each other or inside obstacles, whatever the pairs are.
+
+        Bodies that share nodes count as one, and self contact is not looked at. Facets of
+        quadrilaterals count as two triangles. A `RigidSurface` is looked at down to half a facet.
+
+        Returns:
+            One `Overlap` for each two, empty if bodies only touch.
+        """
+        return self._stepper.overlap_watch.search.find(self._stepper.x)[0]
 
     def _distances(self, x: Floats) -> Floats:
         """Distances between the bounding boxes of nodes and segments of the pairs, ``(p,)`` [m].

@@ -248,7 +248,7 @@ class CentralDifference(Stepper):
             self._start()
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
         _, _, v, rate, du = self._arrays
-        moved = self._move()
+        self._way = moved = self._move()
         self._check_passage(moved)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         reaction = bulk.total[given] if self.supports.exist else np.empty(0)

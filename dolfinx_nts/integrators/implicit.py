@@ -123,25 +123,26 @@ class ImplicitStepper(Stepper):
                 steps, solution = self._solve(start, x, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
-                moved = reductions.largest(self._comm, _kernels.farthest(self.x, x[0]))
-                reason = self._wrong(steps, x[0], moved)
+                way = _kernels.farthest(self.x, x[0])
+                self._way = reductions.largest(self._comm, way)
+                reason = self._wrong(steps, x[0])
                 if not reason:
-                    self._reverse.accept(x[0], self.x, moved)
+                    self._reverse.accept(x[0], self.x, self._way)
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps)
 
-    def _wrong(self, steps: Sequence[ContactStep], x_n: Floats, moved: float) -> str:
+    def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".
 
-        ``x_n`` are positions at t_n, shape ``(l, 3)`` [m], ``moved`` is the largest motion [m].
+        ``x_n`` are positions at t_n, shape ``(l, 3)`` [m].
         """
         if inverted := self._volume_ratio.inverted():
             return inverted
         reasons = (check_penetration(step, self.dt) for step in steps)
         with self.timings.phase("passage"):
-            return next(filter(None, reasons), "") or self._reverse.check(x_n, self.x, moved)
+            return next(filter(None, reasons), "") or self._reverse.check(x_n, self.x, self._way)
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""

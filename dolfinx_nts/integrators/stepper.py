@@ -7,13 +7,16 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.reverse_passage import ReversePassages
@@ -45,6 +48,7 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
+        overlap_watch: Looks for overlaps of bodies, and tells them.
     """
 
     scheme: Scheme
@@ -79,6 +83,9 @@ class Stepper(TimeLoop):
         super().__init__(V, dt)
         self.contacts = tuple(PairState(pair) for pair in self.pairs)
         self._reverse = ReversePassages(self.pairs)
+        self.overlap_watch = OverlapWatch(self.bodies, self.pairs)
+        # Bound on the way of all nodes in the last step [m].
+        self._was_displaced, self._way = True, 0.0
         self.timings = Timings()
         self._update = update
         # Asking a Function for its values takes as long as copying those of a small mesh.
@@ -135,9 +142,8 @@ class Stepper(TimeLoop):
                 The state is as before the call.
         """
         self._check_state()
-        if self.step == 0:
-            for contact in self.contacts:
-                check_start(contact, self.x)
+        if self._was_displaced:
+            self._look_at_start()
         if self._update is not None or self.loads:
             with agreed(self._comm, f"update and loads of {self._next()}"):
                 if self._update is not None:
@@ -147,10 +153,34 @@ class Stepper(TimeLoop):
         self._u_n[:] = self._u
         report = self._step()
         self.t, self.step = report.t, report.step
+        with self.timings.phase("overlap"):
+            self.overlap_watch.follow(self._way, lambda: self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
+
+    def look_for_overlaps(self) -> None:
+        """Tell, in the log, what overlaps now and was not told before.
+
+        Runs do that by themselves whenever bodies have moved by the size of the smallest cell, and
+        at their end.
+        """
+        with self.timings.phase("overlap"):
+            self.overlap_watch.look(self.x, self.t)
+
+    def _look_at_start(self) -> None:
+        """Look at a displacement that was set, before the first step or between steps."""
+        if self.step == 0:
+            for contact in self.contacts:
+                check_start(contact, self.x)
+        with self.timings.phase("overlap"):
+            self.overlap_watch.start(self.x)
+        self._was_displaced = False
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        super()._set(function, body, value)
+        self._was_displaced |= function is self.u
 
     def _load_at(self, point: float) -> None:
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""

@@ -49,6 +49,10 @@ class TimeLoop(State):
     def advance(self) -> StepReport:
         """Advance by one step of length ``dt``."""
 
+    @abstractmethod
+    def look_for_overlaps(self) -> None:
+        """Tell what overlaps now and was not told before."""
+
     def _longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
         return math.inf
@@ -77,6 +81,7 @@ class TimeLoop(State):
         finite("until", until)
         meet(self._comm, f"run from t = {self.t!r} s until {until!r} s")
         yield from self._run_evenly(until) if control is None else self._run(until, control)
+        self.look_for_overlaps()
 
     def _run_evenly(self, until: float) -> Iterator[StepReport]:
         """Advance in equal steps."""

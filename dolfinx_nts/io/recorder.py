@@ -12,7 +12,6 @@ from mpi4py import MPI
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
-from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.run_files import RunFiles
@@ -127,7 +126,6 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
             self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
-            self._penetration = ReversePenetration(self._stepper)
             stack.callback(self._files.close)
             if not self._files.open(self._ledger, self._options.resume):
                 self._files.fields.write()
@@ -161,7 +159,6 @@ class Recorder:
             self._write_row(step.dt, step.newton_iterations, step.rejected)
             if self._options.has_fields(self._ledger.num_steps, step.t):
                 self._files.fields.write()
-                self._penetration.look()
             if self._options.checkpoint_every is not None:
                 signum = self._interrupts.received()
                 if signum or self._ledger.num_steps % self._options.checkpoint_every == 0:
@@ -177,9 +174,11 @@ class Recorder:
         """
         assert self._open is not None
         stack, self._open = self._open, None
+        together = error is None or isinstance(error, ConvergenceError)
         with self._stepper.timings.phase("output"), stack:
-            if error is None or isinstance(error, ConvergenceError):
+            if together:
                 meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
+                self._stepper.look_for_overlaps()
                 self._files.fields.write()
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
@@ -195,7 +194,7 @@ class Recorder:
             Lines with the number of steps and Newton iterations, changes of conserved
             quantities, and wall time by phase [s] on this rank.
         """
-        return self._summary.text(self._ledger, self._penetration)
+        return self._summary.text(self._ledger)
 
     def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
         self._files.write_row(

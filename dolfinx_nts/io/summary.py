@@ -3,7 +3,6 @@
 import time
 
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
-from dolfinx_nts.diagnostics.reverse_penetration import ReversePenetration
 from dolfinx_nts.integrators.stepper import Stepper
 
 __all__ = ["Summary"]
@@ -28,12 +27,11 @@ class Summary:
         """Stop the clock."""
         self._duration = time.perf_counter() - self._start
 
-    def text(self, ledger: EnergyLedger, penetration: ReversePenetration) -> str:
+    def text(self, ledger: EnergyLedger) -> str:
         """Describe the run.
 
         Args:
             ledger: Steps and energies of the run.
-            penetration: Vertices of segments that sank into other surfaces.
 
         Returns:
             Lines with the number of steps and Newton iterations, changes of conserved
@@ -53,9 +51,8 @@ class Summary:
                 *str(self._stepper.statistics).splitlines(),
                 *ledger.drifts(),
                 *(
-                    f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"
-                    for i, depth in penetration.deepest.items()
-                    if depth > 0
+                    f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
+                    for o in self._stepper.overlap_watch.deepest.values()
                 ),
                 f"wall time: {self._duration:.1f} s ({times})",
             ]

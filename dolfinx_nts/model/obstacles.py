@@ -111,6 +111,17 @@ class Obstacle(ABC):
             Indices of rows of x, among them all nodes within reach.
         """
 
+    @abstractmethod
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points are inside.
+
+        Args:
+            x: Positions, shape ``(m, 3)`` [m].
+
+        Returns:
+            Distance from the surface, not above 0 outside, shape ``(m,)`` [m].
+        """
+
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
         """Whether the edge of a facet that is nearest to a node is a rim. Local.
 
@@ -168,6 +179,10 @@ class _Exact(Obstacle):
         """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
         gap, _ = self.distance(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
+
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points are inside, see `Obstacle.depth`."""
+        return -self.distance(x)[0]
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
         """Cut straight ways with the surface, see `Obstacle.follow`."""

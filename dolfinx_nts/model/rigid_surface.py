@@ -106,6 +106,16 @@ class RigidSurface(Obstacle):
         ways = x_n, x, np.full(len(x), -1, dtype=np.int32), inside, self._points, self._points
         return Trajectories(*self._segments.follow(*ways, *facing.arguments))
 
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points are behind the facets they face, see `Obstacle.depth`.
+
+        As far as nodes touch them: not deeper than half a facet.
+        """
+        none = np.full(len(x), -1, dtype=np.int32)
+        reach = float(diameters(self._x).max(initial=0.0))
+        found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
+        return np.where(found >= 0, -gap, 0.0)
+
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
         """Whether nodes are nearest to the rim, see `Obstacle.is_at_rim`."""
         return is_nearest_a_rim(x, self._points, self._facets, segment)

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.parallel.errors import portable
 
-__all__ = ["exchanged", "gathered", "on_root", "scattered"]
+__all__ = ["exchanged", "gathered", "joined", "on_root", "scattered"]
 
 T = TypeVar("T")
 
@@ -67,6 +67,19 @@ def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
         received = comm.alltoall(received)
         received[comm.rank] = own
     return received  # type: ignore[no-any-return]
+
+
+def joined(comm: MPI.Comm, values: Array) -> Array:
+    """Collect rows of all ranks on all ranks, in the order of the ranks. Collective.
+
+    Args:
+        comm: Communicator.
+        values: Rows of this rank, shape ``(n, ...)``.
+
+    Returns:
+        All rows; on one rank the very array.
+    """
+    return np.concatenate(comm.allgather(values)) if comm.size > 1 else values
 
 
 def gathered(comm: MPI.Comm, ids: GlobalInts, values: Array) -> tuple[GlobalInts, Array]:

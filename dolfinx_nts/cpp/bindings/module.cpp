@@ -5,6 +5,7 @@
 
 namespace nts::bindings
 {
+void boundary(nanobind::module_& m);
 void cells(nanobind::module_& m);
 void kinematics(nanobind::module_& m);
 void local_search(nanobind::module_& m);
@@ -21,6 +22,7 @@ NB_MODULE(_kernels, m)
   if (_import_array() < 0)
     throw nanobind::python_error();
   m.doc() = "Kernels of node-to-segment contact; used by dolfinx_nts only";
+  nts::bindings::boundary(m);
   nts::bindings::cells(m);
   nts::bindings::kinematics(m);
   nts::bindings::local_search(m);

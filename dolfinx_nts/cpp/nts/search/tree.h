@@ -35,6 +35,25 @@ struct Box
     }
   }
 
+  /// @brief Whether the way from one point to another meets the box.
+  bool meets(const Vec3& begin, const Vec3& end) const noexcept
+  {
+    // Some axis separates them, or some product of an axis and the way.
+    const Vec3 half = 0.5 * (end - begin);
+    const Vec3 apart = 0.5 * ((begin + end) - (lower + upper));
+    const Vec3 extent = 0.5 * (upper - lower);
+    const Vec3 turned = cross(half, apart);
+    for (std::size_t i = 0; i < 3; ++i)
+    {
+      const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+      if (std::abs(apart[i]) > extent[i] + std::abs(half[i])
+          || std::abs(turned[i]) > extent[j] * std::abs(half[k])
+                                       + extent[k] * std::abs(half[j]))
+        return false;
+    }
+    return true;
+  }
+
   /// @brief Squared distance of a point to the box (0 inside).
   double squared_distance(const Vec3& point) const noexcept
   {
@@ -100,6 +119,20 @@ public:
       descend(0, point, bound, visit);
   }
 
+  /// @brief Visit the segments whose box meets the way between two points.
+  template <class Visit>
+  void along(const Vec3& begin, const Vec3& end, Visit&& visit) const
+  {
+    if (!_branches.empty())
+      descend_along(0, begin, end, visit);
+  }
+
+  /// @brief Box of all segments.
+  Box bounds() const noexcept
+  {
+    return _branches.empty() ? Box{} : _branches.front().box;
+  }
+
 private:
   /// Segments [begin, end) of the order, and children or, for a leaf, -1.
   struct Branch
@@ -139,6 +172,24 @@ private:
       _branches[index].right = right;
     }
     return index;
+  }
+
+  template <class Visit>
+  void descend_along(std::int32_t index, const Vec3& begin, const Vec3& end,
+                     Visit& visit) const
+  {
+    const Branch& branch = _branches[index];
+    if (!branch.box.meets(begin, end))
+      return;
+    if (branch.left >= 0)
+    {
+      descend_along(branch.left, begin, end, visit);
+      descend_along(branch.right, begin, end, visit);
+      return;
+    }
+    for (std::int32_t i = branch.begin; i < branch.end; ++i)
+      if (_boxes[_order[i]].meets(begin, end))
+        visit(_order[i]);
   }
 
   template <class Visit>

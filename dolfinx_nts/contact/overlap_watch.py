@@ -1,0 +1,174 @@
+"""Watch over overlaps in a run, which contact should prevent, whatever its pairs are."""
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
+
+__all__ = ["OverlapWatch"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
+# surfaces overlap by less, and by which a run makes overlaps deeper.
+_AT_START, _IN_RUN = 0.02, 0.1
+# Way between two looks while boxes around bodies overlap, relative to the smallest cell [-].
+_WAY = 1.0
+
+
+class OverlapWatch:
+    """Looks for overlaps when bodies have moved, and tells each of them once.
+
+    Collective, as are all its methods.
+
+    Args:
+        bodies: The bodies.
+        pairs: The contact pairs.
+
+    Attributes:
+        deepest: The deepest overlap of any two that was found so far, by their names.
+    """
+
+    def __init__(self, bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
+        """Begin with nothing seen; boundaries are found at the first look."""
+        self._bodies, self._pairs = tuple(bodies), tuple(pairs)
+        self.deepest: dict[frozenset[str], Overlap] = {}
+        # Depth and number of cells that are known of two, infinite where a run has told them.
+        self._known: dict[frozenset[str], tuple[float, float]] = {}
+        # Bound on the way since the last look, that up to which none is due, and where it was.
+        self._way, self._free_way = 0.0, 0.0
+        self._x: Floats = np.empty((0, 3))
+
+    @cached_property
+    def search(self) -> OverlapSearch:
+        """Finds the overlaps."""
+        segments = dict.fromkeys(pair.segments for pair in self._pairs)
+        return OverlapSearch(self._bodies, [s for s in segments if isinstance(s, Obstacle)])
+
+    @cached_property
+    def _roles(self) -> list[tuple[ContactPair, frozenset[str], frozenset[str]]]:
+        """Pairs, and whom their nodes and their segments belong to."""
+        names = self.search.names_of
+        return [(pair, names(pair.nodes), names(pair.segments)) for pair in self._pairs]
+
+    def start(self, x: Floats) -> None:
+        """Look at a state that was set, and tell what overlaps.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        """
+        for overlap, names in self._new(x, _AT_START):
+            self._known[names] = overlap.depth, overlap.cells
+            self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap))
+
+    def follow(self, way: float, x: Callable[[], Floats], t: float) -> None:
+        """Look if bodies have moved so far since the last look that they may overlap.
+
+        Args:
+            way: Bound on the way of all nodes in the last step, the same on all ranks [m].
+            x: Function that returns the positions, see `look`.
+            t: Time [s].
+        """
+        self._way += way
+        if self._way <= self._free_way:
+            return
+        comm, here = self._bodies[0].V.mesh.comm, x()
+        self._way = reductions.largest(comm, _kernels.farthest(here, self._x))
+        if self._way > self._free_way:
+            self.look(here, t)
+
+    def look(self, x: Floats, t: float) -> None:
+        """Look at the state at the time t [s] if anything has moved, and tell what is new.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            t: Time [s].
+        """
+        if self._way == 0:
+            return
+        for overlap, names in self._new(x, _IN_RUN):
+            self._known[names] = np.inf, np.inf
+            text = f"at t = {t:g} %s is up to %s inside %s%s: %s"
+            self._warn(text, overlap, self._in_run(overlap))
+
+    def _new(self, x: Floats, part: float) -> list[tuple[Overlap, frozenset[str]]]:
+        """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
+        shortest, new = self.search.shortest, []
+        overlaps, clearance = self.search.find(x, part * shortest)
+        # Both of two bodies may move.
+        self._way, self._free_way, self._x = 0.0, max(_WAY * shortest, clearance / 2), x
+        for overlap in overlaps:
+            names = frozenset(overlap.names)
+            deepest = self.deepest.setdefault(names, overlap)
+            if overlap.depth > deepest.depth:
+                self.deepest[names] = overlap
+            depth, cells = self._known.get(names, (0.0, 0))
+            if overlap.depth > depth + part * overlap.size or overlap.cells > 0 == cells:
+                new.append((overlap, names))
+        return new
+
+    def _warn(self, text: str, overlap: Overlap, verdict: str) -> None:
+        if self._bodies[0].V.mesh.comm.rank == 0:
+            inner, outer = overlap.names
+            extent = (
+                f" ({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes "
+                f"of the surfaces and {overlap.cells} centres of cells are inside)"
+            )
+            _logger.warning(text, inner, f"{overlap.depth:.3g}", outer, extent, verdict)
+
+    def _at_start(self, overlap: Overlap) -> str:
+        return self._forgotten(overlap) or (
+            "harmless if it is meant, as elastic impact holds this depth, and plastic impact and "
+            "springs push the two apart; otherwise move them apart before the first step"
+        )
+
+    def _in_run(self, overlap: Overlap) -> str:
+        """What is wrong, and what to do."""
+        if verdict := self._forgotten(overlap):
+            return verdict
+        inner, outer = overlap.names
+        deep = [(inner, outer), (outer, inner)]
+        if overlap.reverse_depth < overlap.depth / 2:
+            deep.pop()
+        held = [
+            pair
+            for pair, nodes, segments in self._roles
+            if any(one in nodes and other in segments for one, other in deep)
+        ]
+        if not held:
+            return (
+                f"their contact pair holds the nodes of {outer} only, and {inner} sinks in "
+                "between them; the finer or softer surface should give the nodes, or both "
+                "(two_half_passes)"
+            )
+        if any(isinstance(pair.enforcement, Penalty) for pair in held):
+            return (
+                "the springs of their contact pair yield that much, which stiffer ones (eps_N) or "
+                "LagrangeMultiplier do not, or steps are too long (dt)"
+            )
+        return (
+            "their contact pair holds nodes where the step has brought them in which they touch; "
+            "harmless if it stays, and less with a smaller dt or StepControl(gap_tol=...); if it "
+            "grows, the pair lacks surfaces that touch (all_pairs has all of them)"
+        )
+
+    def _forgotten(self, overlap: Overlap) -> str:
+        """What to do if no pair names the two, or ""."""
+        one, other = overlap.names
+        sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
+        if any(one in nodes and other in segments for nodes, segments in sides):
+            return ""
+        return (
+            "no contact pair names the two, so that nothing keeps them apart; add one, for "
+            "instance by all_pairs, unless it is meant"
+        )

@@ -1,0 +1,111 @@
+"""Closed boundaries of whole bodies, made of triangles, whatever contact they are in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from basix import CellType, topology
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.surfaces import area_vectors, diameters
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["ClosedBoundary", "closed_boundaries"]
+
+# Triangles and edges of a segment, by its number of vertices in Basix order.
+_TRIANGLES = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [1, 3, 2]])}
+_EDGES = {
+    len(topology(cell)[0]): np.array(topology(cell)[1])
+    for cell in (CellType.triangle, CellType.quadrilateral)
+}
+
+
+@dataclass(frozen=True)
+class ClosedBoundary:
+    """Boundary of bodies that share nodes, as far as this rank owns it.
+
+    Attributes:
+        bodies: The bodies.
+        nodes: Nodes on the boundary, owned local block indices of V, shape ``(n,)``.
+        triangles: Vertices in outward sense, local block indices of V, shape ``(t, 3)``. A
+            quadrilateral makes two triangles.
+        edges: Vertices of the edges of segments, shape ``(e, 2)``.
+        cells: Nodes of the cells of the bodies, shape ``(c, k)``.
+        size: Longest diameter of a segment on any rank in the reference configuration [m].
+    """
+
+    bodies: tuple[Body, ...]
+    nodes: Ints
+    triangles: Ints
+    edges: Ints
+    cells: Ints
+    size: float
+
+
+def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
+    """Find the boundaries of groups of bodies. Collective.
+
+    Args:
+        groups: Bodies that share nodes, see `bodies.connected`, with every cell of the mesh in
+            one of them.
+
+    Returns:
+        The boundary of each group.
+    """
+    V = common_space([body for group in groups for body in group])
+    X, index_map = V.tabulate_dof_coordinates(), V.dofmap.index_map
+    segments, orientation, cell = _segments(V)
+    marker = la.vector(index_map)
+    marker.array[segments.ravel()] = 1
+    marker.scatter_reverse(la.InsertMode.add)
+    on_boundary = marker.array[: index_map.size_local] > 0
+    k = segments.shape[1]
+    boundaries = []
+    for group in groups:
+        cells = np.concatenate([body.cells for body in group])
+        mine = np.isin(cell, cells)
+        some, size = segments[mine], diameters(X[segments[mine]]).max(initial=0.0)
+        triangles = some[:, _TRIANGLES[k]]
+        inward = orientation[mine] < 0
+        triangles[inward] = triangles[inward, :, ::-1]
+        nodes = np.unique(np.concatenate([body.nodes for body in group]))
+        nodes = nodes[nodes < index_map.size_local]
+        boundaries.append(
+            ClosedBoundary(
+                tuple(group),
+                nodes[on_boundary[nodes]],
+                triangles.reshape(-1, 3),
+                np.unique(np.sort(some[:, _EDGES[k]].reshape(-1, 2), axis=1), axis=0),
+                V.dofmap.list[cells],
+                float(reductions.largest(V.mesh.comm, float(size))),
+            )
+        )
+    return boundaries
+
+
+def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:
+    """Segments of the boundary of the mesh that this rank owns, orientations, and cells."""
+    mesh_topology, X, dofs = V.mesh.topology, V.tabulate_dof_coordinates(), V.dofmap.list
+    mesh_topology.create_connectivity(2, 3)
+    mesh_topology.create_connectivity(3, 2)
+    to_cell, to_facet = (mesh_topology.connectivity(*dims) for dims in ((2, 3), (3, 2)))
+    facets = exterior_facet_indices(mesh_topology)
+    cells = to_cell.array[to_cell.offsets[facets]]
+    sides = Element.of(V).sides
+    number = (to_facet.array.reshape(-1, len(sides))[cells] == facets[:, None]).argmax(axis=1)
+    parts = []
+    for i, (segments, pieces) in enumerate(sides):
+        some = cells[number == i]
+        x, behind = X[dofs[some][:, segments]], X[dofs[some][:, pieces]]
+        outward = x.mean(axis=2) - behind.mean(axis=2)
+        vertices = x.reshape(-1, *x.shape[2:])
+        normal = area_vectors(vertices, np.ones(len(vertices)))
+        sense = np.sign(np.einsum("si,si->s", normal, outward.reshape(-1, 3)))
+        rows = dofs[some][:, segments].reshape(-1, segments.shape[1])
+        parts.append((rows, sense, np.repeat(some, len(segments))))
+    segments, orientation, cell = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return segments, orientation, cell

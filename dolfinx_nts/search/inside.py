@@ -1,0 +1,110 @@
+"""Which points lie inside closed boundaries of bodies, and how deep, on any number of ranks."""
+
+from collections.abc import Iterator, Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.closed_boundaries import ClosedBoundary
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
+
+__all__ = ["Insides"]
+
+
+class Insides:
+    """The insides of closed boundaries at one place.
+
+    Every rank has some triangles of a boundary, and all ranks ask for the same points. Rays are
+    counted, and solid angles summed, over the triangles of all ranks. Collective.
+
+    Args:
+        comm: Communicator.
+        boundaries: The boundaries.
+        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+    """
+
+    def __init__(self, comm: MPI.Comm, boundaries: Sequence[ClosedBoundary], x: Floats) -> None:
+        """Begin without trees, which are built where points are asked for."""
+        self._comm, self._boundaries, self._x = comm, boundaries, x
+        self._trees: dict[int, _kernels.Boundary] = {}
+
+    def depth(self, points: Floats, where: Ints, least: Floats) -> Floats:
+        """Tell how deep points are inside. Collective.
+
+        Args:
+            points: Positions, the same on all ranks, shape ``(m, 3)`` [m].
+            where: Number of the boundary of interest for each point, shape ``(m,)``.
+            least: Depth of each point up to which it is on the boundary, ``(m,)`` [m].
+
+        Returns:
+            Distance from the boundary, 0 on it and outside, the same on all ranks, shape
+            ``(m,)`` [m].
+        """
+        crossings = np.zeros((2, len(points)), dtype=np.int32)
+        for tree, some in self._trees_of(where, _all(points)):
+            crossings[:, some] = tree.crossings(points[some])
+        crossings = reductions.total(self._comm, crossings)
+        count, at_an_edge = crossings
+        some = _numbers((count > 0) | (at_an_edge > 0))
+        distance = np.full(len(points), np.inf)
+        for tree, here in self._trees_of(where, some):
+            distance[here] = tree.distance(points[here])
+        distance = reductions.least(self._comm, distance)
+        inside = (count > 0) & (distance > least)
+        # Rays from points on the boundary often hit edges, others hardly ever.
+        unsure = _numbers((at_an_edge > 0) & (distance > least))
+        if len(unsure):
+            winding = np.zeros(len(points))
+            for tree, here in self._trees_of(where, unsure):
+                winding[here] = tree.winding(points[here])
+            inside[unsure] = reductions.total(self._comm, winding)[unsure] > 0.5
+        return np.where(inside, distance, 0.0)
+
+    def chords(self, begin: Floats, end: Floats, where: Ints) -> tuple[Floats, Ints]:
+        """Find the middles of the parts into which boundaries cut straight ways. Collective.
+
+        Args:
+            begin: Begins of the ways, the same on all ranks, shape ``(w, 3)`` [m].
+            end: Their ends, of the same shape.
+            where: Number of the boundary of interest for each way, shape ``(w,)``.
+
+        Returns:
+            Middles, the same on all ranks, shape ``(c, 3)`` [m], and the way of each, ``(c,)``.
+            Ways that meet no boundary have none.
+        """
+        rows: list[Floats] = [np.empty((0, 2))]
+        for tree, some in self._trees_of(where, _all(begin)):
+            way, place = tree.cuts(begin[some], end[some])
+            rows.append(np.column_stack([some[way], place]))
+        cuts = joined(self._comm, np.concatenate(rows))
+        met = np.unique(cuts[:, 0])
+        ends = [np.column_stack([met, np.full(len(met), s)]) for s in (0.0, 1.0)]
+        ways, places = np.concatenate([cuts, *ends]).T
+        order = np.lexsort((places, ways))
+        ways, places = ways[order].astype(np.int32), places[order]
+        (first,) = (ways[1:] == ways[:-1]).nonzero()
+        way = ways[first]
+        middle = ((places[first] + places[first + 1]) / 2)[:, None]
+        return (1 - middle) * begin[way] + middle * end[way], way
+
+    def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
+        """Boundaries of some points, and which of these belong to each."""
+        for number in map(int, np.flatnonzero(np.bincount(where[some]))):
+            if number not in self._trees:
+                triangles = self._boundaries[number].triangles
+                self._trees[number] = _kernels.Boundary(self._x[triangles])
+            yield self._trees[number], some[where[some] == number]
+
+
+def _all(rows: Floats) -> Ints:
+    """Numbers of all rows."""
+    return np.arange(len(rows), dtype=np.int32)
+
+
+def _numbers(flags: Flags) -> Ints:
+    """Numbers of the rows with a flag."""
+    return np.flatnonzero(flags).astype(np.int32)

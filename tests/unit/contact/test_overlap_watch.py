@@ -1,0 +1,164 @@
+"""The watch over overlaps: from the start to the end of a run, told once, with a verdict."""
+
+import logging
+
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from dolfinx_nts.contact.overlap_watch import OverlapWatch
+
+SOFT = nts.NeoHookean(E=1e4, nu=0.3, rho=1e3)
+STIFF = nts.NeoHookean(E=1e7, nu=0.3, rho=1e3)
+FORGOTTEN = "no contact pair names the two"
+
+
+class Scene:
+    """A small stiff cube above a plate of coarse cells."""
+
+    def __init__(self, comm, height=0.02):
+        """Make the bodies and the surfaces that face each other."""
+
+        def build(model):
+            parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(1, 1, 0.5), cells=(2, 2, 2))
+            corner = (0.2, 0.2, height)
+            parts.add_box(model, "cube", corner=corner, size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
+
+        mesh, cells, facets, tag = nts.read_mesh(build, comm)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        self.plate = nts.Body(V, cells, tag["plate"], SOFT)
+        self.cube = nts.Body(V, cells, tag["cube"], STIFF)
+        self.bodies = [self.plate, self.cube]
+        self.top = nts.Surface(V, facets, tag["plate_top"])
+        self.bottom = nts.Surface(V, facets, tag["cube_bottom"])
+
+    def stepper(self, *pairs, dt=0.02, scheme=nts.EnergyMomentum):
+        stepper = scheme(self.bodies, pairs, dt=dt)
+        stepper.set_velocity(self.cube, (0.0, 0.0, -1.0))
+        return stepper
+
+
+@pytest.fixture
+def told(comm, caplog):
+    """Warnings so far, which are those of rank 0 on all ranks. Collective."""
+    caplog.set_level(logging.WARNING, "dolfinx_nts")
+
+    def texts():
+        warnings = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+        assert comm.rank == 0 or not warnings
+        return comm.bcast(warnings)
+
+    return texts
+
+
+def run(stepper, until):
+    for _ in stepper.run(until=until):
+        pass
+
+
+def test_a_pair_in_the_wrong_direction_is_told_once_with_names_and_advice(comm, told):
+    scene = Scene(comm)
+    # Nodes of the plate lie beside the cube, whose vertices sink in between them.
+    stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
+    run(stepper, 0.2)
+    (text,) = told()
+    assert "body 2 is up to 0." in text and "inside body 1" in text
+    assert "holds the nodes of body 1 only" in text and "two_half_passes" in text
+    (deepest,) = stepper.overlap_watch.deepest.values()
+    assert deepest.names == ("body 2", "body 1") and deepest.reverse_depth < deepest.depth
+
+
+def test_a_forgotten_pair_is_told_with_what_to_add(comm, told):
+    stepper = Scene(comm).stepper()
+    run(stepper, 0.3)
+    (text,) = told()
+    assert "body 2" in text and "body 1" in text and FORGOTTEN in text and "all_pairs" in text
+
+
+def test_contact_that_works_is_not_told(comm, told):
+    scene = Scene(comm)
+    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top), dt=0.002)
+    assert any(step.num_active for step in stepper.run(until=0.06))
+    assert told() == []
+
+
+def test_soft_springs_are_told_as_such(comm, told):
+    scene = Scene(comm)
+    pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(eps_N=1.0))
+    run(scene.stepper(pair), 0.2)
+    (text,) = told()
+    assert "springs" in text and "eps_N" in text
+
+
+def test_explicit_runs_are_watched(comm, told):
+    stepper = Scene(comm).stepper(dt=None, scheme=nts.CentralDifference)
+    run(stepper, 0.12)
+    (text,) = told()
+    assert FORGOTTEN in text
+
+
+def test_bodies_that_start_inside_each_other_are_told_before_the_first_step(comm, told):
+    scene = Scene(comm, height=-0.05)
+    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
+    stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
+    stepper.advance()
+    (text,) = told()
+    assert text.startswith("body 2 starts up to 0.05 inside body 1 (0.18 of the longest facet; 4 ")
+    assert "harmless" in text
+    run(stepper, 0.1)
+    assert len(told()) == 1  # elastic impact keeps the depth, which is known
+
+
+def test_a_body_that_is_put_into_another_between_steps_is_told(comm, told):
+    scene = Scene(comm)
+    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
+    stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
+    stepper.advance()
+    assert told() == []
+    stepper.set_displacement(scene.cube, (0.0, 0.0, -0.1))
+    stepper.advance()
+    (text,) = told()
+    assert "starts up to 0.08 inside" in text
+
+
+def test_a_small_overlap_at_the_end_of_a_run_is_told(comm, told):
+    scene = Scene(comm, height=0.01)
+    stepper = scene.stepper(dt=0.05)
+    run(stepper, 0.05)  # less than half of a cell
+    (text,) = told()
+    assert "at t = 0.05 body 2 is up to 0.04 inside body 1" in text
+
+
+def test_a_recorder_looks_at_the_end_of_a_loop_of_the_user(comm, told, tmp_path):
+    stepper = Scene(comm, height=0.01).stepper(dt=0.05)
+    name = comm.bcast(str(tmp_path / "run"))
+    with nts.Recorder(name, stepper) as record:
+        record.write(stepper.advance())
+        assert told() == []
+    assert len(told()) == 1
+    assert "body 2: up to 0.04 inside body 1" in record.summary()
+
+
+def test_an_obstacle_that_no_pair_names_for_a_body_is_told(comm, told):
+    scene = Scene(comm)
+    floor = nts.RigidPlane((0, 0, -0.5), (0, 0, 1))
+    wall = nts.RigidPlane((0.5, 0, 0), (1, 0, 0))
+    away = nts.boundary_of(scene.plate, where=lambda x: x[0] > 0.9)
+    stepper = scene.stepper(nts.ContactPair(away, wall), nts.ContactPair(scene.bottom, floor))
+    stepper.advance()
+    texts = told()
+    assert any("body 2 starts" in t and "RigidPlane 1" in t and FORGOTTEN in t for t in texts)
+
+
+@pytest.mark.serial
+def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
+    scene = Scene(comm, height=1.02)
+    stepper = scene.stepper(dt=0.05)
+    looks, look = [], OverlapWatch.look
+    monkeypatch.setattr(OverlapWatch, "look", lambda *args: (looks.append(1), look(*args)))
+    for _ in range(10):
+        stepper.advance()
+    assert not looks  # the cube has moved by less than half of the distance
+    run(stepper, 2.0)
+    assert 1 < len(looks) < 25

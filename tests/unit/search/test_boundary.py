@@ -1,0 +1,150 @@
+"""Kernels of closed boundaries: what is inside, how deep, and where ways cross them."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+from reference.bulk import rotation
+
+pytestmark = pytest.mark.serial
+
+ROUNDING = 1e3 * np.finfo(float).eps
+# Direction of the rays in the kernel.
+RAY = np.array([0.4819027, 0.2713465, 0.8331541])
+CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij")).reshape(3, -1).T
+
+
+def box():
+    """Triangles of the unit cube in outward sense, shape (12, 3, 3)."""
+    triangles = []
+    for axis in range(3):
+        for side in (0.0, 1.0):
+            a, b, c, d = CORNERS[CORNERS[:, axis] == side]
+            for triangle in ((a, b, c), (b, d, c)):
+                normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
+                outward = normal[axis] * (side - 0.5) > 0
+                triangles.append(triangle if outward else triangle[::-1])
+    return np.array(triangles)
+
+
+def crumpled(rng, n=6):
+    """A sphere of triangles whose vertices are moved at random, not convex, (t, 3, 3)."""
+    theta, phi = np.linspace(0, np.pi, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1)
+    radius = rng.uniform(0.4, 1.0, (n + 1, 2 * n + 1))
+    radius[:, -1], radius[0], radius[-1] = radius[:, 0], radius[0, 0], radius[-1, 0]
+    t, p = np.meshgrid(theta, phi, indexing="ij")
+    directions = [np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)]
+    x = radius[..., None] * np.stack(directions, axis=-1)
+    x[:, -1] = x[:, 0]
+    x[0], x[-1] = x[0, 0], x[-1, 0]
+    a, b, c, d = x[:-1, :-1], x[1:, :-1], x[1:, 1:], x[:-1, 1:]
+    quads = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)])
+    return np.ascontiguousarray(quads.reshape(-1, 3, 3))
+
+
+def winding(points, triangles):
+    """How often triangles wind around points, by solid angles."""
+    a, b, c = np.moveaxis(triangles[None] - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(r, axis=2) for r in (a, b, c))
+    dot = np.einsum
+    up = dot("pti,pti->pt", a, np.cross(b, c))
+    down = la * lb * lc + dot("pti,pti->pt", a, b) * lc
+    down += dot("pti,pti->pt", b, c) * la + dot("pti,pti->pt", c, a) * lb
+    return np.arctan2(up, down).sum(axis=1) / (2 * np.pi)
+
+
+def test_rays_and_solid_angles_agree_with_solid_angles_in_numpy(rng):
+    triangles = crumpled(rng)
+    points = rng.uniform(-1, 1, (2000, 3))
+    expected = winding(points, triangles)
+    boundary = _kernels.Boundary(triangles)
+    np.testing.assert_allclose(boundary.winding(points), expected, atol=1e-9)
+    count, at_an_edge = boundary.crossings(points)
+    assert not at_an_edge.any()
+    np.testing.assert_array_equal(count, np.round(expected))
+    assert 200 < np.count_nonzero(count) < 1800
+
+
+def test_parts_of_a_boundary_add_up(rng):
+    triangles, points = crumpled(rng), rng.uniform(-1, 1, (500, 3))
+    whole = _kernels.Boundary(triangles)
+    parts = [_kernels.Boundary(t) for t in (triangles[::3], triangles[1::3], triangles[2::3])]
+    count = sum(part.crossings(points)[0] for part in parts)
+    np.testing.assert_array_equal(count, whole.crossings(points)[0])
+    angle = sum(part.winding(points) for part in parts)
+    np.testing.assert_allclose(angle, whole.winding(points), atol=1e-12)
+    distance = np.min([part.distance(points) for part in parts], axis=0)
+    np.testing.assert_array_equal(distance, whole.distance(points))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_a_ray_that_hits_an_edge_or_a_vertex_says_so(turn, rng):
+    Q = rotation(np.array([1.0, 2.0, 0.5]), turn)
+    boundary = _kernels.Boundary(np.ascontiguousarray(box() @ Q.T))
+    edge = np.column_stack([rng.uniform(0.1, 0.9, 20), np.ones(20), np.ones(20)]) @ Q.T
+    diagonal = np.array([[0.5, 0.5, 1.0]]) @ Q.T
+    for hit in (edge, CORNERS[-1:] @ Q.T, diagonal):
+        points = hit - rng.uniform(0.05, 0.3, (len(hit), 1)) * RAY
+        _, at_an_edge = boundary.crossings(points)
+        inside = ((points @ Q > 0) & (points @ Q < 1)).all(axis=1)
+        assert at_an_edge[inside].all() and inside.any()
+        np.testing.assert_allclose(boundary.winding(points[inside]), 1, atol=ROUNDING)
+
+
+def test_the_distance_is_that_of_the_nearest_of_many_points_of_the_triangles(rng):
+    triangles, points = crumpled(rng, n=3), rng.uniform(-1, 1, (200, 3))
+    s, t = (a.ravel() for a in np.meshgrid(*2 * [np.linspace(0, 1, 41)]))
+    s, t = s[s + t <= 1], t[s + t <= 1]
+    phi = np.array([1 - s - t, s, t])
+    samples = np.einsum("kp,tki->tpi", phi, triangles).reshape(-1, 3)
+    nearest = np.min([np.linalg.norm(points - y, axis=1) for y in samples], axis=0)
+    spacing = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max() / 40
+    distance = _kernels.Boundary(triangles).distance(points)
+    assert np.all(distance <= nearest + ROUNDING)
+    assert np.all(np.hypot(distance, spacing) >= nearest)
+
+
+def test_the_distance_from_a_cube_is_exact(rng):
+    points = rng.uniform(-1, 2, (300, 3))
+    beside = np.linalg.norm(points - points.clip(0, 1), axis=1)
+    within = np.minimum(points, 1 - points).min(axis=1)
+    expected = np.where(within > 0, within, beside)
+    np.testing.assert_allclose(_kernels.Boundary(box()).distance(points), expected, atol=ROUNDING)
+
+
+def test_ways_are_cut_where_they_enter_and_leave_a_cube():
+    begin = np.array([[0.3, 0.4, -1.0], [0.3, 0.4, 0.5], [0.3, 0.4, 2.0], [3.0, 3.0, 3.0]])
+    end = np.array([[0.3, 0.4, 3.0], [0.3, 0.4, 1.5], [0.3, 0.4, 5.0], [4.0, 3.0, 3.0]])
+    way, place = _kernels.Boundary(box()).cuts(begin, end)
+    order = np.lexsort((place, way))
+    np.testing.assert_array_equal(way[order], [0, 0, 1])
+    np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
+
+
+def test_without_triangles_nothing_is_inside():
+    boundary, points = _kernels.Boundary(np.empty((0, 3, 3))), np.zeros((2, 3))
+    count, at_an_edge = boundary.crossings(points)
+    assert not count.any() and not at_an_edge.any() and not boundary.winding(points).any()
+    assert np.isinf(boundary.distance(points)).all()
+    assert not len(boundary.cuts(points, points + 1)[0])
+
+
+def test_triangles_without_area_change_nothing(rng):
+    triangles, points = box(), rng.uniform(-0.2, 1.2, (300, 3))
+    needle = np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.5, 0.5, 0.5]]])
+    plain = _kernels.Boundary(triangles)
+    with_needle = _kernels.Boundary(np.concatenate([triangles, needle]))
+    for name in ("crossings", "winding"):
+        np.testing.assert_allclose(
+            getattr(with_needle, name)(points), getattr(plain, name)(points), atol=ROUNDING
+        )
+
+
+def test_wrong_shapes_are_refused():
+    with pytest.raises(ValueError, match=r"x: expected shape \(any, 3, 3\)"):
+        _kernels.Boundary(np.zeros((2, 3)))
+    boundary = _kernels.Boundary(box())
+    with pytest.raises(ValueError, match=r"points: expected shape \(any, 3\)"):
+        boundary.distance(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"end: expected shape \(2, 3\)"):
+        boundary.cuts(np.zeros((2, 3)), np.zeros((1, 3)))
