@@ -28,7 +28,7 @@ def check_start(state: PairState, x: Floats) -> None:
     pair = state.pair
     if not isinstance(pair.segments, Obstacle):
         return
-    depth, comm = -state.gap(x), pair.nodes.V.mesh.comm
+    depth, comm = pair.segments.depth(x[pair.nodes.nodes]), pair.nodes.V.mesh.comm
     inside = pair.nodes.node_ids[depth > _DEEP * pair.segment_size]
     nodes = np.sort(np.concatenate(comm.allgather(inside)))
     if not len(nodes):
