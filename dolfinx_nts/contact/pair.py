@@ -5,13 +5,14 @@ which holds all that contact remembers from step to step.
 """
 
 import logging
-from typing import Any, Protocol
+from typing import Protocol
 from weakref import WeakSet
 
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
@@ -42,7 +43,7 @@ class AcceptedContact(Protocol):
         """Gap of every node [m], see `ContactPair.gap`. Collective."""
 
 
-class ContactPair:
+class ContactPair(Declaration):
     """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
 
     Collective. A surface may be both: then it touches itself. A node then touches segments that
@@ -80,13 +81,6 @@ class ContactPair:
         0.01
     """
 
-    nodes: Surface
-    segments: Surface | Obstacle
-    enforcement: LagrangeMultiplier | Penalty
-    friction: Coulomb | None
-    touches_itself: bool
-    _states: "WeakSet[AcceptedContact]"
-
     def __init__(
         self,
         nodes: Surface,
@@ -115,19 +109,11 @@ class ContactPair:
                 "expected Penalty and a Surface as segments with convective friction, given "
                 f"{type(enforcement).__name__} and {type(segments).__name__}"
             )
-        self.__dict__.update(
-            nodes=nodes,
-            segments=segments,
-            enforcement=enforcement,
-            # With mu = 0 there is no slip to follow.
-            friction=friction if friction is not None and friction.mu > 0 else None,
-            touches_itself=isinstance(segments, Surface) and _check_surfaces(nodes, segments),
-            _states=WeakSet(),
-        )
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to change the pair, as several steppers may rely on it."""
-        raise AttributeError(f"expected a new ContactPair, as none changes its {name}")
+        self.nodes, self.segments, self.enforcement = nodes, segments, enforcement
+        # With mu = 0 there is no slip to follow.
+        self.friction = friction if friction is not None and friction.mu > 0 else None
+        self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
+        self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
         """Let the contact of a stepper answer for the pair, as long as it lives. Local."""

@@ -114,6 +114,8 @@ class Stepper(TimeLoop):
             contact.serialize(archive, f"pair_{number}")
 
     def _check_body(self, body: Body) -> None:
+        if not isinstance(body, Body):
+            raise TypeError(f"expected one of the bodies given to the stepper, given {body!r}")
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
 
@@ -133,7 +135,7 @@ class Stepper(TimeLoop):
             for contact in self.contacts:
                 check_start(contact, self.x)
         if self._update is not None or self.loads:
-            with agreed(self._comm):
+            with agreed(self._comm), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)

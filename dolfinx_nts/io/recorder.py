@@ -49,7 +49,8 @@ class Recorder:
     ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.
     Such a signal takes effect when the present step is complete, a second one at once. With
     ``resume`` a script that is started again continues from the checkpoint, on any number of
-    ranks; rows and states after the step of the checkpoint are removed.
+    ranks; rows and states after the step of the checkpoint are removed. The length of steps is
+    that of the checkpoint, unless the script now asks for another one than when it began.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
@@ -103,6 +104,7 @@ class Recorder:
         self._is_root = comm.rank == 0
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
+        self._summary: Summary | None = None
 
     def __repr__(self) -> str:
         """Return the call that makes such a recorder, with the class of the stepper."""
@@ -168,7 +170,7 @@ class Recorder:
         After an error other than `ConvergenceError` the ranks may be apart, so that nothing is
         written any more.
         """
-        assert self._open is not None
+        assert self._open is not None and self._summary is not None
         stack, self._open = self._open, None
         with self._stepper.timings.phase("output"), stack:
             if error is None or isinstance(error, ConvergenceError):
@@ -186,7 +188,12 @@ class Recorder:
         Returns:
             Lines with the number of steps and Newton iterations, changes of conserved
             quantities, and wall time by phase [s] on this rank.
+
+        Raises:
+            ValueError: The ``with`` block has not been entered.
         """
+        if self._summary is None:
+            raise ValueError("expected a summary after the with block, given none entered yet")
         return self._summary.text(self._ledger, self._penetration)
 
     def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:

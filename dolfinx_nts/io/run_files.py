@@ -1,6 +1,6 @@
 """Files of one run, which are opened, saved and resumed together."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -9,7 +9,9 @@ from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
+from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.scripted_step import ScriptedStep
 from dolfinx_nts.io.vtx import VtxFile
 from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
@@ -38,6 +40,7 @@ class RunFiles:
         self._table = Table(Path(f"{name}.csv"))
         self._checkpoint = Path(f"{name}.checkpoint.h5")
         self._saved_step = 0
+        self._script: ScriptedStep
         self.fields: XdmfFile | VtxFile = (
             VtxFile(Path(f"{name}.bp"), stepper)
             if kind == "vtx"
@@ -60,9 +63,10 @@ class RunFiles:
             ValueError: The checkpoint is damaged or of another scene, or the table does not
                 reach to its step. Nothing has been changed.
         """
+        self._script = ScriptedStep(self._stepper)
         resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
         if resume:
-            checkpoint.load(self._checkpoint, self._stepper, ledger, self._table, self.fields)
+            checkpoint.load(self._checkpoint, self._stepper, *self._others(ledger))
         self._saved_step = ledger.step
 
         def open_table() -> None:
@@ -102,8 +106,12 @@ class RunFiles:
             return
         self.fields.flush()
         on_root(self._comm, self._table.sync)
-        checkpoint.save(self._checkpoint, self._stepper, ledger, self._table, self.fields)
+        checkpoint.save(self._checkpoint, self._stepper, *self._others(ledger))
         self._saved_step = ledger.step
+
+    def _others(self, ledger: EnergyLedger) -> Sequence[HasState]:
+        """What a checkpoint holds beside the state of the stepper."""
+        return ledger, self._table, self.fields, self._script
 
     def close_table(self) -> None:
         """Close the table. Local, as ranks may be apart after an error."""

@@ -15,6 +15,7 @@ from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.parallel import reductions
@@ -22,7 +23,7 @@ from dolfinx_nts.parallel import reductions
 __all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
 
 
-class Body:
+class Body(Declaration):
     """A body: all cells with one tag, made of one material. Collective.
 
     Args:

@@ -18,6 +18,7 @@ from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -37,7 +38,7 @@ _CENTRE = {3: 1 / 4, 4: 1 / 2}
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
-class Surface:
+class Surface(Declaration):
     """A part of the boundary: facets with one tag, as nodes and as segments of contact.
 
     Collective. `where` and `of` make surfaces without tags.

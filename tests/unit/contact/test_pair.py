@@ -356,7 +356,7 @@ def test_exact_contact_has_no_springs(comm):
 def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refused):
     scene = scenes.blocks(comm)
     (pair,), bodies = scene.stepper.pairs, scene.stepper.bodies
-    with pytest.raises(AttributeError, match="expected a new ContactPair, as none changes its fr"):
+    with pytest.raises(AttributeError, match=r"another ContactPair.* a new value of friction"):
         pair.friction = nts.Coulomb(0.3)
     assert agree(pair.history is scene.stepper.contacts[0].history)
     other = nts.EnergyMomentum(bodies, scene.stepper.pairs, dt=BLOCK_STEP)

@@ -240,6 +240,8 @@ def test_wrong_use_is_refused(comm, folder, refused):
     step = stepper.advance()
     with refused(ValueError, "expected an open recorder"):
         recorder.write(step)
+    with refused(ValueError, "a summary after the with block, given none entered yet"):
+        recorder.summary()
     with recorder:
         stepper.advance()
         with refused(ValueError, "now step 2, given step 3 when 3 are done"):
