@@ -167,6 +167,12 @@ class ContactPair(Declaration):
         return (self.segments if isinstance(self.segments, Surface) else self.nodes).size
 
     @property
+    def between(self) -> str:
+        """Names of the two sides, for messages. Local."""
+        other = "itself" if self.touches_itself else self.segments.name
+        return f"{self.nodes.name} and {other}"
+
+    @property
     def has_slip_spring(self) -> bool:
         """Whether friction stores elastic slip. Local."""
         return self.friction is not None and (
@@ -216,8 +222,9 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     sine = segments.sharpest_corner()
     if sine < _SHARP and comm.rank == 0:
         _logger.warning(
-            "segments have a corner of sine %.2g: they have no normal where it is below %g",
+            "segments of %s have a corner of sine %.2g and no normal there: harmless if no node "
+            "comes to that corner, otherwise mend the mesh (an edge without length?)",
+            segments.name,
             sine,
-            _SHARP,
         )
     return same

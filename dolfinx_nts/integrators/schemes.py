@@ -107,8 +107,8 @@ class QuasiStatic(ImplicitStepper):
     Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
     multiplier does not matter. Friction follows the slip from step to step. Supports must leave
     no body free to move rigidly, unless contact holds it. The velocity stays zero, a step with
-    another one is refused, and damping has no effect. Arguments, attributes and errors are those of `EnergyMomentum`. Collective,
-    as are all its methods.
+    another one is refused, and damping has no effect. Arguments, attributes and errors are
+    those of `EnergyMomentum`. Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))

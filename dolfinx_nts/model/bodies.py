@@ -16,6 +16,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.parallel import reductions
@@ -34,13 +35,15 @@ class Body(Declaration):
 
     Attributes:
         V: The space.
+        name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
         nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
             sorted, shape ``(n,)``.
 
     Raises:
-        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or ``material`` no material.
+        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
+            ``material`` no material.
         ValueError: The space or the tag does not fit, or the material has terms with one point
             a cell and the degree is 2.
 
@@ -65,6 +68,7 @@ class Body(Declaration):
                 f"degree {V.ufl_element().degree}"
             )
         self.V, self.material, self._tag = V, material, tag
+        self.name = NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # Of ghost cells too: this rank may own a node of the body although it owns no cell of

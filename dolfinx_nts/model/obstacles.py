@@ -36,6 +36,11 @@ class Obstacle(Declaration):
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
 
+    @property
+    def name(self) -> str:
+        """Kind of the obstacle, for messages."""
+        return f"a {type(self).__name__}"
+
     def __repr__(self) -> str:
         """Arguments that define the surface, or its number of facets, in one line. Local."""
         return as_call(self, num_facets=len(self.key))

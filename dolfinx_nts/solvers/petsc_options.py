@@ -77,7 +77,10 @@ class PetscOptions:
         kinds = {value for key, value in self.bulk.items() if key.endswith("pc_type")}
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:
-            text = "nothing has asked for %s of petsc_options; multigrid may need fewer levels"
+            text = (
+                "nothing has asked for %s of petsc_options: harmless if multigrid needs fewer "
+                "levels on this mesh, otherwise look for a misspelling"
+            )
             _logger.warning(text, self._listed(excused))
         if wrong := [name for name in unused if name not in excused]:
             raise ValueError(

@@ -83,7 +83,10 @@ class BulkPreconditioner:
     def strengthen(self) -> None:
         """Let the next `build` make stronger factors. Local."""
         if self._options.bulk and self._tangent.rows.index_map.comm.rank == 0:
-            text = "%s of petsc_options fails, stronger factors take its place"
+            text = (
+                "%s of petsc_options fails, and stronger factors take its place: harmless for the "
+                "results, but leave the option out, or choose another one, to save time"
+            )
             _logger.warning(text, str(self))
         self.is_strong, self._factors = True, None
 

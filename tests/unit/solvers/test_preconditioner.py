@@ -135,7 +135,10 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
         stepper.advance()
     assert stepper.statistics.solver.preconditioner == "LU"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
-    text = "JACOBI of petsc_options fails, stronger factors take its place"
+    text = (
+        "JACOBI of petsc_options fails, and stronger factors take its place: harmless for the "
+        "results, but leave the option out, or choose another one, to save time"
+    )
     assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
 
