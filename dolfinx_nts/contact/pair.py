@@ -132,7 +132,8 @@ class ContactPair(Declaration):
     def pressure(self) -> Floats:
         """Contact pressure of the last step at the nodes, shape ``(n,)`` [Pa, >= 0].
 
-        Collective, see `history` and `Surface.per_area`.
+        Where the stepper has the opposite pair too, as with `two_half_passes`, it is that of
+        both. Collective, see `history` and `Surface.per_area`.
         """
         return self._only().pressure
 

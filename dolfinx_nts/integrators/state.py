@@ -16,7 +16,7 @@ from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["State", "serialize_nodal"]
+__all__ = ["State", "current_positions", "serialize_nodal"]
 
 
 class State(ABC):
@@ -93,8 +93,7 @@ class State(ABC):
     @property
     def x(self) -> Floats:
         """Current positions of the local nodes, owned then ghost, shape ``(l, 3)`` [m]."""
-        x: Floats = self._X + self.u.x.array.reshape(-1, 3)
-        return x
+        return current_positions(self._X, self.u)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state and all else on which the next step depends.
@@ -155,6 +154,17 @@ class State(ABC):
     @abstractmethod
     def _state_was_set(self) -> None:
         """Forget what depends on the state that has been replaced."""
+
+
+def current_positions(X: Floats, u: fem.Function) -> Floats:
+    """Positions of the local nodes by a displacement, shape ``(l, 3)`` [m]. Local.
+
+    Args:
+        X: Reference positions, shape ``(l, 3)`` [m].
+        u: The displacement [m].
+    """
+    x: Floats = X + u.x.array.reshape(-1, 3)
+    return x
 
 
 def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: Any) -> None:

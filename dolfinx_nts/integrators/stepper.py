@@ -7,6 +7,7 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,11 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies
@@ -76,7 +79,8 @@ class Stepper(TimeLoop):
         end_together()
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
-        self.contacts = tuple(PairState(pair) for pair in self.pairs)
+        passes = Passes(partial(current_positions, self._X, self.u))
+        self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.timings = Timings()
         self._update = update
         # Positions from which the user has displaced bodies since the last step.
