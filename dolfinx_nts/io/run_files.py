@@ -39,7 +39,8 @@ class RunFiles:
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._table = Table(Path(f"{name}.csv"))
         self._checkpoint = Path(f"{name}.checkpoint.h5")
-        self._saved_step = 0
+        # Step and time of the checkpoint, or of the start.
+        self._saved = (0, 0.0)
         self._script: ScriptedStep
         self.fields: XdmfFile | VtxFile = (
             VtxFile(Path(f"{name}.bp"), stepper)
@@ -67,7 +68,7 @@ class RunFiles:
         resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
         if resume:
             checkpoint.load(self._checkpoint, self._stepper, *self._others(ledger))
-        self._saved_step = ledger.step
+        self._saved = (ledger.step, ledger.last.time)
 
         def open_table() -> None:
             folder = self._checkpoint.parent
@@ -102,12 +103,25 @@ class RunFiles:
         Raises:
             OSError: A file cannot be written. The former checkpoint is unchanged.
         """
-        if self._saved_step == ledger.step:
+        if self._saved[0] == ledger.step:
             return
         self.fields.flush()
         on_root(self._comm, self._table.sync)
         checkpoint.save(self._checkpoint, self._stepper, *self._others(ledger))
-        self._saved_step = ledger.step
+        self._saved = (ledger.step, ledger.last.time)
+
+    def how_to_go_on(self) -> str:
+        """Tell which step the checkpoint holds, and what lets the run go on. Local."""
+        if not self._checkpoint.exists():
+            return (
+                "there is no checkpoint: with Recorder(..., checkpoint_every=50, resume=True) a "
+                "script that is started again goes on where it was interrupted"
+            )
+        step, t = self._saved
+        return (
+            f"{self._checkpoint} holds step {step}, t = {t:g}: the same script with "
+            "Recorder(..., resume=True) goes on from there"
+        )
 
     def _others(self, ledger: EnergyLedger) -> Sequence[HasState]:
         """What a checkpoint holds beside the state of the stepper."""

@@ -316,6 +316,8 @@ def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signu
         stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
         with nts.Recorder(folder / "parts", stepper, resume=True):
             assert stepper.step == len(rows) - 2
+        told = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
+        assert killed.stderr.count(told) == 1
     again = run_script(folder / "parts")
     assert again.returncode == 0, again.stderr
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
