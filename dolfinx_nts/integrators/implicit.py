@@ -26,7 +26,6 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_resid
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.cell_sizes import cell_sizes
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -40,6 +39,7 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
