@@ -50,15 +50,16 @@ def check_start(state: PairState, x: Floats, x_before: Floats | None = None) -> 
     if not len(nodes):
         return
     deepest = reductions.largest(comm, float(depth[new].max(initial=0.0)))
-    text = f"{len(nodes)} nodes of {pair.nodes.name} start up to {deepest:.3g} inside "
-    text += f"{pair.segments.name}: {listed(nodes)}"
+    count, where = f"{len(nodes)} nodes of {pair.nodes.name}", listed(nodes)
+    inside = f"up to {deepest:.3g} inside {pair.segments.name}: {where}"
     if rigid:
-        raise ValueError(f"expected bodies outside of obstacles, given a start in which {text}")
+        raise ValueError(f"expected bodies outside of obstacles, given {count} {inside}")
     if comm.rank == 0:
         _logger.warning(
-            "%s; move the bodies apart, unless %.0f %% of a facet do not matter: elastic impact "
-            "keeps the nodes at their depth, plastic impact and springs push them out",
-            text,
+            "%s start %s; move the bodies apart, unless %.0f %% of a facet do not matter: elastic "
+            "impact keeps the nodes at their depth, plastic impact and springs push them out",
+            count,
+            inside,
             100 * deepest / pair.segment_size,
         )
 

@@ -76,6 +76,8 @@ class Stepper(TimeLoop):
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
+        if not (update is None or callable(update)):
+            raise TypeError(f"expected a function of the time as update, given {update!r}")
         end_together()
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)

@@ -156,7 +156,8 @@ def _chosen(tangent: Tangent, options: PetscOptions) -> Any:
     kinds = {value for key, value in options.bulk.items() if key.endswith("pc_type")}
     others = any(key.endswith("mat_solver_type") for key in options.bulk)
     matrix = tangent.matrix(scalar=others or not kinds <= _TAKE_BLOCKS)
-    return _from_options(matrix, matrix, options.bulk_prefix)
+    with options.understood():
+        return _from_options(matrix, matrix, options.bulk_prefix)
 
 
 def _complete(tangent: Tangent, prefix: str) -> Any:

@@ -160,6 +160,39 @@ def test_empty_surface_of_a_file_is_no_tag(comm, refused):
         nts.Surface(V, facets, tag["nothing"])
 
 
+@pytest.mark.parametrize("sideways", [True, False], ids=["held", "free sideways"])
+def test_nodes_that_supports_drive_into_what_supports_hold_are_named(comm, refused, sideways):
+    def build(model):
+        parts.add_box(model, "floor", corner=(-1, -1, -1), size=(2, 2, 1), cells=(2, 2, 1))
+        parts.add_box(model, "block", corner=(-0.3, -0.4, 0.01), size=(0.5, 1, 1), cells=(1, 1, 1))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.Body(V, cells, tag[k], nts.NeoHookean(1e5, 0.3, 1e3)) for k in ("floor", "block")]
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    pair = nts.ContactPair(bottom, nts.Surface(V, facets, tag["floor_top"]))
+    way = fem.Constant(mesh, 0.0)
+
+    def update(t):
+        way.value = -t
+
+    bcs = []
+    for axis in range(3) if sideways else [2]:
+        W = V.sub(axis)
+        for name, value in (("floor_top", fem.Constant(mesh, 0.0)), ("block_bottom", way)):
+            if axis < 2:
+                value = fem.Constant(mesh, 0.0)
+            dofs = fem.locate_dofs_topological(W, 2, facets.find(tag[name]))
+            bcs.append(fem.dirichletbc(value, dofs, W))
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.005, bcs=bcs, update=update)
+    stepper.advance()
+    ids = sorted({*np.concatenate(comm.allgather(bottom.node_ids)).tolist()})
+    named = "no contact force can stop nodes that bcs move .* between block_bottom and floor_top: "
+    with refused(nts.ConvergenceError, named + ", ".join(map(str, ids))):
+        list(stepper.run(until=0.1))
+    assert stepper.t == 0.01
+
+
 @schemes
 def test_unreachable_convergence_is_reported_on_all_ranks(comm, scheme, refused):
     # A block thrown through another one by ten times its size in a step.

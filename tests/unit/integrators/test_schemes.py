@@ -381,6 +381,8 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
     (stranger,) = other.bodies.values()
     with refused(TypeError, "expected a ContactPair, given Surface"):
         nts.EnergyMomentum(bodies, [stepper.pairs[0].nodes], dt=0.1)
+    with refused(TypeError, "a function of the time as update, given 3"):
+        nts.EnergyMomentum(bodies, dt=0.1, update=3)
     with refused(ValueError, "at least one body, given none"):
         nts.EnergyMomentum([], dt=0.1)
     with refused(ValueError, "bodies and pairs in one function space, given two"):
