@@ -26,6 +26,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.fem.jit import compile_form
@@ -131,7 +132,7 @@ class ImplicitStepper(Stepper):
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps)
+        raise self._failure(attempts, steps, solution.states)
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""
@@ -149,9 +150,12 @@ class ImplicitStepper(Stepper):
         return scale
 
     def _failure(
-        self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
+        self,
+        attempts: Mapping[str, newton.NewtonReport],
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
     ) -> newton.ConvergenceError:
-        """Error that says why all attempts have failed; ``steps`` are those of the last."""
+        """Error that says why all attempts have failed; steps and states are of the last."""
         reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
         materials = {body.material for body in self.bodies}
         weak = {type(m).__name__ for m in materials if not m.resists_collapse}
@@ -166,8 +170,8 @@ class ImplicitStepper(Stepper):
             for contact in springs:
                 reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
         advice = "a smaller dt may help"
-        for step in steps:
-            if nodes := self._listed([step.given]):
+        for step, state in zip(steps, states, strict=True):
+            if nodes := self._listed([prescribed_nodes(step, state)]):
                 advice = (
                     "no contact force can stop nodes that bcs move into what bcs hold or move "
                     f"too; change bcs at these nodes between {step.state.pair.between}: {nodes}"

@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -51,6 +52,9 @@ class Stepper(TimeLoop):
 
     scheme: Scheme
     supports: Supports
+    bodies = SetOnce[tuple[Body, ...]]()
+    pairs = SetOnce[tuple[ContactPair, ...]]()
+    loads = SetOnce[tuple[Load, ...]]()
 
     def __init__(
         self,
@@ -64,8 +68,8 @@ class Stepper(TimeLoop):
         """Check the arguments, and begin with undeformed bodies without motion."""
         V = check_bodies(bodies)
         self.bodies = tuple(bodies)
-        self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
-        self.loads: tuple[Load, ...] = instances(Load, loads)
+        self.pairs = instances(ContactPair, pairs)
+        self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")

@@ -40,6 +40,15 @@ def test_bodies_surfaces_and_pairs_never_change(comm):
             setattr(item, name, None)
 
 
+@pytest.mark.parametrize("name", ["bodies", "pairs", "loads"])
+def test_what_was_given_to_a_stepper_never_changes(comm, name):
+    stepper = scenes.blocks(comm).stepper
+    before = getattr(stepper, name)
+    with pytest.raises(AttributeError, match=f"make a new EnergyMomentum with other {name}"):
+        setattr(stepper, name, ())
+    assert getattr(stepper, name) is before
+
+
 @pytest.mark.serial
 def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
     class Wall(nts.RigidPlane):
