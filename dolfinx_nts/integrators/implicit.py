@@ -28,7 +28,6 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -89,7 +88,6 @@ class ImplicitStepper(Stepper):
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
         )
-        self._soft_springs = SoftSprings(self.contacts)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((len(self.node_ids), 3))

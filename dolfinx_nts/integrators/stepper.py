@@ -20,6 +20,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
@@ -87,6 +88,7 @@ class Stepper(TimeLoop):
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u))
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
+        self._soft_springs = SoftSprings(self.contacts)
         self.timings = Timings()
         self._update = update
         # Positions from which the user has displaced bodies since the last step.
