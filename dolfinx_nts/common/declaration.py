@@ -36,7 +36,7 @@ class Declaration(metaclass=_Completing):
             kind = type(self).__name__
             raise AttributeError(
                 f"expected another {kind}, as none changes after it was made, given a new value "
-                f"of {name}: make a {kind} with it, and a stepper with that {kind}"
+                f"of {name}: make another {kind} with it, and what takes the {kind} anew"
             )
         super().__setattr__(name, value)
 
