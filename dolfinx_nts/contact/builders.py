@@ -13,7 +13,8 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.bodies import Body, common_space, connected, numbered
+from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, boundary_facets
 
@@ -56,9 +57,11 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     to_cell = topology.connectivity(2, 3)
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
+    name = f"the boundary of {' and '.join(body.name for body in bodies)}"
     if where is not None:
         facets = np.intersect1d(facets, boundary_facets(V, where))
-    return Surface.of(V, facets)
+        name = f"a part of {name}"
+    return Surface.of(V, facets, name)
 
 
 def all_pairs(
@@ -133,7 +136,9 @@ def all_pairs(
             _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
 
     def names(some: Sequence[Body]) -> str:
-        return "all bodies" if len(some) == len(bodies) > 1 else numbered(some, bodies)
+        if len(some) == len(bodies) > 1:
+            return "all bodies"
+        return ", ".join(body.name for body in bodies if body in some)
 
     for finer, coarser in _halves(groups):
         add(list(chain(*finer)), list(chain(*coarser)))

@@ -1,19 +1,29 @@
-"""The start of a run: bodies inside rigid obstacles."""
+"""The start of a run: bodies inside rigid obstacles, and bodies that were forgotten."""
+
+import logging
+from collections.abc import Sequence
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 
-__all__ = ["check_start"]
+__all__ = ["check_start", "warn_of_bodies_without_pair"]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 # Depth, relative to the size of a facet [-], that is more than round-off.
 _DEEP = 1e-6
 
 
-def check_start(state: PairState, x: Floats) -> None:
+def check_start(state: PairState, x: Floats, x_before: Floats | None = None) -> None:
     """Raise on all ranks if nodes of a pair lie inside its rigid obstacle. Collective.
 
     Inside another deformable body they may start, see `OverlapWatch`.
@@ -21,6 +31,8 @@ def check_start(state: PairState, x: Floats) -> None:
     Args:
         state: State of the contact pair.
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+        x_before: Those from which the user has displaced bodies; nodes that were as deep there
+            may stay. None at the first step.
 
     Raises:
         ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
@@ -29,12 +41,47 @@ def check_start(state: PairState, x: Floats) -> None:
     if not isinstance(pair.segments, Obstacle):
         return
     depth, comm = pair.segments.depth(x[pair.nodes.nodes]), pair.nodes.V.mesh.comm
-    inside = pair.nodes.node_ids[depth > _DEEP * pair.segment_size]
-    nodes = np.sort(np.concatenate(comm.allgather(inside)))
-    if not len(nodes):
+    allowed = _DEEP * pair.segment_size
+    new = depth > allowed
+    if x_before is not None:
+        new &= ~(depth <= pair.segments.depth(x_before[pair.nodes.nodes]) + allowed)
+    nodes = np.sort(np.concatenate(comm.allgather(pair.nodes.node_ids[new])))
+    if len(nodes):
+        deepest = reductions.largest(comm, float(depth[new].max(initial=0.0)))
+        raise ValueError(
+            f"expected bodies outside of obstacles, given {len(nodes)} nodes of {pair.nodes.name} "
+            f"up to {deepest:.3g} inside {pair.segments.name}: {listed(nodes)}"
+        )
+
+
+def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
+    """Warn of bodies that have a contact pair with none of the others. Collective.
+
+    Bodies that share nodes count as one.
+
+    Args:
+        bodies: All bodies of a stepper.
+        pairs: Its contact pairs.
+    """
+    groups = connected(bodies)
+    if len(groups) == 1:
         return
-    deepest = max(comm.allgather(float(np.nanmax(depth, initial=0.0))))
-    raise ValueError(
-        f"expected bodies outside a {type(pair.segments).__name__}, given {len(nodes)} "
-        f"nodes up to {deepest:.3g} inside: {listed(nodes)}"
-    )
+    V = bodies[0].V
+    comm, group_of = V.mesh.comm, np.full(len(V.tabulate_dof_coordinates()), -1)
+    for number, group in enumerate(groups):
+        group_of[np.concatenate([body.nodes for body in group])] = number
+    sides = [(pair.nodes, pair.segments) for pair in pairs if isinstance(pair.segments, Surface)]
+    found = np.zeros((len(sides), 2, len(groups)), dtype=bool)
+    for flags, surfaces in zip(found, sides, strict=True):
+        for flag, surface in zip(flags, surfaces, strict=True):
+            flag[group_of[surface.segments]] = True
+    found = reductions.anywhere(comm, found)
+    met = np.einsum("psi,psj->ij", found, found[:, ::-1]) & ~np.eye(len(groups), dtype=bool)
+    alone = [group for group, others in zip(groups, met, strict=True) if not others.any()]
+    if alone and comm.rank == 0:
+        names = ", ".join(body.name for group in alone for body in group)
+        _logger.warning(
+            "bodies without a contact pair with another body: %s; harmless if they never meet "
+            "one, which they would pass through; otherwise add pairs, or take all_pairs(bodies)",
+            names,
+        )

@@ -343,6 +343,7 @@ class CentralDifference(Stepper):
 
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""
+        self._soft_springs.look()
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")

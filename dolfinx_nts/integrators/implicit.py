@@ -11,7 +11,7 @@ Schemes differ in the stress of f_int and in the kernel of the contact force F, 
 statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,11 +21,13 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
@@ -131,7 +133,7 @@ class ImplicitStepper(Stepper):
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps)
+        raise self._failure(attempts, steps, solution.states)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".
@@ -160,9 +162,12 @@ class ImplicitStepper(Stepper):
         return scale
 
     def _failure(
-        self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
+        self,
+        attempts: Mapping[str, newton.NewtonReport],
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
     ) -> newton.ConvergenceError:
-        """Error that says why all attempts have failed; ``steps`` are those of the last."""
+        """Error that says why all attempts have failed; steps and states are of the last."""
         reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
         materials = {body.material for body in self.bodies}
         weak = {type(m).__name__ for m in materials if not m.resists_collapse}
@@ -170,15 +175,29 @@ class ImplicitStepper(Stepper):
             reasons += (
                 f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
             )
-        restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
-        nodes = np.unique(np.concatenate(self._comm.allgather(restless)))
-        if len(nodes):
-            reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
+        if nodes := self._listed(step.restless for step in steps):
+            reasons += f"; nodes that keep changing segment or state: {nodes}"
+        if "through a surface" in reasons or "into a surface" in reasons:
+            springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
+            for contact in springs:
+                reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
+        advice = "a smaller dt may help"
+        for step, state in zip(steps, states, strict=True):
+            if nodes := self._listed([prescribed_nodes(step, state)]):
+                advice = (
+                    "no contact force can stop nodes that bcs move into what bcs hold or move "
+                    f"too; change bcs at these nodes between {step.state.pair.between}: {nodes}"
+                )
         return newton.ConvergenceError(
             f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g} failed {reasons}; "
-            "the state is that of the last accepted step: a smaller dt may help",
+            f"the state is that of the last accepted step: {advice}",
             list(attempts.values()),
         )
+
+    def _listed(self, parts: Iterable[GlobalInts]) -> str:
+        """Text with some numbers of nodes from all ranks, empty without. Collective."""
+        mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
+        return listed(np.unique(np.concatenate(self._comm.allgather(mine))))
 
     def _accepted(
         self,
@@ -193,6 +212,7 @@ class ImplicitStepper(Stepper):
             history, step_work = step.accepted(pairs)
             work = work + step_work
             contact.accept(history)
+        self._soft_springs.look()
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)

@@ -7,6 +7,7 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,18 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.reverse_passage import ReversePassages
-from dolfinx_nts.contact.start import check_start
+from dolfinx_nts.contact.soft_springs import SoftSprings
+from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies, common_space
@@ -53,6 +58,9 @@ class Stepper(TimeLoop):
 
     scheme: Scheme
     supports: Supports
+    bodies = SetOnce[tuple[Body, ...]]()
+    pairs = SetOnce[tuple[ContactPair, ...]]()
+    loads = SetOnce[tuple[Load, ...]]()
 
     def __init__(
         self,
@@ -68,8 +76,8 @@ class Stepper(TimeLoop):
         meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)
         self.bodies = tuple(bodies)
-        self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
-        self.loads: tuple[Load, ...] = instances(Load, loads)
+        self.pairs = instances(ContactPair, pairs)
+        self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
@@ -80,14 +88,21 @@ class Stepper(TimeLoop):
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
+        if not (update is None or callable(update)):
+            raise TypeError(f"expected a function of the time as update, given {update!r}")
+        warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
-        self.contacts = tuple(PairState(pair) for pair in self.pairs)
+        passes = Passes(partial(current_positions, self._X, self.u))
+        self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
+        self._soft_springs = SoftSprings(self.contacts)
         self._reverse = ReversePassages(self.pairs)
         self.overlap_watch = OverlapWatch(self.bodies, self.pairs)
         # Bound on the way of all nodes in the last step [m].
         self._was_displaced, self._way = True, 0.0
         self.timings = Timings()
         self._update = update
+        # Positions from which the user has displaced bodies since the last step.
+        self._x_before: Floats | None = None
         # Asking a Function for its values takes as long as copying those of a small mesh.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
         self._volume_ratio = VolumeRatio(self.u)
@@ -126,6 +141,8 @@ class Stepper(TimeLoop):
         self._reverse.serialize(archive)
 
     def _check_body(self, body: Body) -> None:
+        if not isinstance(body, Body):
+            raise TypeError(f"expected one of the bodies given to the stepper, given {body!r}")
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
 
@@ -138,21 +155,22 @@ class Stepper(TimeLoop):
         Raises:
             ConvergenceError: The step could not be solved. The state is as before the call.
             ValueError: The state, a load or a condition is not finite, conditions conflict, or
-                the first step starts inside a rigid obstacle, or ranks have different ``dt``.
-                The state is as before the call.
+                bodies start inside a rigid obstacle, or were put there between steps, or ranks
+                have different ``dt``. The state is as before the call.
         """
         self._check_state()
         if self._was_displaced:
             self._look_at_start()
         if self._update is not None or self.loads:
-            with agreed(self._comm, f"update and loads of {self._next()}"):
+            call = f"update and loads of {self._next()}"
+            with agreed(self._comm, call), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
         self.supports.check()
         self._u_n[:] = self._u
         report = self._step()
-        self.t, self.step = report.t, report.step
+        self.t, self.step, self._x_before = report.t, report.step, None
         with self.timings.phase("overlap"):
             self.overlap_watch.follow(self._way, lambda: self.x, self.t)
         if self._comm.rank == 0:
@@ -171,16 +189,19 @@ class Stepper(TimeLoop):
 
     def _look_at_start(self) -> None:
         """Look at a displacement that was set, before the first step or between steps."""
-        if self.step == 0:
+        if self.step == 0 or self._x_before is not None:
             for contact in self.contacts:
-                check_start(contact, self.x)
+                check_start(contact, self.x, self._x_before)
         with self.timings.phase("overlap"):
             self.overlap_watch.start(self.x)
         self._was_displaced = False
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        displaced = function is self.u
+        before = self.x if displaced and self.step > 0 and self._x_before is None else None
         super()._set(function, body, value)
-        self._was_displaced |= function is self.u
+        self._was_displaced |= displaced
+        self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""

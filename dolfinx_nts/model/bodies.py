@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances
-from dolfinx_nts.common.arrays import Flags, Ints
+from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Body", "bulk_form", "check_bodies", "common_space", "connected", "numbered"]
+__all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
 
 
-class Body:
+class Body(Declaration):
     """A body: all cells with one tag, made of one material. Collective.
 
     Args:
@@ -33,13 +35,15 @@ class Body:
 
     Attributes:
         V: The space.
+        name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
         nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
             sorted, shape ``(n,)``.
 
     Raises:
-        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or ``material`` no material.
+        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
+            ``material`` no material.
         ValueError: The space or the tag does not fit, or the material has terms with one point
             a cell and the degree is 2.
 
@@ -64,6 +68,7 @@ class Body:
                 f"degree {V.ufl_element().degree}"
             )
         self.V, self.material, self._tag = V, material, tag
+        self.name = NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # Of ghost cells too: this rank may own a node of the body although it owns no cell of
@@ -174,44 +179,3 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
             f"given {free} cells in none and {shared} in several"
         )
     return V
-
-
-def connected(bodies: Sequence[Body]) -> list[list[Body]]:
-    """Sort bodies into groups that are connected by shared nodes. Collective.
-
-    Args:
-        bodies: Bodies of one space.
-
-    Returns:
-        The groups, each body in one of them.
-    """
-    index_map = bodies[0].V.dofmap.index_map
-    last = np.full(index_map.size_local, -1)  # last body of each owned node
-    touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
-    for i, body in enumerate(bodies):
-        # A node may be owned by a rank that has no cell of the body.
-        marker = la.vector(index_map)
-        marker.array[body.nodes] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(marker.array[: index_map.size_local])
-        touching[i, np.setdiff1d(last[nodes], -1)] = True
-        last[nodes] = i
-    touching = reductions.total(bodies[0].V.mesh.comm, touching.astype(np.int32)) > 0
-    group = np.arange(len(bodies))
-    for i, j in np.argwhere(touching):
-        group[group == group[i]] = group[j]
-    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]
-
-
-def numbered(some: Sequence[Body], bodies: Sequence[Body]) -> str:
-    """Text for messages that names some bodies by their places in a list, from 1. Local.
-
-    Args:
-        some: The bodies.
-        bodies: The list.
-
-    Returns:
-        ``"body 1"`` or ``"bodies 1, 2"``.
-    """
-    numbers = sorted(bodies.index(body) + 1 for body in some)
-    return f"bod{'y' if len(numbers) == 1 else 'ies'} {', '.join(map(str, numbers))}"

@@ -13,8 +13,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.model.bodies import Body, connected, numbered
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import closed_boundaries
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -73,7 +74,9 @@ class OverlapSearch:
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
         self._boundaries = closed_boundaries(connected(bodies))
-        self._names = [numbered(boundary.bodies, bodies) for boundary in self._boundaries]
+        self._names = [
+            " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
+        ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
         length = _kernels.cell_lengths(V.tabulate_dof_coordinates(), V.dofmap.list)

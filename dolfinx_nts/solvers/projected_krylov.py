@@ -98,7 +98,8 @@ class KrylovMethod:
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         use_shell(self._ksp.getPC(), preconditioner)
-        self._ksp.setFromOptions()
+        with options.understood():
+            self._ksp.setFromOptions()
         self._x, self._b = matrix.createVecs()
         self.num_iterations = 0
 

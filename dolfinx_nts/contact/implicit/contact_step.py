@@ -151,7 +151,12 @@ class ContactStep:
         energy, offset = self.normal.energy(pairs)
         slip_energy, slip = self.friction.accepted(pairs, self.x)
         history = ContactHistory.at(
-            n, pairs.node, force=-contribution.force[:, :3], energy=energy, offset=offset
+            n,
+            pairs.node,
+            force=-contribution.force[:, :3],
+            normal=pairs.contact.gradient[:, :3],
+            energy=energy,
+            offset=offset,
         )
         return replace(
             history,

@@ -1,0 +1,67 @@
+"""Declarations: objects that say what a user means, and never change."""
+
+from abc import ABCMeta
+from typing import Any, Generic, TypeVar, cast
+
+__all__ = ["Declaration", "SetOnce"]
+
+T = TypeVar("T")
+
+
+class _Completing(ABCMeta):
+    """Metaclass that closes an object when its ``__init__`` is done."""
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        item = super().__call__(*args, **kwargs)
+        item._is_complete = True
+        return item
+
+
+class Declaration(metaclass=_Completing):
+    """Base of objects that set their attributes when they are made, and never again. Local.
+
+    Steppers take what they need of a declaration once, so that a change would be ignored in
+    some places and obeyed in others.
+    """
+
+    __slots__ = ("_is_complete",)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to change a complete object.
+
+        Raises:
+            AttributeError: The object is complete.
+        """
+        if getattr(self, "_is_complete", False):
+            kind = type(self).__name__
+            raise AttributeError(
+                f"expected another {kind}, as none changes after it was made, given a new value "
+                f"of {name}: make another {kind} with it, and what takes the {kind} anew"
+            )
+        super().__setattr__(name, value)
+
+
+class SetOnce(Generic[T]):
+    """Attribute that an object takes when it is made, and keeps. Local."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        """Learn the name of the attribute."""
+        self._name = name
+
+    def __get__(self, item: object, owner: type) -> T:
+        """Value of the attribute."""
+        return cast(T, vars(item)[self._name])
+
+    def __set__(self, item: object, value: T) -> None:
+        """Take the first value.
+
+        Raises:
+            AttributeError: There is a value already.
+        """
+        kind = type(item).__name__
+        if self._name in vars(item):
+            raise AttributeError(
+                f"expected another {kind}, as none changes its {self._name} after it was made: "
+                f"make a new {kind} with other {self._name}"
+            )
+        vars(item)[self._name] = value
