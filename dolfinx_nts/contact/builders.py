@@ -7,15 +7,13 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.bodies import Body, common_space, connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -115,7 +113,7 @@ def all_pairs(
         # Rounded, so that equal bodies stay in the order in which they are given.
         return float(f"{surface(*group).size * weight:.6g}")
 
-    groups = sorted(_groups(bodies), key=coarseness)
+    groups = sorted(connected(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
@@ -195,23 +193,3 @@ def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]
         yield items[:middle], items[middle:]
         yield from _halves(items[:middle])
         yield from _halves(items[middle:])
-
-
-def _groups(bodies: Sequence[Body]) -> list[list[Body]]:
-    """Groups of bodies that are connected by shared nodes. Collective."""
-    index_map = bodies[0].V.dofmap.index_map
-    last = np.full(index_map.size_local, -1)  # last body of each owned node
-    touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
-    for i, body in enumerate(bodies):
-        # A node may be owned by a rank that has no cell of the body.
-        marker = la.vector(index_map)
-        marker.array[body.nodes] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(marker.array[: index_map.size_local])
-        touching[i, np.setdiff1d(last[nodes], -1)] = True
-        last[nodes] = i
-    touching = reductions.total(bodies[0].V.mesh.comm, touching.astype(np.int32)) > 0
-    group = np.arange(len(bodies))
-    for i, j in np.argwhere(touching):
-        group[group == group[i]] = group[j]
-    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]

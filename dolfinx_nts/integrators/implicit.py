@@ -40,6 +40,7 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
@@ -49,6 +50,8 @@ __all__ = ["ImplicitStepper"]
 # Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
 # body in free flight has no other force, and its round-off is that of its momentum.
 _INERTIA_PART = 1e-3
+# Relative change of the loads [-] that is none.
+_SAME_LOAD = 1e-9
 
 
 class ImplicitStepper(Stepper):
@@ -81,6 +84,14 @@ class ImplicitStepper(Stepper):
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
+        free: Sequence[FreeBody] = ()
+        if self._rates.acceleration is None:
+            X = self._X[: len(self.node_ids)]
+            free = find_free_bodies(bodies, self._bulk, self._tangent, X)
+        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[::3])
+        if free:
+            self._bulk.shift = self._tangent.shift = self._free_bodies.shift
+            self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
@@ -92,12 +103,13 @@ class ImplicitStepper(Stepper):
             self._free.ravel()[self._bulk.fixed] = 0
         damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
-        self._internal_force = 0.0
+        self._internal_force = self._load_norm = 0.0
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
         self._internal_force = archive.same("internal_force", self._internal_force)
+        self._load_norm = archive.same("load_norm", self._load_norm)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
 
@@ -110,10 +122,11 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
-        self._rates.begin(self._forces_at_start, self._free)
+        load = self._norm(self._bulk.load()) if self.loads else 0.0
+        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
-        force_scale = self._force_scale()
+        force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
             steps, solution = self._solve(start, x, force_scale)
@@ -125,6 +138,7 @@ class ImplicitStepper(Stepper):
                     filter(None, map(check_penetration, steps)), ""
                 )
                 if not reason:
+                    self._load_norm = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
@@ -137,13 +151,17 @@ class ImplicitStepper(Stepper):
         self._load_at(self.scheme.load_point)
         return forces
 
-    def _force_scale(self) -> float:
+    def _is_at_rest(self, load: float) -> bool:
+        """Whether supports stay and the norm of the loads [N] is that of the last step."""
+        fixed, u = self._bulk.fixed, self.u.x.array
+        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        same = abs(load - self._load_norm) <= _SAME_LOAD * load
+        return same and reductions.everywhere(self._comm, stays)
+
+    def _force_scale(self, load: float) -> float:
         """Norm of the forces at work, with which the residual is compared [N]."""
         momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
-        scale = self._internal_force + _INERTIA_PART * self._norm(momentum) / self.dt
-        if self.loads:
-            scale += self._norm(self._bulk.load())
-        return scale
+        return self._internal_force + load + _INERTIA_PART * self._norm(momentum) / self.dt
 
     def _failure(
         self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
@@ -228,6 +246,7 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
+            free=self._free_bodies,
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,

@@ -31,6 +31,8 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
+        shift: Stiffness of the owned nodes, or of all, that the action of the tangent has beside
+            that of the forms, shape ``(n, 1)`` [N/m].
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Bulk:
         self.num_owned = 3 * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(3).size_local)
         self.num_cells = self._all_cells
+        self.shift: Floats | float = 0.0
 
     @property
     def fixed(self) -> Ints:
@@ -123,6 +126,8 @@ class Bulk:
         direction[given] = 0
         self._direction.x.scatter_forward()
         y = self._action.assembled()
+        if np.any(self.shift):
+            y += (self.shift * x).ravel()
         y[given] = x.ravel()[given]
         return y.reshape(-1, 3)
 

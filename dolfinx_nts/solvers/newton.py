@@ -13,6 +13,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.cell_sizes import CellSizes
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
@@ -106,6 +107,7 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
+    free: FreeBodies,
     sizes: CellSizes,
     force_scale: float,
     inertia: bool,
@@ -118,6 +120,7 @@ def solve(
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        free: Bodies that contact alone may hold.
         sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
@@ -132,17 +135,20 @@ def solve(
     changes = 0
     du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
+    free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         with timings.phase("assembly"):
             R_bulk = bulk.residual()
-        R_nodes = R_bulk.reshape(-1, 3) if balanced else None
+        R_nodes = R_bulk.reshape(-1, 3) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, n)
-        R = R_bulk + R_contact
+        R = free.relieve(
+            R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states
+        )
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
@@ -184,6 +190,7 @@ def solve(
 
         with timings.phase("solve"):
             du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
+        du = free.restrain(du)
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):

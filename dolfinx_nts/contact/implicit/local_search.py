@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import NodalPoints
@@ -72,6 +73,7 @@ class LocalSearch:
         self.last = candidates.find(state.history.key)
         self.segment_n, self.gap = candidates.pair(points, self.x_n, self.last, self.reach)
         met, gap_trial = candidates.pair(points, trial, self.segment_n, self.reach)
+        self._gap_n = self.gap.copy()
         # The gap at t_n counts on the segment that the ballistic state meets.
         gap_n = self.gap.copy()
         moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
@@ -86,6 +88,15 @@ class LocalSearch:
     def may_close(self) -> Flags:
         """Nodes whose gap may close within the step, shape ``(n,)``."""
         flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self.way
+        return flags
+
+    @property
+    def touches(self) -> Flags:
+        """Nodes that lie on their segments at t_n, but for round-off, shape ``(n,)``."""
+        size = self.candidates.size
+        # Without candidates no node has a segment.
+        size = size.take(self.segment_n, mode="wrap") if len(size) else np.ones(1)
+        flags: Flags = np.abs(self._gap_n) <= TOUCHES * size
         return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

@@ -1,0 +1,229 @@
+"""Bodies in statics that nothing but contact holds, with the rigid motions they are free to make.
+
+The tangent of such a body is singular where contact does not hold it. Two things help, both of
+which leave the equilibrium as it is:
+
+- The tangent, not the residual, gets a small stiffness: an iteration moves a body less far than
+  it would like to.
+- Motions that the present contacts do not resist either, such as those along a smooth plane, are
+  not made. What is out of balance in them is given to the inertia of the body (inertia relief):
+  it vanishes where there is an equilibrium, and is only taken away while it is negligible.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.model.bodies import Body, connected, owned_nodes
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["FreeBodies", "FreeBody", "find_free_bodies"]
+
+# Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
+_SHIFT = 1e-6
+# Stiffness against a rigid motion, relative to that of the nodes [-], which is round-off.
+_NO_RESISTANCE = 1e-10
+# Part of a unit motion that may be missing in the free ones [-] for it to count among them.
+_ROUNDING = 1e-6
+# Mean square of the slopes of gaps along a motion [-] up to which contact does not resist it.
+_NEUTRAL = 1e-3
+# Force in motions that nothing resists, relative to those at work [-], that may be left to
+# inertia: facets of curved surfaces and nodes that do not match make up so much.
+_NEGLIGIBLE = 1e-2
+_NAMES = [f"{kind} {axis}" for kind in ("translation in", "rotation about") for axis in "xyz"]
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """Bodies connected by shared nodes that neither supports nor loads hold.
+
+    Attributes:
+        bodies: The bodies.
+        nodes: Their owned nodes, shape ``(n,)``.
+        centre: Centre of the rotations, shape ``(3,)`` [m].
+        size: Distance by which rotations are divided [m].
+        motions: The free motions as sums of translations in x, y, z and rotations about these
+            axes, shape ``(6, k)``.
+    """
+
+    bodies: Sequence[Body]
+    nodes: Ints
+    centre: Floats
+    size: float
+    motions: Floats
+
+    def at(self, x: Floats) -> Floats:
+        """Free motions at positions, ``(..., 3)`` [m], shape ``(k, ..., 3)`` [-]. Local."""
+        return np.einsum("ik,i...->k...", self.motions, _rigid_motions(x, self.centre, self.size))
+
+    def __str__(self) -> str:
+        """Names of the motions."""
+        part = np.linalg.norm(self.motions, axis=1)
+        names = [name for name, p in zip(_NAMES, part, strict=True) if p > 1 - _ROUNDING]
+        others = self.motions.shape[1] - len(names)
+        return ", ".join([*names, f"{others} other rigid motions"] if others else names)
+
+
+def find_free_bodies(
+    bodies: Sequence[Body], bulk: Bulk, tangent: Tangent, x: Floats
+) -> list[FreeBody]:
+    """Find the bodies that can move rigidly as far as supports and loads go. Collective.
+
+    Args:
+        bodies: All bodies.
+        bulk: Their residual and its derivative, with supports and loads.
+        tangent: Gives the stiffness of nodes.
+        x: Positions of the owned nodes, shape ``(n, 3)`` [m].
+    """
+    comm, stiffness = bulk.comm, tangent.nodal_stiffness()
+    groups = connected(bodies)
+    nodes = [np.unique(np.concatenate([owned_nodes(b) for b in group])) for group in groups]
+    frames = [_frame(comm, x[some]) for some in nodes]
+    motions = np.zeros((6, *x.shape))
+    for some, frame in zip(nodes, frames, strict=True):
+        motions[:, some] = _rigid_motions(x[some], *frame)
+    forces = np.array([bulk.action(motion) for motion in motions])
+    motions.reshape(6, -1)[:, bulk.fixed] = 0.0
+    found = []
+    for group, some, frame in zip(groups, nodes, frames, strict=True):
+        modes = motions[:, some].reshape(6, -1)
+        weighted = (motions[:, some] * stiffness[some, None]).reshape(6, -1)
+        products = np.stack([modes @ forces[:, some].reshape(6, -1).T, modes @ weighted.T])
+        resistance, scale = reductions.total(comm, products)
+        # Forces do next to no work in free motions.
+        values, vectors = np.linalg.eigh((resistance + resistance.T) / 2 / np.trace(scale))
+        free = vectors[:, np.abs(values) < _NO_RESISTANCE]
+        if free.size:
+            found.append(FreeBody(tuple(group), some, *frame, free))
+    return found
+
+
+class FreeBodies:
+    """Keeps free bodies in place where nothing drives them away. Collective.
+
+    Args:
+        bodies: The free bodies.
+        tangent: Matrix of the bulk.
+        mass: Lumped masses of the owned nodes, shape ``(n,)`` [kg].
+
+    Attributes:
+        bodies: The argument.
+        shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
+    """
+
+    def __init__(self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats) -> None:
+        """Choose the stiffness."""
+        self.bodies, self._mass = tuple(bodies), mass[:, None]
+        self._comm: MPI.Comm = tangent.comm
+        self.shift = np.zeros_like(self._mass)
+        self._label = np.zeros((len(mass), 3))  # number of the body, from 1
+        for number, body in enumerate(bodies, start=1):
+            self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
+            self._label[body.nodes] = number
+        ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
+        self._columns = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+        self._num_motions = int(ends[-1])
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a solution, without any force."""
+        self.force: Floats = np.zeros_like(self._label)
+        self._motions: Floats = np.zeros((0, *self._label.shape))
+        self._gram: Floats = np.zeros((0, 0))
+
+    def relieve(
+        self,
+        R: Floats,
+        x: Floats,
+        scale: float,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+    ) -> Floats:
+        """Take away what is out of balance in motions that nothing resists.
+
+        Args:
+            R: Residual less the present `force`, shape ``(3 n,)`` [N].
+            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
+            scale: Norm of the forces at work [N].
+            steps: Contact attempts.
+            states: Their pairs.
+
+        Returns:
+            Residual less the new `force`.
+        """
+        if not self.bodies:
+            return R
+        total = R.reshape(-1, 3) + self.force
+        motions = np.zeros((self._num_motions, *total.shape))
+        for body, columns in zip(self.bodies, self._columns, strict=True):
+            motions[columns, body.nodes] = body.at(x[body.nodes])
+        neutral = self._neutral(steps, states)
+        motions = np.einsum("ik,inj->knj", neutral, motions)
+        modes = motions.reshape(len(motions), R.size)
+        weighted = (self._mass * motions).reshape(len(motions), R.size)
+        pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
+        sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
+        sums, pressing = reductions.total(self._comm, sums), reductions.total(self._comm, pressing)
+        gram, f = sums[:, :-1], sums[:, -1]
+        if len(f) == 0 or np.linalg.norm(f) > _NEGLIGIBLE * (pressing + scale):
+            self.begin()
+        else:
+            self._motions, self._gram = modes, gram
+            self.force = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
+        return (total - self.force).ravel()
+
+    def restrain(self, du: Floats) -> Floats:
+        """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
+        if not len(self._gram):
+            return du
+        weighted = self._motions @ (np.repeat(self._mass, 3) * du)
+        amount = np.linalg.solve(self._gram, reductions.total(self._comm, weighted))
+        return du - amount @ self._motions
+
+    def _neutral(
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+    ) -> Floats:
+        """Motions that contacts do not resist, as sums of free ones, ``(free, neutral)``."""
+        n = self._num_motions
+        products, counts = np.zeros((n, n)), np.zeros(n)
+        for step, state in zip(steps, states, strict=True):
+            label = step.candidates.scatter.forward(self._label)[:, 0]
+            dofs, gradients = state.pairs.dofs, state.pairs.gradients
+            holds = np.column_stack([state.active, *2 * [state.active]])
+            holds[:, 1:] &= ~step.friction.sliding[state.pairs.node][:, None]
+            slopes = np.zeros((n, *holds.shape))
+            for number, body in enumerate(self.bodies, start=1):
+                columns = self._columns[number - 1]
+                of_body = label[dofs] == number
+                motions = body.at(step.x[dofs]) * of_body[:, :, None]
+                motions = motions.reshape(len(motions), len(dofs), gradients.shape[2])
+                slopes[columns] = np.einsum("mid,kmd->kmi", gradients, motions)
+                counts[columns] += np.count_nonzero(holds[of_body.any(axis=1)])
+            slopes = slopes.reshape(n, -1)[:, holds.ravel()]
+            products += slopes @ slopes.T
+        sums = reductions.total(self._comm, np.column_stack([products, counts]))
+        weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
+        values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
+        return weight[:, None] * vectors[:, values < _NEUTRAL]
+
+
+def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:
+    """Centre of nodes and largest distance from it [m]. Collective."""
+    *total, count = reductions.total(comm, np.array([*x.sum(axis=0), len(x)]))
+    centre = np.array(total) / count
+    size = float(np.abs(x - centre).max(initial=0.0))
+    return centre, reductions.largest(comm, size) or 1.0
+
+
+def _rigid_motions(x: Floats, centre: Floats, size: float) -> Floats:
+    """Translations and rotations at positions, shape ``(6, ..., 3)`` [-]. Local."""
+    units = np.broadcast_to(np.eye(3).reshape(3, *[1] * (x.ndim - 1), 3), (3, *x.shape))
+    return np.concatenate([units, np.cross(units, (x - centre) / size)])
