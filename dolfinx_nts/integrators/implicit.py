@@ -119,6 +119,7 @@ class ImplicitStepper(Stepper):
 
     def _state_was_set(self) -> None:
         self._rates.forget()
+        self._load_norm = np.inf
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
@@ -247,6 +248,7 @@ class ImplicitStepper(Stepper):
             steps,
             self._X[: len(self.node_ids)],
             free=self._free_bodies,
+            at_rest=self._rates.at_rest,
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,

@@ -51,11 +51,13 @@ class Rates(ABC):
         mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
         acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
             inertia.
+        at_rest: Whether the state at the start also solves the step.
         trial: Name of the displacement among `starts` that decides which nodes may touch.
     """
 
     acceleration: Any | None
     trial: ClassVar[str] = "ballistic"
+    at_rest = False
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         """Take the velocity as the mean one of the last step."""
@@ -134,18 +136,17 @@ class NoRates(Rates):
     """Absence of inertia: the velocity stays zero, and time only counts the load."""
 
     acceleration = None
-    _at_rest = False
 
     @property
     def trial(self) -> str:  # type: ignore[override]
         """Name of the first start."""
-        return "last" if self._at_rest else "extrapolated"
+        return "last" if self.at_rest else "extrapolated"
 
     def begin(
         self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
     ) -> None:
         """Do not extrapolate where nothing changes."""
-        self._at_rest = at_rest()
+        self.at_rest = at_rest()
 
     def inertia_share(self, mass: Floats) -> Floats:
         """Zero, because the tangent has no inertia."""
@@ -154,7 +155,7 @@ class NoRates(Rates):
     def starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
-        if self._at_rest:
+        if self.at_rest:
             return {"last": u_n}
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 

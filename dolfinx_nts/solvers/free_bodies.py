@@ -197,17 +197,17 @@ class FreeBodies:
         for step, state in zip(steps, states, strict=True):
             label = step.candidates.scatter.forward(self._label)[:, 0]
             dofs, gradients = state.pairs.dofs, state.pairs.gradients
-            holds = np.column_stack([state.active, *2 * [state.active]])
-            holds[:, 1:] &= ~step.friction.sliding[state.pairs.node][:, None]
-            slopes = np.zeros((n, *holds.shape))
+            # Without friction tangential gradients are zero.
+            gradients, dofs = gradients[state.active], dofs[state.active]
+            slopes = np.zeros((n, len(dofs), 3))
             for number, body in enumerate(self.bodies, start=1):
                 columns = self._columns[number - 1]
                 of_body = label[dofs] == number
                 motions = body.at(step.x[dofs]) * of_body[:, :, None]
                 motions = motions.reshape(len(motions), len(dofs), gradients.shape[2])
                 slopes[columns] = np.einsum("mid,kmd->kmi", gradients, motions)
-                counts[columns] += np.count_nonzero(holds[of_body.any(axis=1)])
-            slopes = slopes.reshape(n, -1)[:, holds.ravel()]
+                counts[columns] += np.count_nonzero(of_body.any(axis=1))
+            slopes = slopes.reshape(n, 3 * len(dofs))
             products += slopes @ slopes.T
         sums = reductions.total(self._comm, np.column_stack([products, counts]))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))

@@ -108,6 +108,7 @@ def solve(
     X: Floats,
     *,
     free: FreeBodies,
+    at_rest: bool,
     sizes: CellSizes,
     force_scale: float,
     inertia: bool,
@@ -121,6 +122,7 @@ def solve(
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
         free: Bodies that contact alone may hold.
+        at_rest: Whether nothing has changed since a solution, which then still is one.
         sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
@@ -165,7 +167,9 @@ def solve(
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
-        if converged and steps:
+        if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:
+            converged = not violated
+        elif converged and steps:
             moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
             if moved:  # this is the equilibrium on segments that nodes have left
                 changes += moved
