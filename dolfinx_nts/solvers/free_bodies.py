@@ -36,8 +36,9 @@ _ROUNDING = 1e-6
 # Mean square of the slopes of gaps along a motion [-] up to which contact does not resist it.
 _NEUTRAL = 1e-3
 # Force in motions that nothing resists, relative to those at work [-], that may be left to
-# inertia: facets of curved surfaces and nodes that do not match make up so much.
-_NEGLIGIBLE = 1e-2
+# inertia: in a solution, where facets of curved surfaces and nodes that do not match make up so
+# much, and on the way to one, where a larger one drives the body to another place.
+_NEGLIGIBLE, _DRIVING = 1e-2, 0.3
 _NAMES = [f"{kind} {axis}" for kind in ("translation in", "rotation about") for axis in "xyz"]
 
 
@@ -135,6 +136,12 @@ class FreeBodies:
 
     def begin(self) -> None:
         """Begin a solution, without any force."""
+        self._limit = _DRIVING
+        self._release()
+
+    def _release(self) -> None:
+        """Let bodies move as they are driven."""
+        self._share = 0.0
         self.force: Floats = np.zeros_like(self._label)
         self._motions: Floats = np.zeros((0, *self._label.shape))
         self._gram: Floats = np.zeros((0, 0))
@@ -173,12 +180,20 @@ class FreeBodies:
         sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
         sums, pressing = reductions.total(self._comm, sums), reductions.total(self._comm, pressing)
         gram, f = sums[:, :-1], sums[:, -1]
-        if len(f) == 0 or np.linalg.norm(f) > _NEGLIGIBLE * (pressing + scale):
-            self.begin()
-        else:
+        self._release()
+        share = float(np.linalg.norm(f)) / (pressing + scale or 1.0)
+        if len(f) and share <= self._limit:
+            self._share = share
             self._motions, self._gram = modes, gram
             self.force = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
         return (total - self.force).ravel()
+
+    def settles(self) -> bool:
+        """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
+        settled = self._share <= _NEGLIGIBLE
+        if not settled:
+            self._limit = _NEGLIGIBLE
+        return settled
 
     def restrain(self, du: Floats) -> Floats:
         """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""

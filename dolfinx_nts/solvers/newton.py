@@ -172,6 +172,8 @@ def solve(
         converged = solved and not violated and not changed
         if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:
             converged = not violated
+        elif converged and not free.settles():
+            continue
         elif converged and steps:
             moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
             if moved:  # this is the equilibrium on segments that nodes have left
