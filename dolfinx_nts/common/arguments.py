@@ -1,13 +1,16 @@
 """Checks of arguments that several classes share, and the text of a call with them."""
 
 import math
+import reprlib
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
-__all__ = ["as_call", "finite", "instances", "nonnegative", "positive", "real"]
+from dolfinx_nts.common.arrays import Floats
+
+__all__ = ["as_call", "finite", "instances", "nonnegative", "positive", "real", "real_array"]
 
 # Digits of printed numbers [-]: enough for any given number, too few for its round-off.
 _DIGITS = 12
@@ -120,3 +123,22 @@ def positive(name: str, value: Any) -> float:
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"expected {name} > 0, given {value}")
     return number
+
+
+def real_array(name: str, value: Any) -> Floats:
+    """Check that a value consists of real numbers, perhaps not finite ones. Local.
+
+    Args:
+        name: What the message of an error calls the numbers.
+        value: A number, a list or an array.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        TypeError: The value holds something else, such as complex numbers or text.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"expected real numbers for {name}, given {reprlib.repr(value)}")
+    return array.astype(np.float64)

@@ -13,10 +13,10 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.bodies import Body, common_space, connected
+from dolfinx_nts.model.bodies import Body, common_space
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.parallel import reductions
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
@@ -55,9 +55,11 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     to_cell = topology.connectivity(2, 3)
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
+    name = f"the boundary of {' and '.join(body.name for body in bodies)}"
     if where is not None:
         facets = np.intersect1d(facets, locate_entities_boundary(V.mesh, 2, where))
-    return Surface.of(V, facets)
+        name = f"a part of {name}"
+    return Surface.of(V, facets, name)
 
 
 def all_pairs(

@@ -11,6 +11,7 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, positive
 from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty"]
 
@@ -22,7 +23,7 @@ _NEAR = 1e-2
 TOUCHES = 1e-9
 
 
-class LagrangeMultiplier:
+class LagrangeMultiplier(Declaration):
     r"""Exact contact by a multiplier at each active node, which holds the gap of the node.
 
     The complementarity of a step on the segment used in it is
@@ -86,7 +87,7 @@ class LagrangeMultiplier:
         return flags
 
 
-class Penalty:
+class Penalty(Declaration):
     r"""Contact by nodal springs, whose force in a step is consistent with their energy.
 
     The energy of a spring is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its force in a
@@ -127,7 +128,7 @@ class Penalty:
     def halved(self) -> "Penalty":
         """Make the same law with springs of half the stiffness. Local."""
         half = Penalty(self.eps_N)
-        half.share = self.share / 2
+        vars(half)["share"] = self.share / 2  # before anybody has it
         return half
 
     def energy(self, gap: Floats, eps_N: Floats) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, nonnegative, positive
 from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["Coulomb", "TractionModel", "transport"]
 
@@ -38,7 +39,7 @@ class TractionModel(NamedTuple):
     stiffness: Floats
 
 
-class Coulomb:
+class Coulomb(Declaration):
     """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:

@@ -23,7 +23,8 @@ class ContactHistory:
         force: Contact force on the node in the last step, shape ``(n, 3)`` [N].
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
-        normal: Unit normal of the segment, with friction only, shape ``(n, 3)``.
+        normal: Unit normal of the segment of nodes that touch or may touch, otherwise 0, shape
+            ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].

@@ -5,13 +5,14 @@ which holds all that contact remembers from step to step.
 """
 
 import logging
-from typing import Any, Protocol
+from typing import Protocol
 from weakref import WeakSet
 
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
@@ -42,7 +43,7 @@ class AcceptedContact(Protocol):
         """Gap of every node [m], see `ContactPair.gap`. Collective."""
 
 
-class ContactPair:
+class ContactPair(Declaration):
     """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
 
     Collective. A surface may be both: then it touches itself. A node then touches segments that
@@ -80,13 +81,6 @@ class ContactPair:
         0.01
     """
 
-    nodes: Surface
-    segments: Surface | Obstacle
-    enforcement: LagrangeMultiplier | Penalty
-    friction: Coulomb | None
-    touches_itself: bool
-    _states: "WeakSet[AcceptedContact]"
-
     def __init__(
         self,
         nodes: Surface,
@@ -115,19 +109,11 @@ class ContactPair:
                 "expected Penalty and a Surface as segments with convective friction, given "
                 f"{type(enforcement).__name__} and {type(segments).__name__}"
             )
-        self.__dict__.update(
-            nodes=nodes,
-            segments=segments,
-            enforcement=enforcement,
-            # With mu = 0 there is no slip to follow.
-            friction=friction if friction is not None and friction.mu > 0 else None,
-            touches_itself=isinstance(segments, Surface) and _check_surfaces(nodes, segments),
-            _states=WeakSet(),
-        )
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to change the pair, as several steppers may rely on it."""
-        raise AttributeError(f"expected a new ContactPair, as none changes its {name}")
+        self.nodes, self.segments, self.enforcement = nodes, segments, enforcement
+        # With mu = 0 there is no slip to follow.
+        self.friction = friction if friction is not None and friction.mu > 0 else None
+        self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
+        self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
         """Let the contact of a stepper answer for the pair, as long as it lives. Local."""
@@ -146,7 +132,8 @@ class ContactPair:
     def pressure(self) -> Floats:
         """Contact pressure of the last step at the nodes, shape ``(n,)`` [Pa, >= 0].
 
-        Collective, see `history` and `Surface.per_area`.
+        Where the stepper has the opposite pair too, as with `two_half_passes`, it is that of
+        both. Collective, see `history` and `Surface.per_area`.
         """
         return self._only().pressure
 
@@ -179,6 +166,12 @@ class ContactPair:
     def segment_size(self) -> float:
         """Longest segment [m]; with an obstacle, longest facet of the nodes' surface. Local."""
         return (self.segments if isinstance(self.segments, Surface) else self.nodes).size
+
+    @property
+    def between(self) -> str:
+        """Names of the two sides, for messages. Local."""
+        other = "itself" if self.touches_itself else self.segments.name
+        return f"{self.nodes.name} and {other}"
 
     @property
     def has_slip_spring(self) -> bool:
@@ -230,8 +223,9 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     sine = segments.sharpest_corner()
     if sine < _SHARP and comm.rank == 0:
         _logger.warning(
-            "segments have a corner of sine %.2g: they have no normal where it is below %g",
+            "segments of %s have a corner of sine %.2g and no normal there: harmless if no node "
+            "comes to that corner, otherwise mend the mesh (an edge without length?)",
+            segments.name,
             sine,
-            _SHARP,
         )
     return same

@@ -9,14 +9,15 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.passes import Pass, Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Search
+from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
@@ -38,6 +39,7 @@ class PairState:
 
     Args:
         pair: The pair.
+        passes: Those of the stepper, which this pair joins; None for a pair on its own.
 
     Attributes:
         pair: The argument.
@@ -47,9 +49,11 @@ class PairState:
         eps_T: The same of the tangential springs.
     """
 
-    def __init__(self, pair: ContactPair) -> None:
+    def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         self.pair = pair
+        self._passes = Passes(pair.nodes.V.tabulate_dof_coordinates) if passes is None else passes
+        self._passes.join(self)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
         self.eps_N: Floats | None = None
@@ -125,14 +129,45 @@ class PairState:
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        return self.pair.nodes.per_area(-self.history.lambda_N)
+        pressure = _pressure_by(self)
+        for other in self._passes.opposite_to(self.pair):
+            pressure = pressure + self._pressure_of(other)
+        return pressure
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
+        return self._faced(x, reach)[2]
+
+    def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:
+        """Candidates at any distance, and which of them the nodes face, with the gap. Collective.
+
+        Arguments are those of `gap`.
+        """
         candidates, _ = self._far_search.update(x, np.inf)
         current = candidates.find(self.history.key)
         points = NodalPoints(self.pair.nodes.nodes)
-        return candidates.pair(points, candidates.scatter.forward(x), current, reach)[1]
+        x = candidates.scatter.forward(x)
+        return candidates, *candidates.pair(points, x, current, reach)
+
+    def _pressure_of(self, opposite: Pass) -> Floats:
+        """Pressure of an opposite pair at the nodes of this one. Collective.
+
+        Returns 0 where they do not touch, shape ``(n,)`` [Pa].
+        """
+        x, reach = self._passes.positions(), _kernels.DEEPEST * self.pair.segment_size
+        candidates, segment, gap = self._faced(x, reach)
+        field = np.zeros_like(x)
+        field[opposite.pair.nodes.nodes, 0] = _pressure_by(opposite)
+        x, field = (candidates.scatter.forward(each) for each in (x, field))
+        node = np.flatnonzero(gap > -reach).astype(np.int32)
+        points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
+        gradient = candidates.contact("static", points, x, x, segment).gradient
+        gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
+        # The gradient of the gap is the normal at the node, and -phi times it at a vertex.
+        phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
+        pressure: Floats = np.zeros(len(gap))
+        pressure[node] = np.einsum("mk,mk->m", phi, field[candidates.segments[segment], 0])
+        return pressure
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
         """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
@@ -189,6 +224,11 @@ class PairState:
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
+
+
+def _pressure_by(contact: Pass) -> Floats:
+    """Pressure by the springs or multipliers of a pair alone, shape ``(n,)`` [Pa]. Collective."""
+    return contact.pair.nodes.per_area(-contact.history.lambda_N)
 
 
 def _search(pair: ContactPair) -> Search:

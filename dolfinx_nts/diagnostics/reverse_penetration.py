@@ -60,11 +60,13 @@ class ReversePenetration:
             limit = _DEEP * contact.nodes.size
             if depth > limit >= self.deepest[i] and comm.rank == 0:
                 _logger.warning(
-                    "pair %d: vertices of the segments are %.3g inside the surface of the nodes, "
-                    "which one-sided contact allows; the finer or softer surface should give the "
-                    "nodes, or both (two_half_passes)",
-                    i + 1,
+                    "vertices of %s are %.3g (%.0f %% of a facet) inside %s, whose nodes alone are "
+                    "stopped: the energies are right, the shapes are not; let the finer or softer "
+                    "surface give the nodes, or both (two_half_passes)",
+                    contact.segments.name,
                     depth,
+                    100 * depth / contact.nodes.size,
+                    contact.nodes.name,
                 )
             self.deepest[i] = max(self.deepest[i], depth)
 

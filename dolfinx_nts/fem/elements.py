@@ -122,14 +122,26 @@ def check_space(V: fem.FunctionSpace) -> None:
         V: Space of the displacement.
 
     Raises:
-        ValueError: The mesh does not consist of straight tetrahedra or hexahedra, or the
-            element is no vector of Lagrange elements of degree 1 or 2.
+        TypeError: ``V`` is no function space.
+        ValueError: The mesh does not consist of straight tetrahedra or hexahedra, its
+            coordinates are not of 64 bits, or the element is no vector of Lagrange elements of
+            degree 1 or 2.
     """
+    if not isinstance(V, fem.FunctionSpace):
+        raise TypeError(
+            f"expected a function space as the first argument, given {type(V).__name__}: first "
+            "the space, then the tags of the mesh"
+        )
     mesh = V.mesh
     cell = mesh.topology.cell_name()
     element = V.ufl_element()
     if cell not in _CELLS:
         raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
+    if (kind := mesh.geometry.x.dtype) != np.float64:
+        raise ValueError(
+            f"expected a mesh with coordinates of 64 bits, given {kind}: make it with "
+            "dtype=np.float64, the default of DOLFINx"
+        )
     degree = compat.geometry_degree(mesh)
     if mesh.geometry.dim != 3 or degree != 1:
         raise ValueError(

@@ -11,7 +11,7 @@ Schemes differ in the stress of f_int and in the kernel of the contact force F, 
 statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,13 +20,14 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.cell_sizes import cell_sizes
+from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -40,6 +41,7 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
@@ -97,6 +99,7 @@ class ImplicitStepper(Stepper):
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
         )
+        self._soft_springs = SoftSprings(self.contacts)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((len(self.node_ids), 3))
@@ -175,15 +178,29 @@ class ImplicitStepper(Stepper):
             reasons += (
                 f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
             )
-        restless = np.concatenate([np.empty(0, dtype=np.int64), *(s.restless for s in steps)])
-        nodes = np.unique(np.concatenate(self._comm.allgather(restless)))
-        if len(nodes):
-            reasons += f"; nodes that keep changing segment or state: {listed(nodes)}"
+        if nodes := self._listed(step.restless for step in steps):
+            reasons += f"; nodes that keep changing segment or state: {nodes}"
+        if "through a surface" in reasons or "into a surface" in reasons:
+            springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
+            for contact in springs:
+                reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
+        advice = "a smaller dt may help"
+        for step in steps:
+            if nodes := self._listed([step.given]):
+                advice = (
+                    "no contact force can stop nodes that bcs move into what bcs hold or move "
+                    f"too; change bcs at these nodes between {step.state.pair.between}: {nodes}"
+                )
         return newton.ConvergenceError(
             f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g} failed {reasons}; "
-            "the state is that of the last accepted step: a smaller dt may help",
+            f"the state is that of the last accepted step: {advice}",
             list(attempts.values()),
         )
+
+    def _listed(self, parts: Iterable[GlobalInts]) -> str:
+        """Text with some numbers of nodes from all ranks, empty without. Collective."""
+        mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
+        return listed(np.unique(np.concatenate(self._comm.allgather(mine))))
 
     def _accepted(
         self,
@@ -198,6 +215,7 @@ class ImplicitStepper(Stepper):
             history, step_work = step.accepted(pairs)
             work = work + step_work
             contact.accept(history)
+        self._soft_springs.look()
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)

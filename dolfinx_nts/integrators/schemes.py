@@ -6,10 +6,13 @@ They differ in the stress, in the kernel of the contact force, and in whether th
 
 from typing import Any
 
+import numpy as np
+
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import MidpointRates, NoRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
 
@@ -103,9 +106,9 @@ class QuasiStatic(ImplicitStepper):
 
     Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
     multiplier does not matter. Friction follows the slip from step to step. Supports must leave
-    no body free to move rigidly, unless contact holds it. The velocity stays zero, and damping
-    has no effect. Arguments, attributes and errors are those of `EnergyMomentum`. Collective,
-    as are all its methods.
+    no body free to move rigidly, unless contact holds it. The velocity stays zero, a step with
+    another one is refused, and damping has no effect. Arguments, attributes and errors are
+    those of `EnergyMomentum`. Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
@@ -124,3 +127,12 @@ class QuasiStatic(ImplicitStepper):
         load_point=1.0,
         loads_at="end",
     )
+
+    def _check_state(self) -> None:
+        super()._check_state()
+        speed = np.abs(self.v.x.array).max(initial=0.0)
+        if (speed := reductions.largest(self._comm, float(speed))) > 0:
+            raise ValueError(
+                f"expected no velocity in QuasiStatic, given one of up to {speed:g}: it finds "
+                "equilibria without inertia, in which nothing flies; EnergyMomentum moves bodies"
+            )

@@ -11,12 +11,12 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.cell_sizes import CellSizes
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SleepingBodies"]

@@ -7,17 +7,16 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
 from dolfinx import fem, la
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import positive
+from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["State", "serialize_nodal"]
+__all__ = ["State", "current_positions", "serialize_nodal"]
 
 
 class State(ABC):
@@ -79,11 +78,22 @@ class State(ABC):
         finally:
             self._set_dt(usual)
 
+    @contextmanager
+    def _step_of_one_length(self) -> Iterator[None]:
+        """Context in which the length of steps must not change, as a step has begun. Local."""
+        dt = self._usual_dt
+        yield
+        if (given := self._usual_dt) != dt:
+            self._set_dt(dt)
+            raise ValueError(
+                f"expected dt to be set between two steps, given {given:g} within a step of "
+                f"{dt:g}: not in update or in a load, but in the loop over run()"
+            )
+
     @property
     def x(self) -> Floats:
         """Current positions of the local nodes, owned then ghost, shape ``(l, 3)`` [m]."""
-        x: Floats = self._X + self.u.x.array.reshape(-1, 3)
-        return x
+        return current_positions(self._X, self.u)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state and all else on which the next step depends.
@@ -106,6 +116,7 @@ class State(ABC):
                 ``(3, n)``, that returns ``(3, n)``; or a Function of the bodies' space.
 
         Raises:
+            TypeError: ``body`` is no body, or the value does not consist of real numbers.
             ValueError: The body belongs to another stepper, the Function to another space, or
                 the value has the wrong shape.
         """
@@ -128,9 +139,11 @@ class State(ABC):
                         "expected a Function of the bodies' space, given one of another"
                     )
                 value = value.x.array.reshape(-1, 3)[body.nodes].T
-            values = np.asarray(value(X) if callable(value) else value, dtype=np.float64)
+            values = real_array(f"a {function.name}", value(X) if callable(value) else value)
             if values.shape not in ((3,), X.shape):
-                raise ValueError(f"expected shape (3,) or {X.shape}, given {values.shape}")
+                raise ValueError(
+                    f"expected a {function.name} of shape (3,) or {X.shape}, given {values.shape}"
+                )
         function.x.array.reshape(-1, 3)[body.nodes] = values.T
         self._state_was_set()
 
@@ -141,6 +154,17 @@ class State(ABC):
     @abstractmethod
     def _state_was_set(self) -> None:
         """Forget what depends on the state that has been replaced."""
+
+
+def current_positions(X: Floats, u: fem.Function) -> Floats:
+    """Positions of the local nodes by a displacement, shape ``(l, 3)`` [m]. Local.
+
+    Args:
+        X: Reference positions, shape ``(l, 3)`` [m].
+        u: The displacement [m].
+    """
+    x: Floats = X + u.x.array.reshape(-1, 3)
+    return x
 
 
 def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: Any) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, positive
+from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
@@ -20,7 +21,7 @@ _SMALLEST = 2.0**-20
 _PATIENCE = 3
 
 
-class StepControl:
+class StepControl(Declaration):
     """Cuts steps that fail, and lets them grow again. Local.
 
     A step is tried again with half its length when Newton's method fails, a cell is inverted, a

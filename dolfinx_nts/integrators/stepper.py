@@ -7,6 +7,8 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 import logging
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +18,11 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.start import check_start
+from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies
@@ -72,11 +76,17 @@ class Stepper(TimeLoop):
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
+        if not (update is None or callable(update)):
+            raise TypeError(f"expected a function of the time as update, given {update!r}")
         end_together()
+        warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
-        self.contacts = tuple(PairState(pair) for pair in self.pairs)
+        passes = Passes(partial(current_positions, self._X, self.u))
+        self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.timings = Timings()
         self._update = update
+        # Positions from which the user has displaced bodies since the last step.
+        self._x_before: Floats | None = None
         # Asking a Function for its values takes as long as copying those of a small mesh.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
         self._volume_ratio = VolumeRatio(self.u)
@@ -114,6 +124,8 @@ class Stepper(TimeLoop):
             contact.serialize(archive, f"pair_{number}")
 
     def _check_body(self, body: Body) -> None:
+        if not isinstance(body, Body):
+            raise TypeError(f"expected one of the bodies given to the stepper, given {body!r}")
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
 
@@ -126,25 +138,33 @@ class Stepper(TimeLoop):
         Raises:
             ConvergenceError: The step could not be solved. The state is as before the call.
             ValueError: The state, a load or a condition is not finite, conditions conflict, or
-                the first step starts inside a rigid obstacle. The state is as before the call.
+                bodies start inside a rigid obstacle, or were put there between steps. The state
+                is as before the call.
         """
         self._check_state()
-        if self.step == 0:
+        if self.step == 0 or self._x_before is not None:
             for contact in self.contacts:
-                check_start(contact, self.x)
+                check_start(contact, self.x, self._x_before)
         if self._update is not None or self.loads:
-            with agreed(self._comm):
+            with agreed(self._comm), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
         self.supports.check()
         self._u_n[:] = self._u
         report = self._step()
-        self.t, self.step = report.t, report.step
+        self.t, self.step, self._x_before = report.t, report.step, None
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
+
+    def set_displacement(self, body: Body, value: Any) -> None:
+        """Set the displacement of a body, see `State.set_displacement`."""
+        before = self.x
+        super().set_displacement(body, value)
+        if self.step > 0 and self._x_before is None:
+            self._x_before = before
 
     def _load_at(self, point: float) -> None:
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""

@@ -18,6 +18,7 @@ from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
+from dolfinx_nts.integrators.step_loop import StepLoop
 from dolfinx_nts.solvers.newton import ConvergenceError
 
 __all__ = ["TimeLoop"]
@@ -66,29 +67,42 @@ class TimeLoop(State):
             control: Cuts steps that fail; with None every step has the length ``dt``, except
                 the last one.
 
-        Yields:
-            The report of each step, after the step has been accepted.
+        Returns:
+            Iterator over the reports of the steps. It takes a step, and accepts it, when the
+            next report is asked for, so that ``dt`` may be set between two steps.
 
         Raises:
+            TypeError: ``until`` is no number, or ``control`` no `StepControl`.
+            ValueError: ``until`` is negative or not finite.
             ConvergenceError: A step failed, with a control at its smallest length. The state is
                 that of the last accepted step.
         """
-        finite("until", until)
-        yield from self._run_evenly(until) if control is None else self._run(until, control)
+        if finite("until", until) < 0:
+            raise ValueError(f"expected a time until >= 0 for the end of a run, given {until}")
+        if not (control is None or isinstance(control, StepControl)):
+            raise TypeError(f"expected a StepControl as control, given {control!r}")
+        if until < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
+            _logger.warning(
+                "run(until=%g) has no steps to take, as the time is %g: harmless where a resumed "
+                "run has been there before; otherwise note that until is a time, not a duration",
+                until,
+                self.t,
+            )
+        steps = self._run_evenly(until) if control is None else self._run(until, control)
+        return StepLoop(steps, self._comm)
 
     def _run_evenly(self, until: float) -> Iterator[StepReport]:
-        """Advance in equal steps."""
-        dt, even = self.dt, self._even
-        even.go_on(self.t, self.step, dt)
-        num_steps = math.ceil((until - self.t) / dt - ROUND_OFF)
-        with self._progress(num_steps, unit="step") as bar:
-            for i in range(num_steps):
+        """Advance in equal steps, as long as ``dt`` stays the same."""
+        even = self._even
+        with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
+            while (remaining := (until - self.t) / (dt := self.dt)) > ROUND_OFF:
+                even.go_on(self.t, self.step, dt)
                 end = even.end(self.step + 1, dt)
-                if i == num_steps - 1 and end != until:
-                    yield self._advance_to(until, until - self.t)
-                else:
-                    yield self._advance_to(end, dt)
-                bar.update()
+                if remaining <= 1 + ROUND_OFF and end != until:
+                    end, dt = until, until - self.t
+                report = self._advance_to(end, dt)
+                bar.update(dt)
+                yield report
 
     def _run(self, until: float, control: StepControl) -> Iterator[StepReport]:
         """Advance in steps that are each as long as the control and the scheme permit."""

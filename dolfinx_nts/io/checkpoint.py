@@ -25,7 +25,7 @@ from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import gathered, on_root, scattered
 
-__all__ = ["load", "save"]
+__all__ = ["HasState", "load", "save"]
 
 T = TypeVar("T", float, int, bool, Array)
 

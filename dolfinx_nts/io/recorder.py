@@ -47,9 +47,11 @@ class Recorder:
 
     A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
     ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.
-    Such a signal takes effect when the present step is complete, a second one at once. With
+    Such a signal takes effect when the present step is complete, a second one at once; the log
+    tells which step the checkpoint holds. With
     ``resume`` a script that is started again continues from the checkpoint, on any number of
-    ranks; rows and states after the step of the checkpoint are removed.
+    ranks; rows and states after the step of the checkpoint are removed. The length of steps is
+    that of the checkpoint, unless the script now asks for another one than when it began.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
@@ -103,6 +105,7 @@ class Recorder:
         self._is_root = comm.rank == 0
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
+        self._summary: Summary | None = None
 
     def __repr__(self) -> str:
         """Return the call that makes such a recorder, with the class of the stepper."""
@@ -160,6 +163,7 @@ class Recorder:
                 if signum or self._ledger.num_steps % self._options.checkpoint_every == 0:
                     self._files.save(self._ledger)
                 if signum:
+                    self._tell(f"interrupted after step {step.step}")
                     self._interrupts.take_effect(signum)
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
@@ -168,7 +172,7 @@ class Recorder:
         After an error other than `ConvergenceError` the ranks may be apart, so that nothing is
         written any more.
         """
-        assert self._open is not None
+        assert self._open is not None and self._summary is not None
         stack, self._open = self._open, None
         with self._stepper.timings.phase("output"), stack:
             if error is None or isinstance(error, ConvergenceError):
@@ -176,6 +180,8 @@ class Recorder:
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
                 self._files.fields.close()
+        if isinstance(error, KeyboardInterrupt) and not self._interrupts.took_effect:
+            self._tell(f"interrupted at once, in the step after {self._ledger.step}")
         self._summary.stop()
         if self._is_root:
             _logger.info("%s", self.summary())
@@ -186,8 +192,18 @@ class Recorder:
         Returns:
             Lines with the number of steps and Newton iterations, changes of conserved
             quantities, and wall time by phase [s] on this rank.
+
+        Raises:
+            ValueError: The ``with`` block has not been entered.
         """
+        if self._summary is None:
+            raise ValueError("expected a summary after the with block, given none entered yet")
         return self._summary.text(self._ledger, self._penetration)
+
+    def _tell(self, what: str) -> None:
+        """Log on the first rank why the run ends, and how to go on. Local."""
+        if self._is_root:
+            _logger.warning("%s; %s", what, self._files.how_to_go_on())
 
     def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
         self._files.write_row(

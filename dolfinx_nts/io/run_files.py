@@ -1,6 +1,6 @@
 """Files of one run, which are opened, saved and resumed together."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -9,7 +9,9 @@ from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
+from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.scripted_step import ScriptedStep
 from dolfinx_nts.io.vtx import VtxFile
 from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
@@ -37,7 +39,9 @@ class RunFiles:
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._table = Table(Path(f"{name}.csv"))
         self._checkpoint = Path(f"{name}.checkpoint.h5")
-        self._saved_step = 0
+        # Step and time of the checkpoint, or of the start.
+        self._saved = (0, 0.0)
+        self._script: ScriptedStep
         self.fields: XdmfFile | VtxFile = (
             VtxFile(Path(f"{name}.bp"), stepper)
             if kind == "vtx"
@@ -60,10 +64,11 @@ class RunFiles:
             ValueError: The checkpoint is damaged or of another scene, or the table does not
                 reach to its step. Nothing has been changed.
         """
+        self._script = ScriptedStep(self._stepper)
         resume = on_root(self._comm, lambda: resume and self._checkpoint.exists())
         if resume:
-            checkpoint.load(self._checkpoint, self._stepper, ledger, self._table, self.fields)
-        self._saved_step = ledger.step
+            checkpoint.load(self._checkpoint, self._stepper, *self._others(ledger))
+        self._saved = (ledger.step, ledger.last.time)
 
         def open_table() -> None:
             folder = self._checkpoint.parent
@@ -98,12 +103,29 @@ class RunFiles:
         Raises:
             OSError: A file cannot be written. The former checkpoint is unchanged.
         """
-        if self._saved_step == ledger.step:
+        if self._saved[0] == ledger.step:
             return
         self.fields.flush()
         on_root(self._comm, self._table.sync)
-        checkpoint.save(self._checkpoint, self._stepper, ledger, self._table, self.fields)
-        self._saved_step = ledger.step
+        checkpoint.save(self._checkpoint, self._stepper, *self._others(ledger))
+        self._saved = (ledger.step, ledger.last.time)
+
+    def how_to_go_on(self) -> str:
+        """Tell which step the checkpoint holds, and what lets the run go on. Local."""
+        if not self._checkpoint.exists():
+            return (
+                "there is no checkpoint: with Recorder(..., checkpoint_every=50, resume=True) a "
+                "script that is started again goes on where it was interrupted"
+            )
+        step, t = self._saved
+        return (
+            f"{self._checkpoint} holds step {step}, t = {t:g}: the same script with "
+            "Recorder(..., resume=True) goes on from there"
+        )
+
+    def _others(self, ledger: EnergyLedger) -> Sequence[HasState]:
+        """What a checkpoint holds beside the state of the stepper."""
+        return ledger, self._table, self.fields, self._script
 
     def close_table(self) -> None:
         """Close the table. Local, as ranks may be apart after an error."""

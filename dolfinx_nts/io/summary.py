@@ -53,7 +53,8 @@ class Summary:
                 *str(self._stepper.statistics).splitlines(),
                 *ledger.drifts(),
                 *(
-                    f"pair {i + 1}: vertices of segments up to {depth:.3g} m inside"
+                    f"vertices of {self._stepper.pairs[i].segments.name} up to {depth:.3g} inside "
+                    f"{self._stepper.pairs[i].nodes.name}"
                     for i, depth in penetration.deepest.items()
                     if depth > 0
                 ),

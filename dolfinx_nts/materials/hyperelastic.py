@@ -9,6 +9,7 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
 
 __all__ = ["Hyperelastic", "MassOnly", "right_cauchy_green"]
@@ -32,6 +34,8 @@ _SMALL_STRAIN_INCREMENT = 1e-2
 _LARGE_STRAIN = 0.1
 # Relative errors [-] of energies, and of eigenvalues of moduli, that are round-off.
 _ROUND_OFF = 1e-10
+# Stress without deformation, relative to the moduli [-], that comes from rounded parameters.
+_NO_STRESS = 1e-6
 # Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
 # other a logarithm of the volume doubles, a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
@@ -42,7 +46,7 @@ def right_cauchy_green(F: Any) -> Any:
     return F.T * F
 
 
-class Hyperelastic:
+class Hyperelastic(Declaration):
     r"""A material given by its strain energy. Local.
 
     Damping, if any, is Rayleigh damping: a force :math:`-\alpha \rho_0 v` per reference volume,
@@ -65,15 +69,15 @@ class Hyperelastic:
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         one_point: Names as given, a frozen set.
-        parameters: Numbers by name.
+        parameters: Numbers by name, read-only.
 
     Raises:
         TypeError: ``psi`` cannot be called.
         ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or not
-            twice differentiable at C = 1, where energies without fields are evaluated;
-            stiffness damping would add energy, as the moduli at C = 1 have a negative
-            eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is not the
-            sum of both parts.
+            twice differentiable at C = 1, where energies without fields are evaluated, or has a
+            stress there; stiffness damping would add energy, as the moduli at C = 1 have a
+            negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is
+            not the sum of both parts.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -105,7 +109,8 @@ class Hyperelastic:
                 raise ValueError(f"expected {name} >= 0, given {value}")
         self.rho = float(rho)
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
-        self.parameters = {name: float(value) for name, value in parameters.items()}
+        numbers = {name: float(value) for name, value in parameters.items()}
+        self.parameters = MappingProxyType(numbers)
         self.one_point = frozenset(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
@@ -138,19 +143,19 @@ class Hyperelastic:
 
         Args:
             C: Right Cauchy-Green tensor, UFL (3, 3).
-            **parameters: Values of all parameters of the energy, by name.
+            **parameters: Values of parameters of the energy, by name; others have their own.
 
         Returns:
             Energy [J/m^3], a UFL scalar.
         """
-        return self._psi(C, **parameters)
+        return self._psi(C, **self.parameters | parameters)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress S = 2 d psi/d C.
 
         Args:
             C: Right Cauchy-Green tensor, UFL (3, 3).
-            **parameters: Values of all parameters of the energy, by name.
+            **parameters: Values of parameters of the energy, by name; others have their own.
 
         Returns:
             Stress [Pa], UFL (3, 3).
@@ -170,7 +175,7 @@ class Hyperelastic:
         Args:
             C_n: Right Cauchy-Green tensor at t_n, UFL (3, 3).
             C: The same at t_{n+1}.
-            **parameters: Values of all parameters of the energy, by name.
+            **parameters: Values of parameters of the energy, by name; others have their own.
 
         Returns:
             Stress [Pa], UFL (3, 3).
@@ -191,7 +196,7 @@ class Hyperelastic:
 
         Args:
             E_GL: Green-Lagrange strain, or its rate, UFL (3, 3).
-            **parameters: Values of all parameters of the energy, by name.
+            **parameters: Values of parameters of the energy, by name; others have their own.
 
         Returns:
             Stress [Pa], or its rate [Pa/s], UFL (3, 3).
@@ -214,6 +219,7 @@ class Hyperelastic:
             raise ValueError(
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
             ) from error
+        self._check_stress()
         self._check_parts()
         if self.stiffness_damping > 0:
             least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
@@ -222,6 +228,19 @@ class Hyperelastic:
                     "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
                     f"given {least:g} Pa"
                 )
+
+    def _check_stress(self) -> None:
+        """Raise unless bodies without deformation have no stress."""
+        basis = self.strain_basis()
+        S = sum(2 * self._curve.slope(D) * D for D in basis)
+        moduli = [4 * self._curve.curvature(D) for D in basis]
+        if np.abs(S).max() > _NO_STRESS * np.abs(moduli).max():
+            rows = [[float(f"{value:.4g}") for value in row] for row in S]
+            raise ValueError(
+                f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed "
+                "body would start to move by itself; add a term that takes this stress away, as "
+                "- mu ln J does to mu/2 tr C"
+            )
 
     def _check_parts(self) -> None:
         """Raise unless the energy is the sum of its parts for `one_point`."""

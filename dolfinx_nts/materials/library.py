@@ -45,7 +45,8 @@ class SaintVenantKirchhoff(Hyperelastic):
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
         E_GL = (C - ufl.Identity(3)) / 2
-        lmbda, mu = parameters["lmbda"], parameters["mu"]
+        numbers = self.parameters | parameters
+        lmbda, mu = numbers["lmbda"], numbers["mu"]
         return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
@@ -124,7 +125,7 @@ class MooneyRivlin(Hyperelastic):
         super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
 
     def _described(self) -> dict[str, Any]:
-        return self.parameters
+        return dict(self.parameters)
 
 
 class Yeoh(Hyperelastic):
@@ -158,7 +159,7 @@ class Yeoh(Hyperelastic):
         super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
 
     def _described(self) -> dict[str, Any]:
-        return self.parameters
+        return dict(self.parameters)
 
 
 def _lame(E: float, nu: float) -> dict[str, float]:

@@ -18,6 +18,7 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.meshing.mixed_cells import gmsh_options, only_one_kind
 from dolfinx_nts.meshing.parts import (
     add_bowl,
@@ -58,9 +59,9 @@ class MeshData(NamedTuple):
             facets.
         cells: Tags of the physical volumes; every cell has one.
         facets: Tags of the physical surfaces.
-        tag: Tags by name, read-only. A group without a name is called by its tag,
-            ``"volume 3"`` or ``"surface 3"``. An unknown name raises ``ValueError`` with the
-            names that exist.
+        tag: Tags by name, read-only; messages use the names. A group without a name is called
+            by its tag, ``"volume 3"`` or ``"surface 3"``. An unknown name raises ``ValueError``
+            with the names that exist.
 
     Example:
         >>> mesh, cells, facets, tag = nts.read_mesh("ball_plate.msh", comm)
@@ -144,7 +145,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
             raise ValueError(
                 f"physical surface {tag}: expected {expected} facets of cells, given {given}"
             )
-    return MeshData(mesh, cells, facets, MappingProxyType(_Tags(tags)))
+    named = {name: NamedTag(tag, name) for name, tag in tags.items()}
+    return MeshData(mesh, cells, facets, MappingProxyType(_Tags(named)))
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def only_one_kind(model: Any) -> Iterator[Any]:
             count = len(model.mesh.getElementsByType(_HEXAHEDRON)[0])
             _logger.warning(
                 "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-                "hexahedra",
+                "hexahedra, which is harmless but for their number",
                 given,
                 count,
             )

@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances
-from dolfinx_nts.common.arrays import Flags, Ints
+from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Body", "bulk_form", "check_bodies", "common_space", "connected", "owned_nodes"]
+__all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
 
 
-class Body:
+class Body(Declaration):
     """A body: all cells with one tag, made of one material. Collective.
 
     Args:
@@ -33,13 +35,15 @@ class Body:
 
     Attributes:
         V: The space.
+        name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
         nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
             sorted, shape ``(n,)``.
 
     Raises:
-        TypeError: ``cells`` is no MeshTags, ``tag`` no integer, or ``material`` no material.
+        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
+            ``material`` no material.
         ValueError: The space or the tag does not fit, or the material has terms with one point
             a cell and the degree is 2.
 
@@ -64,6 +68,7 @@ class Body:
                 f"degree {V.ufl_element().degree}"
             )
         self.V, self.material, self._tag = V, material, tag
+        self.name = NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # Of ghost cells too: this rank may own a node of the body although it owns no cell of
@@ -174,29 +179,3 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
             f"given {free} cells in none and {shared} in several"
         )
     return V
-
-
-def owned_nodes(body: Body) -> Ints:
-    """Owned nodes of all cells of a body, on whatever rank those are. Collective."""
-    index_map = body.V.dofmap.index_map
-    # A node may be owned by a rank that has no cell of the body.
-    marker = la.vector(index_map)
-    marker.array[body.nodes] = 1
-    marker.scatter_reverse(la.InsertMode.add)
-    return np.flatnonzero(marker.array[: index_map.size_local]).astype(np.int32)
-
-
-def connected(bodies: Sequence[Body]) -> list[list[Body]]:
-    """Groups of bodies that are connected by shared nodes. Collective."""
-    V = bodies[0].V
-    last = np.full(V.dofmap.index_map.size_local, -1)  # last body of each owned node
-    touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
-    for i, body in enumerate(bodies):
-        nodes = owned_nodes(body)
-        touching[i, np.setdiff1d(last[nodes], -1)] = True
-        last[nodes] = i
-    touching = reductions.total(V.mesh.comm, touching.astype(np.int32)) > 0
-    group = np.arange(len(bodies))
-    for i, j in np.argwhere(touching):
-        group[group == group[i]] = group[j]
-    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]

@@ -14,7 +14,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arguments import as_call, instances
+from dolfinx_nts.common.arguments import as_call, instances, real_array
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
@@ -121,7 +121,7 @@ class _LoadWithValue(Load):
         return np.array(self._value.value) if self._shape else float(self._value.value)
 
     def _set(self, value: Any) -> None:
-        value = np.asarray(value, dtype=np.float64)
+        value = real_array(f"a {type(self).__name__}", value)
         self._check(value.shape)
         if not np.isfinite(value).all():
             raise ValueError(f"expected a finite {type(self).__name__}, given {value}")

@@ -6,19 +6,20 @@ scheme is a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, 
 Obstacles made of facets are in `rigid_surface`.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
 
 
-class Obstacle(ABC):
+class Obstacle(Declaration):
     """Base of all obstacles, which take the place of segments in a contact pair. Local.
 
     Pairs with an obstacle consist of the node alone, so that gradients have the three entries
@@ -34,6 +35,11 @@ class Obstacle(ABC):
     """
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
+
+    @property
+    def name(self) -> str:
+        """Kind of the obstacle, for messages."""
+        return f"a {type(self).__name__}"
 
     def __repr__(self) -> str:
         """Arguments that define the surface, or its number of facets, in one line. Local."""
@@ -291,7 +297,7 @@ class RigidCylinder(_Round):
 
 
 def _vector(name: str, value: Sequence[float]) -> Floats:
-    vector = np.asarray(value, dtype=np.float64)
+    vector = real_array(name, value)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"expected three finite numbers for {name}, given {value}")
     return vector

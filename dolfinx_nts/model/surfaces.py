@@ -18,6 +18,8 @@ from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -37,7 +39,7 @@ _CENTRE = {3: 1 / 4, 4: 1 / 2}
 _NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
-class Surface:
+class Surface(Declaration):
     """A part of the boundary: facets with one tag, as nodes and as segments of contact.
 
     Collective. `where` and `of` make surfaces without tags.
@@ -49,6 +51,7 @@ class Surface:
 
     Attributes:
         V: The space.
+        name: Name of the region, or ``surface`` with the tag, for messages.
         nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
             ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
@@ -62,7 +65,7 @@ class Surface:
         size: Longest diameter of a segment on any rank in the reference configuration [m].
 
     Raises:
-        TypeError: ``facets`` is no MeshTags, or ``tag`` no integer.
+        TypeError: ``V`` is no function space, ``facets`` no MeshTags, or ``tag`` no integer.
         ValueError: The space or the tag does not fit, or a facet is not on the boundary.
 
     Example:
@@ -81,6 +84,7 @@ class Surface:
         tdim = mesh.topology.dim
         check_tag(V, facets, tag, tdim - 1, "facets")
         self.V, self._facets, self._tag = V, facets, tag
+        self.name = NamedTag.name_of(tag, "surface")
 
         mesh.topology.create_connectivity(tdim - 1, tdim)
         mesh.topology.create_connectivity(tdim, tdim - 1)
@@ -155,13 +159,16 @@ class Surface:
         return cls.of(V, locate_entities_boundary(V.mesh, 2, predicate))
 
     @classmethod
-    def of(cls, V: fem.FunctionSpace, facets: Ints) -> "Surface":
+    def of(
+        cls, V: fem.FunctionSpace, facets: Ints, name: str = "a part of the boundary"
+    ) -> "Surface":
         """Make a surface of given facets. Collective.
 
         Args:
             V: Vector space of the displacement.
             facets: Local indices of facets on the boundary, each on the rank that owns it,
                 shape ``(s,)``.
+            name: What messages call the surface.
 
         Returns:
             The surface.
@@ -172,7 +179,8 @@ class Surface:
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError("expected facets of the boundary, given none")
         ordered = np.sort(facets).astype(np.int32)
-        return cls(V, meshtags(V.mesh, 2, ordered, np.ones_like(ordered)), 1)
+        tags = meshtags(V.mesh, 2, ordered, np.ones_like(ordered))
+        return cls(V, tags, NamedTag(1, name))
 
     @cached_property
     def node_ids(self) -> GlobalInts:

@@ -22,12 +22,15 @@ class Interrupts:
 
     Args:
         comm: Communicator whose ranks stop together.
+
+    Attributes:
+        took_effect: Whether a signal that had waited for the end of a step took effect.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
         """Change nothing before the context is entered."""
         self._comm = comm
-        self._signum = 0
+        self._signum, self.took_effect = 0, False
         self._former: dict[int, Any] = {}
 
     def __enter__(self) -> "Interrupts":
@@ -52,10 +55,14 @@ class Interrupts:
         Args:
             signum: Number of the signal.
         """
-        self.__exit__()
-        signal.raise_signal(signum)
+        self.took_effect = True
+        self._raise(signum)
 
     def _note(self, signum: int, frame: FrameType | None) -> None:
         if self._signum:
-            self.take_effect(signum)
+            self._raise(signum)
         self._signum = signum
+
+    def _raise(self, signum: int) -> None:
+        self.__exit__()
+        signal.raise_signal(signum)

@@ -16,11 +16,13 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import la
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.model.bodies import Body, connected, owned_nodes
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
@@ -86,7 +88,7 @@ def find_free_bodies(
     """
     comm, stiffness = bulk.comm, tangent.nodal_stiffness()
     groups = connected(bodies)
-    nodes = [np.unique(np.concatenate([owned_nodes(b) for b in group])) for group in groups]
+    nodes = [_owned_nodes(group) for group in groups]
     frames = [_frame(comm, x[some]) for some in nodes]
     motions = np.zeros((6, *x.shape))
     for some, frame in zip(nodes, frames, strict=True):
@@ -228,6 +230,17 @@ class FreeBodies:
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
         return weight[:, None] * vectors[:, values < _NEUTRAL]
+
+
+def _owned_nodes(bodies: Sequence[Body]) -> Ints:
+    """Owned nodes of all cells of bodies, on whatever rank those are. Collective."""
+    index_map = bodies[0].V.dofmap.index_map
+    # A node may be owned by a rank that has no cell of the body.
+    marker = la.vector(index_map)
+    for body in bodies:
+        marker.array[body.nodes] = 1
+    marker.scatter_reverse(la.InsertMode.add)
+    return np.flatnonzero(marker.array[: index_map.size_local]).astype(np.int32)
 
 
 def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:

@@ -10,9 +10,9 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.fem.cell_sizes import CellSizes
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 

@@ -3,7 +3,8 @@
 import ctypes
 import itertools
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from mpi4py import MPI
@@ -40,12 +41,18 @@ class PetscOptions:
         bulk: The latter, without prefix.
 
     Raises:
-        ValueError: The preconditioner does not exist on several ranks.
+        TypeError: The options are no mapping.
+        ValueError: The preconditioner does not exist on several ranks, or a name has a dash.
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:
         """Create the prefixes and put the options into the database."""
+        if not (options is None or isinstance(options, Mapping)):
+            raise TypeError(f"expected petsc_options by name in a dict, given {options!r}")
         self._comm, options = comm, dict(options or {})
+        if dashed := [key for key in options if key.startswith("-")]:
+            raise ValueError(f"expected petsc_options without a leading -, given {dashed}")
+        self._given = options
         self.prefix = f"nts_{next(_number)}_"
         self.bulk_prefix = f"{self.prefix}bulk_"
         self.bulk = {key: value for key, value in options.items() if not key.startswith("ksp_")}
@@ -62,6 +69,24 @@ class PetscOptions:
         for name, key in self._names.items():
             database[name] = options[key]
 
+    @contextmanager
+    def understood(self) -> Iterator[None]:
+        """Context in which PETSc reads the options. Collective.
+
+        Raises:
+            ValueError: PETSc refuses one of them.
+        """
+        try:
+            yield
+        except PETSc.Error as error:
+            database = PETSc.Options()
+            for name in self._names:
+                database.delValue(name)
+            reason = str(error).splitlines()[-1].partition("] ")[2]
+            raise ValueError(
+                f"expected petsc_options that PETSc understands, given {self._given}: {reason}"
+            ) from None
+
     def check_used(self) -> None:
         """Tell which options nothing has asked for so far, and forget them. Collective.
 
@@ -77,7 +102,10 @@ class PetscOptions:
         kinds = {value for key, value in self.bulk.items() if key.endswith("pc_type")}
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:
-            text = "nothing has asked for %s of petsc_options; multigrid may need fewer levels"
+            text = (
+                "nothing has asked for %s of petsc_options: harmless if multigrid needs fewer "
+                "levels on this mesh, otherwise look for a misspelling"
+            )
             _logger.warning(text, self._listed(excused))
         if wrong := [name for name in unused if name not in excused]:
             raise ValueError(

@@ -98,7 +98,8 @@ class KrylovMethod:
         pc = self._ksp.getPC()
         pc.setType("python")
         pc.setPythonContext(preconditioner)
-        self._ksp.setFromOptions()
+        with options.understood():
+            self._ksp.setFromOptions()
         self._x, self._b = matrix.createVecs()
         self.num_iterations = 0
 

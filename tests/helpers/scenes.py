@@ -6,6 +6,7 @@ from the equations, not taken from the package.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -93,6 +94,13 @@ class Scene:
             history.reports.append(self.stepper.advance())
             history.rows.append(totals.row())
         return history
+
+
+def of_material(body: nts.Body, material: nts.Hyperelastic) -> nts.Body:
+    """Return the same cells of another material. Local."""
+    other = copy(body)
+    vars(other)["material"] = material
+    return other
 
 
 def gathered(V: fem.FunctionSpace, values: Array) -> Array:

@@ -7,8 +7,10 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
+from dolfinx.mesh import create_unit_cube
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from helpers import scenes
 
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
@@ -39,6 +41,48 @@ def test_wrong_tags_of_bodies_and_surfaces_are_named(comm, refused):
         nts.Surface(V, cells, tag["ball"])
     with refused(ValueError, "expected cells of dimension 3, given dimension 2"):
         nts.Body(V, facets, tag["ball_outer"], rubber)
+    with refused(TypeError, "function space as the first argument, given MeshTags"):
+        nts.Body(cells, V, tag["ball"], rubber)
+
+
+def test_mesh_of_single_precision_is_refused(comm, refused):
+    mesh = create_unit_cube(comm, 2, 2, 2, dtype=np.float32)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    with refused(ValueError, "64 bits, given float32: make it with dtype=np.float64"):
+        nts.Surface.where(V, lambda x: x[2] < 0.1)
+
+
+def three_boxes(comm):
+    """Three boxes in a row, apart from each other."""
+
+    def build(model):
+        for i, x in enumerate((0.0, 1.5, 3.0)):
+            parts.add_box(model, f"box {i}", corner=(x, 0, 0), size=(1, 1, 1), cells=(1, 1, 1))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    return [nts.Body(V, cells, tag[f"box {i}"], nts.NeoHookean(1, 0.3, 1)) for i in range(3)]
+
+
+def test_bodies_that_no_pair_lets_touch_another_are_named(comm, caplog):
+    bodies = three_boxes(comm)
+    surfaces = [nts.boundary_of(body) for body in bodies]
+    floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
+    onto_floor = nts.ContactPair(nts.boundary_of(*bodies), floor)
+    chain = [nts.ContactPair(surfaces[i], surfaces[i + 1]) for i in range(2)]
+    itself = nts.ContactPair(surfaces[2], surfaces[2])
+    for pairs, names in (
+        ([onto_floor], "box 0, box 1, box 2"),
+        ([itself, chain[0]], "box 2"),
+        (chain, ""),
+        (nts.all_pairs(bodies), ""),
+    ):
+        caplog.clear()
+        nts.EnergyMomentum(bodies, pairs, dt=0.1)
+        told = [record.getMessage() for record in caplog.records]
+        assert len(told) == (comm.rank == 0 and bool(names))
+        text = f"without a contact pair with another body: {names}; harmless if they never meet"
+        assert all(text in message for message in told)
 
 
 def test_surface_in_a_space_of_another_degree_is_refused(comm, refused):
@@ -114,6 +158,39 @@ def test_empty_surface_of_a_file_is_no_tag(comm, refused):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     with refused(ValueError, rf"expected a tag out of \[1, 2\] in facets, given {tag['nothing']}"):
         nts.Surface(V, facets, tag["nothing"])
+
+
+@pytest.mark.parametrize("sideways", [True, False], ids=["held", "free sideways"])
+def test_nodes_that_supports_drive_into_what_supports_hold_are_named(comm, refused, sideways):
+    def build(model):
+        parts.add_box(model, "floor", corner=(-1, -1, -1), size=(2, 2, 1), cells=(2, 2, 1))
+        parts.add_box(model, "block", corner=(-0.3, -0.4, 0.01), size=(0.5, 1, 1), cells=(1, 1, 1))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.Body(V, cells, tag[k], nts.NeoHookean(1e5, 0.3, 1e3)) for k in ("floor", "block")]
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    pair = nts.ContactPair(bottom, nts.Surface(V, facets, tag["floor_top"]))
+    way = fem.Constant(mesh, 0.0)
+
+    def update(t):
+        way.value = -t
+
+    bcs = []
+    for axis in range(3) if sideways else [2]:
+        W = V.sub(axis)
+        for name, value in (("floor_top", fem.Constant(mesh, 0.0)), ("block_bottom", way)):
+            if axis < 2:
+                value = fem.Constant(mesh, 0.0)
+            dofs = fem.locate_dofs_topological(W, 2, facets.find(tag[name]))
+            bcs.append(fem.dirichletbc(value, dofs, W))
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.005, bcs=bcs, update=update)
+    stepper.advance()
+    ids = sorted({*np.concatenate(comm.allgather(bottom.node_ids)).tolist()})
+    named = "no contact force can stop nodes that bcs move .* between block_bottom and floor_top: "
+    with refused(nts.ConvergenceError, named + ", ".join(map(str, ids))):
+        list(stepper.run(until=0.1))
+    assert stepper.t == 0.01
 
 
 @schemes

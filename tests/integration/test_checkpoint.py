@@ -19,7 +19,7 @@ from dolfinx_nts.io import checkpoint
 from dolfinx_nts.solvers import krylov
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.readers import read_fields, read_grids
-from helpers.scenes import BLOCK_STEP, blocks
+from helpers.scenes import BLOCK_STEP, blocks, of_material
 
 # Between numbers of ranks, relative to lengths of about one.
 POSITION_TOLERANCE = 1e-10
@@ -40,6 +40,27 @@ def record(stepper, path, num_steps, **options):
     with nts.Recorder(path, stepper, checkpoint_every=2, resume=True, **options) as recorder:
         for step in stepper.run(until=num_steps * stepper.dt):
             recorder.write(step)
+
+
+def test_a_resumed_run_has_the_steps_of_the_script_if_they_are_new(comm, folder, agree):
+    # Within the run its steps are changed to a half, which an unchanged script keeps.
+    def part(dt, until):
+        stepper = scene(comm).stepper
+        stepper.dt = dt
+        with nts.Recorder(folder / "run", stepper, checkpoint_every=1, resume=True) as recorder:
+            for step in stepper.run(until):
+                recorder.write(step)
+                stepper.dt = min(stepper.dt, BLOCK_STEP / 2)
+        rows = np.genfromtxt(folder / "run.csv", delimiter=",", names=True)
+        return rows["dt"][1:] / BLOCK_STEP, rows
+
+    assert agree(part(BLOCK_STEP, 2 * BLOCK_STEP)[0] == pytest.approx([1, 0.5, 0.5]))
+    assert agree(part(BLOCK_STEP, 3 * BLOCK_STEP)[0][3:] == pytest.approx([0.5, 0.5]))
+    lengths, rows = part(BLOCK_STEP / 4, 4 * BLOCK_STEP)
+    assert agree(lengths[5:] == pytest.approx([0.25] * 4))
+    energy = rows["total_energy"]
+    assert agree(np.ptp(energy) < 1e-11 * energy[0])
+    assert agree(np.abs(rows["energy_unaccounted"]).max() < 1e-11 * energy[0])
 
 
 @schemes
@@ -111,9 +132,7 @@ def test_other_scenes_are_refused_with_what_differs(comm, folder, refused):
     with refused(ValueError, r"body 3 is missing instead of .*; .*mesh is .*; pair 2 is missing"):
         checkpoint.load(path, blocks(comm, num_bodies=3).stepper)
     softer = nts.SaintVenantKirchhoff(E=2.0, nu=0.3, rho=1.0)
-    bodies = blocks(comm).stepper.bodies
-    for body in bodies:
-        body.material = softer
+    bodies = [of_material(body, softer) for body in blocks(comm).stepper.bodies]
     with refused(ValueError, "body 1 is .*rho=10.0.* instead of .*rho=1.0"):
         checkpoint.load(path, nts.EnergyMomentum(bodies, dt=1.0))
     same = blocks(comm, dt=2 * BLOCK_STEP).stepper
@@ -297,6 +316,8 @@ def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signu
         stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
         with nts.Recorder(folder / "parts", stepper, resume=True):
             assert stepper.step == len(rows) - 2
+        told = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
+        assert killed.stderr.count(told) == 1
     again = run_script(folder / "parts")
     assert again.returncode == 0, again.stderr
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]

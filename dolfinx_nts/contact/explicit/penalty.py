@@ -204,8 +204,16 @@ class ContactSprings:
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 
         def history() -> ContactHistory:
+            force = springs.force[:, 0]
+            # Without friction, which brings the normal itself, the force is along it.
+            normal = force / -lambda_N[:, None]
             history = ContactHistory.at(
-                n, springs.node, lambda_N=lambda_N, energy=springs.energy, force=springs.force[:, 0]
+                n,
+                springs.node,
+                lambda_N=lambda_N,
+                energy=springs.energy,
+                force=force,
+                normal=normal,
             )
             paired = segment >= 0
             history.active[springs.node] = True

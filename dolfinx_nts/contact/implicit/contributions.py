@@ -15,6 +15,8 @@ __all__ = ["ContactContribution", "PairKinematics"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
+# Part of a gradient of the gap [-] that is round-off.
+_NO_FREEDOM = 1e-8
 
 
 class PairKinematics:
@@ -72,6 +74,18 @@ class PairKinematics:
             self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
+
+    @property
+    def is_given(self) -> Flags:
+        """Whether given displacements alone decide the gap, shape ``(m,)``."""
+        if self._free is None:
+            return np.zeros(len(self.node), dtype=bool)
+        free, whole = (
+            np.linalg.norm(gradient, axis=1)
+            for gradient in (self._free * self.contact.gradient, self.contact.gradient)
+        )
+        given: Flags = free <= _NO_FREEDOM * whole
+        return given
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
         """Force, ``(m, d)`` [N], without entries of given displacements.

@@ -73,7 +73,6 @@ class LocalSearch:
         self.last = candidates.find(state.history.key)
         self.segment_n, self.gap = candidates.pair(points, self.x_n, self.last, self.reach)
         met, gap_trial = candidates.pair(points, trial, self.segment_n, self.reach)
-        self._gap_n = self.gap.copy()
         # The gap at t_n counts on the segment that the ballistic state meets.
         gap_n = self.gap.copy()
         moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
@@ -95,8 +94,8 @@ class LocalSearch:
         """Nodes that lie on their segments at t_n, but for round-off, shape ``(n,)``."""
         size = self.candidates.size
         # Without candidates no node has a segment.
-        size = size.take(self.segment_n, mode="wrap") if len(size) else np.ones(1)
-        flags: Flags = np.abs(self._gap_n) <= TOUCHES * size
+        size = size.take(self.approach.segment, mode="wrap") if len(size) else np.ones(1)
+        flags: Flags = np.abs(self.approach.gap_n) <= TOUCHES * size
         return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

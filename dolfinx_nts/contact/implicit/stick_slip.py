@@ -268,12 +268,10 @@ class StickSlip(Friction):
         t = self.traction[node]
         parts: dict[str, Any] = {
             "traction": np.zeros_like(old.traction),
-            "normal": np.zeros_like(old.normal),
             "slip": old.slip.copy(),
             "dissipation": np.zeros_like(old.dissipation),
         }
         parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
-        parts["normal"][node] = slip.normal
         length = np.linalg.norm(slip.value, axis=1)
         parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
         dx = (x - self._search.x_n)[pairs.dofs]

@@ -212,7 +212,44 @@ def test_accepted_history_holds_pushing_forces_along_the_normals(comm, agree):
     up = history.force[history.active][:, 2]
     assert agree(np.all(up > 0))
     np.testing.assert_allclose(pair.pressure * pair.nodes.area, -history.lambda_N, rtol=ROUNDING)
+    # Nearly all that the nodes face is flat.
+    facing = history.gap < np.inf
+    assert agree(np.allclose(np.linalg.norm(history.normal[history.active], axis=1), 1, ROUNDING))
+    assert agree(np.all(history.normal[history.active][:, 2] > 0.99))
+    assert agree(not history.normal[~facing].any())
     assert comm.allreduce(np.count_nonzero(history.active)) >= 3
+
+
+@pytest.mark.parametrize(
+    ("scheme", "law", "friction"),
+    [
+        (nts.EnergyMomentum, nts.LagrangeMultiplier(), None),
+        (nts.Midpoint, nts.Penalty(), nts.Coulomb(0.3)),
+        (nts.CentralDifference, nts.Penalty(), None),
+        (nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
+    ],
+)
+def test_accepted_normal_is_the_gradient_of_the_gap(comm, scheme, law, friction):
+    old = scenes.blocks(comm).stepper
+    pair = nts.ContactPair(old.pairs[0].nodes, old.pairs[0].segments, law, friction)
+    explicit = scheme is nts.CentralDifference
+    stepper = scheme(old.bodies, [pair], dt=BLOCK_STEP / (4 if explicit else 1))
+    for body in old.bodies:
+        stepper.set_velocity(body, old.v)
+    while stepper.advance().num_active < 3:
+        pass
+    history, x, h = pair.history, stepper.x, 1e-6
+    slope = []
+    for direction in np.eye(3):
+        ends = []
+        for sign in (-1, 1):
+            moved = x.copy()
+            moved[pair.nodes.nodes] += sign * h * direction
+            ends.append(pair.gap(moved))
+        slope.append((ends[1] - ends[0]) / (2 * h))
+    expected = np.column_stack(slope)[history.active]
+    np.testing.assert_allclose(history.normal[history.active], expected, atol=1e-7)
+    assert comm.allreduce(len(expected)) >= 3
 
 
 def gaps_of_active_nodes(comm, impact):
@@ -356,7 +393,7 @@ def test_exact_contact_has_no_springs(comm):
 def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refused):
     scene = scenes.blocks(comm)
     (pair,), bodies = scene.stepper.pairs, scene.stepper.bodies
-    with pytest.raises(AttributeError, match="expected a new ContactPair, as none changes its fr"):
+    with pytest.raises(AttributeError, match=r"another ContactPair.* a new value of friction"):
         pair.friction = nts.Coulomb(0.3)
     assert agree(pair.history is scene.stepper.contacts[0].history)
     other = nts.EnergyMomentum(bodies, scene.stepper.pairs, dt=BLOCK_STEP)

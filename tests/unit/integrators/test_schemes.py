@@ -172,11 +172,89 @@ def test_run_of_whole_steps_makes_no_tiny_last_step(comm):
     assert scene.stepper.t == 0.1
 
 
-def test_run_to_the_past_does_nothing(comm):
+def test_run_to_the_past_does_nothing_and_says_so(comm, caplog):
     scene = one_box(comm, nts.EnergyMomentum)
     scene.stepper.advance()
+    assert list(scene.stepper.run(until=0.02)) == []
+    assert not caplog.records
     assert list(scene.stepper.run(until=0.0)) == []
     assert scene.stepper.t == 0.02
+    assert ("no steps to take, as the time is 0.02: harmless where" in caplog.text) == (
+        comm.rank == 0
+    )
+
+
+def test_run_without_a_loop_is_told(comm, caplog):
+    stepper = one_box(comm, nts.EnergyMomentum).stepper
+    stepper.run(until=0.1)
+    assert ('write "for step in stepper.run(...)"' in caplog.text) == (comm.rank == 0)
+    caplog.clear()
+    for _ in stepper.run(until=0.1):
+        break
+    assert stepper.step == 1
+    assert not caplog.records
+
+
+def test_wrong_arguments_of_run_are_refused_at_once(comm, refused):
+    stepper = one_box(comm, nts.EnergyMomentum).stepper
+    with refused(ValueError, "until >= 0 for the end of a run, given -1"):
+        stepper.run(until=-1)
+    with refused(ValueError, "finite number for until, given nan"):
+        stepper.run(until=np.nan)
+    with refused(TypeError, r"expected a StepControl as control, given \[1\]"):
+        stepper.run(until=0.1, control=[1])
+
+
+@pytest.mark.parametrize("control", [None, nts.StepControl()])
+def test_step_length_can_be_changed_within_a_run(comm, control):
+    scene = one_box(comm, nts.EnergyMomentum)
+    stepper, diagnostics = scene.stepper, nts.Diagnostics(scene.stepper)
+    stepper.set_velocity(scene.bodies["body 0"], lambda X: np.array([X[2], -X[0], 2 * X[1]]))
+    energy, ends = diagnostics.balance().total_energy, []
+    for step in stepper.run(0.1, control):
+        ends.append(step.t)
+        stepper.dt = 0.01 if step.step < 4 else 0.03
+        assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-12)
+    np.testing.assert_allclose(
+        ends, [0.02, 0.03, 0.04, 0.05, *((0.08,) if control is None else (0.075,)), 0.1]
+    )
+    assert stepper.t == 0.1
+
+
+def test_step_length_cannot_be_changed_within_a_step(comm, refused):
+    scene = one_box(comm, nts.EnergyMomentum)
+    bodies = list(scene.bodies.values())
+
+    def update(t):
+        stepper.dt = 0.01
+
+    stepper = nts.EnergyMomentum(bodies, dt=0.02, update=update)
+    with refused(ValueError, "dt to be set between two steps, given 0.01 within a step of 0.02"):
+        stepper.advance()
+    assert (stepper.dt, stepper.t) == (0.02, 0.0)
+
+
+def test_statics_refuse_a_velocity(comm, refused):
+    scene = one_box(comm, nts.EnergyMomentum)
+    (body,) = bodies = list(scene.bodies.values())
+    stepper = nts.QuasiStatic(bodies, dt=1.0)
+    stepper.set_velocity(body, (0.0, 0.0, -2.0))
+    with refused(ValueError, "no velocity in QuasiStatic, given one of up to 2: .*EnergyMomentum"):
+        stepper.advance()
+
+
+def test_values_that_are_no_real_numbers_are_refused(comm, refused):
+    scene = one_box(comm, nts.EnergyMomentum)
+    stepper, body = scene.stepper, scene.bodies["body 0"]
+    with refused(TypeError, r"real numbers for a velocity, given \(0, 0, 1j\)"):
+        stepper.set_velocity(body, (0, 0, 1j))
+    with refused(TypeError, r"real numbers for a velocity, given array\(\[\[.*j"):
+        stepper.set_velocity(body, lambda X: X * 1j)
+    with refused(TypeError, "real numbers for a displacement, given 'far'"):
+        stepper.set_displacement(body, "far")
+    with refused(TypeError, "one of the bodies given to the stepper, given 'ball'"):
+        stepper.set_velocity("ball", (0, 0, 1))
+    assert largest(scene, stepper.v.x.array) == 0
 
 
 def test_run_left_early_restores_the_step(comm):
@@ -303,6 +381,8 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
     (stranger,) = other.bodies.values()
     with refused(TypeError, "expected a ContactPair, given Surface"):
         nts.EnergyMomentum(bodies, [stepper.pairs[0].nodes], dt=0.1)
+    with refused(TypeError, "a function of the time as update, given 3"):
+        nts.EnergyMomentum(bodies, dt=0.1, update=3)
     with refused(ValueError, "at least one body, given none"):
         nts.EnergyMomentum([], dt=0.1)
     with refused(ValueError, "bodies and pairs in one function space, given two"):
@@ -311,7 +391,7 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
         nts.EnergyMomentum(bodies[:1], dt=0.1)
     with refused(ValueError, "a body of this stepper, given another"):
         stepper.set_velocity(stranger, (0, 0, 1))
-    with refused(ValueError, r"expected shape \(3,\) or"):
+    with refused(ValueError, r"expected a velocity of shape \(3,\) or"):
         # The number of nodes differs from rank to rank: any wrong one will do.
         one = comm.allreduce(len(bodies[0].nodes), op=scenes.MPI.MIN)
         try:

@@ -1,7 +1,5 @@
 """Fingerprints of scenes: what changes them, and what does not."""
 
-from copy import copy
-
 from mpi4py import MPI
 
 import numpy as np
@@ -9,17 +7,14 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io.fingerprint import fingerprint
-from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, rotation
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, of_material, rotation
 
 
 def other_bodies(stepper, **options):
     """The same cells of another material."""
     E, nu, rho = BLOCK_RUBBER
     material = nts.SaintVenantKirchhoff(E=E, nu=nu, rho=rho, **options)
-    bodies = []
-    for body in stepper.bodies:
-        bodies.append(copy(body))
-        bodies[-1].material = material
+    bodies = [of_material(body, material) for body in stepper.bodies]
     return nts.EnergyMomentum(bodies, stepper.pairs, dt=BLOCK_STEP)
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import logging
+import re
 
 from mpi4py import MPI
 
@@ -240,10 +241,31 @@ def test_wrong_use_is_refused(comm, folder, refused):
     step = stepper.advance()
     with refused(ValueError, "expected an open recorder"):
         recorder.write(step)
+    with refused(ValueError, "a summary after the with block, given none entered yet"):
+        recorder.summary()
     with recorder:
         stepper.advance()
         with refused(ValueError, "now step 2, given step 3 when 3 are done"):
             recorder.write(stepper.advance())
+
+
+@pytest.mark.parametrize("checkpoint_every", [None, 2])
+def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoint_every):
+    stepper = blocks(comm).stepper
+    with (
+        pytest.raises(KeyboardInterrupt),
+        Recorder(folder / "run", stepper, checkpoint_every=checkpoint_every) as recorder,
+    ):
+        for step in stepper.run(until=1.0):
+            if step.step == 4:
+                raise KeyboardInterrupt
+            recorder.write(step)
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == (comm.rank == 0)
+    text = "step after 3; .*run.checkpoint.h5 holds step 2, t = 0.04: the same script with .*resume"
+    if checkpoint_every is None:
+        text = "step after 3; there is no checkpoint: with .*checkpoint_every=50, resume=True"
+    assert all(re.search(text, message) for message in told)
 
 
 def test_the_summary_counts_and_is_logged_on_the_first_rank(comm, folder, caplog):

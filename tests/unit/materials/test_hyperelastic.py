@@ -157,7 +157,7 @@ def test_hyperelastic_refuses_bad_numbers_and_energies():
     with pytest.raises(TypeError, match=r"expected a function psi\(C\), given float"):
         nts.Hyperelastic(1.0, rho=1.0)
     with pytest.raises(ValueError, match=r"without negative eigenvalue .* given -24 Pa"):
-        nts.Hyperelastic(lambda C: -(ufl.tr(C) ** 2), rho=1.0, stiffness_damping=1.0)
+        nts.Hyperelastic(lambda C: -((ufl.tr(C) - 3) ** 2), rho=1.0, stiffness_damping=1.0)
 
 
 @pytest.mark.parametrize(
@@ -177,8 +177,37 @@ def test_energy_without_second_derivative_is_refused(psi):
         nts.Hyperelastic(psi, rho=1.0)
 
 
-def test_residual_stress_and_stiff_exponentials_are_accepted():
-    nts.Hyperelastic(lambda C: ufl.tr(C), rho=1.0)
+@pytest.mark.parametrize(
+    ("psi", "stress"),
+    [
+        (lambda C: 3 * ufl.tr(C), r"\[\[6.0, 0.0, 0.0\], \[0.0, 6.0, 0.0\], \[0.0, 0.0, 6.0\]\]"),
+        (
+            lambda C: 1e3 * (ufl.tr(C) - 3) ** 2 + C[0, 1] + C[1, 0],
+            r"\[\[0.0, 2.0, 0.0\], \[2.0, 0.0, 0.0\], \[0.0, 0.0, 0.0\]\]",
+        ),
+    ],
+)
+def test_energy_with_a_stress_at_rest_is_refused_with_the_stress(psi, stress):
+    with pytest.raises(ValueError, match=f"without stress at C = 1, given S = {stress} Pa"):
+        nts.Hyperelastic(psi, rho=1.0)
+
+
+def test_small_stress_at_rest_by_rounded_numbers_is_accepted():
+    nts.Hyperelastic(lambda C: 1e3 * (ufl.tr(C) - 3) ** 2 + 1e-4 * ufl.tr(C), rho=1.0)
+
+
+def test_energy_and_stress_without_numbers_are_those_of_the_material():
+    C = ufl.Identity(3) * 1.1
+    for material in MATERIALS.values():
+        given = material.parameters
+        assert material.psi(C)(()) == material.psi(C, **given)(()) > 0
+        traces = [ufl.tr(material.stress(C, **numbers))(()) for numbers in ({}, given)]
+        assert traces[0] == traces[1] > 0
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            given["mu"] = 1.0
+
+
+def test_stiff_exponentials_are_accepted():
     nts.Hyperelastic(lambda C: ufl.exp(500 * (ufl.tr(C) - 3) ** 2), rho=1.0)
 
 

@@ -114,6 +114,24 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
     assert not any(name.endswith(f"_{key}") for name in left for key in unused.split(", "))
 
 
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"ksp_type": "nosuch"}, "given .*ksp_type.*: Unable to find requested KSP type nosuch"),
+        ({"ksp_max_it": "many"}, "given .*: Input string many has no integer value"),
+        ({"pc_type": "nosuch"}, "given .*pc_type.*: Unable to find requested PC type nosuch"),
+        ({"-pc_type": "lu"}, r"without a leading -, given \['-pc_type'\]"),
+    ],
+)
+def test_options_that_petsc_does_not_understand_are_refused_with_its_reason(
+    comm, refused, options, reason
+):
+    scene, before = scenes.blocks(comm), PETSc.Options().getAll().keys()
+    with refused(ValueError, f"expected petsc_options .*{reason}"):
+        with_options(scene, options).advance()
+    assert not PETSc.Options().getAll().keys() - before
+
+
 def test_options_for_levels_may_wait_for_a_mesh_that_has_some(comm, caplog):
     scene = scenes.blocks(comm)
     with_options(scene, {"pc_type": "gamg", "mg_levels_9_ksp_max_it": 1}).advance()
@@ -135,7 +153,10 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
         stepper.advance()
     assert stepper.statistics.solver.preconditioner == "LU"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
-    text = "JACOBI of petsc_options fails, stronger factors take its place"
+    text = (
+        "JACOBI of petsc_options fails, and stronger factors take its place: harmless for the "
+        "results, but leave the option out, or choose another one, to save time"
+    )
     assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
 

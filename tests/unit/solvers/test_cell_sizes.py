@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
-from dolfinx_nts.fem.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from helpers import scenes
 
 

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+from petsc4py import PETSc
+
 import numpy as np
 from dolfinx import fem
-from petsc4py import PETSc
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions

@@ -1,0 +1,53 @@
+"""What users declare never changes, and says how to do it."""
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from helpers import scenes
+
+DECLARED = [
+    (nts.RigidSphere((0, 0, 0), 1.0), "centre"),
+    (nts.RigidPlane((0, 0, 0), (0, 0, 1)), "_point"),
+    (nts.RigidSurface(np.eye(3), [[0, 1, 2]], (9, 9, 9)), "_points"),
+    (nts.Penalty(1.0), "eps_N"),
+    (nts.Penalty(1.0).halved(), "share"),
+    (nts.LagrangeMultiplier(), "impact"),
+    (nts.Coulomb(0.3), "mu"),
+    (nts.NeoHookean(1.0, 0.3, 1.0), "rho"),
+    (nts.StepControl(), "gap_tol"),
+]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("item", "name"), DECLARED, ids=lambda value: type(value).__name__)
+def test_what_is_declared_never_changes(item, name):
+    before, kind = repr(item), type(item).__name__
+    with pytest.raises(AttributeError, match=f"{name}: make a {kind} with it, and a stepper with"):
+        setattr(item, name, 5.0)
+    assert repr(item) == before
+
+
+def test_bodies_surfaces_and_pairs_never_change(comm):
+    scene = scenes.blocks(comm)
+    pair, body = scene.stepper.pairs[0], scene.stepper.bodies[0]
+    for item, name in (
+        (pair, "enforcement"),
+        (pair.nodes, "segments"),
+        (body, "material"),
+    ):
+        with pytest.raises(AttributeError, match=f"expected another {type(item).__name__}"):
+            setattr(item, name, None)
+
+
+@pytest.mark.serial
+def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
+    class Wall(nts.RigidPlane):
+        def __init__(self, height):
+            super().__init__((0, 0, height), (0, 0, 1))
+            self.height = height
+
+    wall = Wall(2.0)
+    assert wall.height == 2.0
+    with pytest.raises(AttributeError, match="make a Wall with it"):
+        wall.height = 3.0
