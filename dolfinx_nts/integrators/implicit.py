@@ -127,6 +127,8 @@ class ImplicitStepper(Stepper):
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
         load = self._norm(self._bulk.load()) if self.loads else 0.0
+        if not np.isfinite(load):
+            raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
@@ -180,11 +182,12 @@ class ImplicitStepper(Stepper):
             )
         if nodes := self._listed(step.restless for step in steps):
             reasons += f"; nodes that keep changing segment or state: {nodes}"
-        if "through a surface" in reasons or "into a surface" in reasons:
+        advice = self._free_bodies.advice() or self._time_helps()
+        sunk = any(words in reasons for words in ("through a surface", "into a surface"))
+        if sunk or "contact holds" in advice:
             springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
             for contact in springs:
                 reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
-        advice = "a smaller dt may help"
         for step in steps:
             if nodes := self._listed([step.given]):
                 advice = (
@@ -196,6 +199,17 @@ class ImplicitStepper(Stepper):
             f"the state is that of the last accepted step: {advice}",
             list(attempts.values()),
         )
+
+    def _time_helps(self) -> str:
+        """Advice where only the length of the step is left to change. Collective."""
+        if self._rates.acceleration is None and self._update is None:
+            load = self._bulk.load()
+            self._load_at(0.0)
+            change = self._norm(self._bulk.load() - load)
+            self._load_at(self.scheme.load_point)
+            if change == 0.0:
+                return "loads that grow with time from step to step may help"
+        return "a smaller dt may help"
 
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
         """Text with some numbers of nodes from all ranks, empty without. Collective."""
@@ -216,6 +230,7 @@ class ImplicitStepper(Stepper):
             work = work + step_work
             contact.accept(history)
         self._soft_springs.look()
+        self._free_bodies.tell()
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)

@@ -19,6 +19,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.repeated_pairs import check_repeated
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
@@ -26,6 +27,7 @@ from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies
+from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
@@ -63,6 +65,7 @@ class Stepper(TimeLoop):
     ) -> None:
         """Check the arguments, and begin with undeformed bodies without motion."""
         V = check_bodies(bodies)
+        check_volumes(bodies)
         self.bodies = tuple(bodies)
         self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
         self.loads: tuple[Load, ...] = instances(Load, loads)
@@ -79,6 +82,7 @@ class Stepper(TimeLoop):
         if not (update is None or callable(update)):
             raise TypeError(f"expected a function of the time as update, given {update!r}")
         end_together()
+        check_repeated(self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u))

@@ -10,6 +10,7 @@ which leave the equilibrium as it is:
   it vanishes where there is an equilibrium, and is only taken away while it is negligible.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,8 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["FreeBodies", "FreeBody", "find_free_bodies"]
 
+_logger = logging.getLogger("dolfinx_nts")
+
 # Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
 _SHIFT = 1e-6
 # Stiffness against a rigid motion, relative to that of the nodes [-], which is round-off.
@@ -41,7 +44,8 @@ _NEUTRAL = 1e-3
 # inertia: in a solution, where facets of curved surfaces and nodes that do not match make up so
 # much, and on the way to one, where a larger one drives the body to another place.
 _NEGLIGIBLE, _DRIVING = 1e-2, 0.3
-_NAMES = [f"{kind} {axis}" for kind in ("translation in", "rotation about") for axis in "xyz"]
+# The same from which on a run says so: less is round-off.
+_TOLD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -68,11 +72,15 @@ class FreeBody:
         return np.einsum("ik,i...->k...", self.motions, _rigid_motions(x, self.centre, self.size))
 
     def __str__(self) -> str:
-        """Names of the motions."""
+        """Names of the bodies and of the motions."""
         part = np.linalg.norm(self.motions, axis=1)
-        names = [name for name, p in zip(_NAMES, part, strict=True) if p > 1 - _ROUNDING]
-        others = self.motions.shape[1] - len(names)
-        return ", ".join([*names, f"{others} other rigid motions"] if others else names)
+        whole = part > 1 - _ROUNDING
+        axes = ["".join(a for a, w in zip("xyz", some, strict=True) if w) for some in (whole[:3], whole[3:])]
+        motions = [f"{kind} {', '.join(a)}" for kind, a in zip(("translation in", "rotation about"), axes, strict=True) if a]
+        if others := self.motions.shape[1] - int(np.count_nonzero(whole)):
+            motions.append(f"{others} other rigid motions")
+        motions = ", ".join(motions)
+        return f"{' and '.join(body.name for body in self.bodies)} (free: {motions})"
 
 
 def find_free_bodies(
@@ -134,7 +142,11 @@ class FreeBodies:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
         self._num_motions = int(ends[-1])
+        self._told = False
         self.begin()
+        for body in self.bodies:
+            if self._comm.rank == 0:
+                _logger.info("only contact can hold %s", body)
 
     def begin(self) -> None:
         """Begin a solution, without any force."""
@@ -144,6 +156,7 @@ class FreeBodies:
     def _release(self) -> None:
         """Let bodies move as they are driven."""
         self._share = 0.0
+        self._driven = ""
         self.force: Floats = np.zeros_like(self._label)
         self._motions: Floats = np.zeros((0, *self._label.shape))
         self._gram: Floats = np.zeros((0, 0))
@@ -183,7 +196,12 @@ class FreeBodies:
         sums, pressing = reductions.total(self._comm, sums), reductions.total(self._comm, pressing)
         gram, f = sums[:, :-1], sums[:, -1]
         self._release()
-        share = float(np.linalg.norm(f)) / (pressing + scale or 1.0)
+        force = float(np.linalg.norm(f))
+        share = force / (pressing + scale or 1.0)
+        if share > _NEGLIGIBLE:
+            parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
+            body = self.bodies[int(np.argmax(parts))]
+            self._driven = f"no support or contact holds {body} against {force:.3g} N"
         if len(f) and share <= self._limit:
             self._share = share
             self._motions, self._gram = modes, gram
@@ -196,6 +214,29 @@ class FreeBodies:
         if not settled:
             self._limit = _NEGLIGIBLE
         return settled
+
+    def advice(self) -> str:
+        """Say what would help where there is no solution; "" without free bodies. Local."""
+        if self._driven:
+            return f"{self._driven}; bcs, friction or inertia (EnergyMomentum) would"
+        if not self.bodies:
+            return ""
+        names = "; ".join(map(str, self.bodies))
+        return f"only contact holds {names}: bcs or friction against these motions may help"
+
+    def tell(self) -> None:
+        """Warn, once, of what inertia has to carry in a solution. Local."""
+        if self._share <= _TOLD or self._told:
+            return
+        self._told = True
+        if self._comm.rank == 0:
+            _logger.warning(
+                "only contact without friction holds %s; it leaves %.1e of the forces at work "
+                "unbalanced, which is harmless where that is little enough: otherwise bcs or "
+                "friction against these motions carry it",
+                "; ".join(map(str, self.bodies)),
+                self._share,
+            )
 
     def restrain(self, du: Floats) -> Floats:
         """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
