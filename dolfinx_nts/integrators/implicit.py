@@ -92,7 +92,8 @@ class ImplicitStepper(Stepper):
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
         self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[::3])
         if free:
-            self._bulk.shift = self._tangent.shift = self._free_bodies.shift
+            self._bulk.stabilisation = self._free_bodies.resistance
+            self._tangent.shift = self._free_bodies.shift
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)

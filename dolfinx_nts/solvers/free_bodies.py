@@ -33,7 +33,9 @@ __all__ = ["FreeBodies", "FreeBody", "find_free_bodies"]
 _logger = logging.getLogger("dolfinx_nts")
 
 # Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
-_SHIFT = 1e-6
+_SHIFT = 1e-9
+# Stiffness that it has against motions which nothing resists, relative to the sum of these [-].
+_HOLD = 1.0
 # Stiffness against a rigid motion, relative to that of the nodes [-], which is round-off.
 _NO_RESISTANCE = 1e-10
 # Part of a unit motion that may be missing in the free ones [-] for it to count among them.
@@ -139,6 +141,9 @@ class FreeBodies:
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
+        sums = [[self.shift[b.nodes].sum(), self._mass[b.nodes].sum()] for b in bodies]
+        sums = reductions.total(self._comm, np.array([[0.0, 1.0], *sums]))
+        self._stiffness = _HOLD / _SHIFT * float((sums[:, 0] / sums[:, 1]).max())
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
         self._num_motions = int(ends[-1])
@@ -158,7 +163,7 @@ class FreeBodies:
         self._share = 0.0
         self._driven = ""
         self.force: Floats = np.zeros_like(self._label)
-        self._motions: Floats = np.zeros((0, *self._label.shape))
+        self._motions = self._weighted = np.zeros((0, self._label.size))
         self._gram: Floats = np.zeros((0, 0))
 
     def relieve(
@@ -204,9 +209,17 @@ class FreeBodies:
             self._driven = f"no support or contact holds {body} against {force:.3g} N"
         if len(f) and share <= self._limit:
             self._share = share
-            self._motions, self._gram = modes, gram
+            self._motions, self._weighted, self._gram = modes, weighted, gram
             self.force = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
         return (total - self.force).ravel()
+
+    def resistance(self, x: Floats) -> Floats:
+        """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
+        y = self.shift * x
+        if len(self._gram):
+            amount = self._amount(x.ravel())
+            y += self._stiffness * (amount @ self._weighted).reshape(-1, 3)
+        return y
 
     def settles(self) -> bool:
         """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
@@ -242,9 +255,12 @@ class FreeBodies:
         """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
         if not len(self._gram):
             return du
-        weighted = self._motions @ (np.repeat(self._mass, 3) * du)
-        amount = np.linalg.solve(self._gram, reductions.total(self._comm, weighted))
-        return du - amount @ self._motions
+        return du - self._amount(du) @ self._motions
+
+    def _amount(self, du: Floats) -> Floats:
+        """Parts of displacements, ``(3 n,)`` [m], that are the motions nothing resists."""
+        moments = reductions.total(self._comm, self._weighted @ du)
+        return np.linalg.solve(self._gram, moments)
 
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]

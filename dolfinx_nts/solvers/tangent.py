@@ -24,7 +24,7 @@ __all__ = ["Tangent"]
 _LEAST_STIFFNESS = 0.1
 # Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
 # contact makes up for what is too much, not for what is too little.
-_NEARBY_SHIFT = 1e3
+_NEARBY_SHIFT = 1e6
 
 
 class Tangent:
