@@ -27,8 +27,8 @@ from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies
-from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions

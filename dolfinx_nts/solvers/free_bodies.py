@@ -13,6 +13,7 @@ which leave the equilibrium as it is:
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from mpi4py import MPI
 
@@ -34,6 +35,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
 _SHIFT = 1e-9
+# How much more of it a body has that is driven away from where it is [-].
+_FALLING = 1e3
 # Stiffness that it has against motions which nothing resists, relative to the sum of these [-].
 _HOLD = 1.0
 # Stiffness against a rigid motion, relative to that of the nodes [-], which is round-off.
@@ -77,12 +80,13 @@ class FreeBody:
         """Names of the bodies and of the motions."""
         part = np.linalg.norm(self.motions, axis=1)
         whole = part > 1 - _ROUNDING
-        axes = ["".join(a for a, w in zip("xyz", some, strict=True) if w) for some in (whole[:3], whole[3:])]
-        motions = [f"{kind} {', '.join(a)}" for kind, a in zip(("translation in", "rotation about"), axes, strict=True) if a]
+        motions = []
+        for kind, some in (("translation in", whole[:3]), ("rotation about", whole[3:])):
+            if some.any():
+                motions.append(f"{kind} {', '.join(np.array(list('xyz'))[some])}")
         if others := self.motions.shape[1] - int(np.count_nonzero(whole)):
             motions.append(f"{others} other rigid motions")
-        motions = ", ".join(motions)
-        return f"{' and '.join(body.name for body in self.bodies)} (free: {motions})"
+        return f"{' and '.join(body.name for body in self.bodies)} (free: {', '.join(motions)})"
 
 
 def find_free_bodies(
@@ -145,7 +149,7 @@ class FreeBodies:
         sums = reductions.total(self._comm, np.array([[0.0, 1.0], *sums]))
         self._stiffness = _HOLD / _SHIFT * float((sums[:, 0] / sums[:, 1]).max())
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
-        self._columns = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+        self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self._num_motions = int(ends[-1])
         self._told = False
         self.begin()
@@ -215,7 +219,7 @@ class FreeBodies:
 
     def resistance(self, x: Floats) -> Floats:
         """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
-        y = self.shift * x
+        y = (_FALLING if self._driven else 1.0) * self.shift * x
         if len(self._gram):
             amount = self._amount(x.ravel())
             y += self._stiffness * (amount @ self._weighted).reshape(-1, 3)

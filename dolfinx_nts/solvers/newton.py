@@ -151,9 +151,7 @@ def solve(
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, n)
-        R = free.relieve(
-            R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states
-        )
+        R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
