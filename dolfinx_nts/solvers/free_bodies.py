@@ -14,6 +14,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 from mpi4py import MPI
 
@@ -74,7 +75,9 @@ class FreeBody:
 
     def at(self, x: Floats) -> Floats:
         """Free motions at positions, ``(..., 3)`` [m], shape ``(k, ..., 3)`` [-]. Local."""
-        return np.einsum("ik,i...->k...", self.motions, _rigid_motions(x, self.centre, self.size))
+        units = _rigid_motions(x, self.centre, self.size)
+        motions: Floats = np.einsum("ik,i...->k...", self.motions, units)
+        return motions
 
     def __str__(self) -> str:
         """Names of the bodies and of the motions."""
@@ -145,8 +148,8 @@ class FreeBodies:
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
-        sums = [[self.shift[b.nodes].sum(), self._mass[b.nodes].sum()] for b in bodies]
-        sums = reductions.total(self._comm, np.array([[0.0, 1.0], *sums]))
+        parts = [[self.shift[b.nodes].sum(), self._mass[b.nodes].sum()] for b in bodies]
+        sums: Floats = reductions.total(self._comm, np.array([[0.0, 1.0], *parts]))
         self._stiffness = _HOLD / _SHIFT * float((sums[:, 0] / sums[:, 1]).max())
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
@@ -259,9 +262,10 @@ class FreeBodies:
         """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
         if not len(self._gram):
             return du
-        return du - self._amount(du) @ self._motions
+        kept: Floats = du - self._amount(du) @ self._motions
+        return kept
 
-    def _amount(self, du: Floats) -> Floats:
+    def _amount(self, du: Floats) -> Any:
         """Parts of displacements, ``(3 n,)`` [m], that are the motions nothing resists."""
         moments = reductions.total(self._comm, self._weighted @ du)
         return np.linalg.solve(self._gram, moments)
@@ -285,12 +289,13 @@ class FreeBodies:
                 motions = motions.reshape(len(motions), len(dofs), gradients.shape[2])
                 slopes[columns] = np.einsum("mid,kmd->kmi", gradients, motions)
                 counts[columns] += np.count_nonzero(of_body.any(axis=1))
-            slopes = slopes.reshape(n, 3 * len(dofs))
-            products += slopes @ slopes.T
+            rows = slopes.reshape(n, 3 * len(dofs))
+            products += rows @ rows.T
         sums = reductions.total(self._comm, np.column_stack([products, counts]))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
-        return weight[:, None] * vectors[:, values < _NEUTRAL]
+        neutral: Floats = weight[:, None] * vectors[:, values < _NEUTRAL]
+        return neutral
 
 
 def _owned_nodes(bodies: Sequence[Body]) -> Ints:
