@@ -1,9 +1,11 @@
 """Declarations: objects that say what a user means, and never change."""
 
 from abc import ABCMeta
-from typing import Any
+from typing import Any, Generic, TypeVar, cast
 
-__all__ = ["Declaration"]
+__all__ = ["Declaration", "SetOnce"]
+
+T = TypeVar("T")
 
 
 class _Completing(ABCMeta):
@@ -34,6 +36,32 @@ class Declaration(metaclass=_Completing):
             kind = type(self).__name__
             raise AttributeError(
                 f"expected another {kind}, as none changes after it was made, given a new value "
-                f"of {name}: make a {kind} with it, and a stepper with that {kind}"
+                f"of {name}: make another {kind} with it, and what takes the {kind} anew"
             )
         super().__setattr__(name, value)
+
+
+class SetOnce(Generic[T]):
+    """Attribute that an object takes when it is made, and keeps. Local."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        """Learn the name of the attribute."""
+        self._name = name
+
+    def __get__(self, item: object, owner: type) -> T:
+        """Value of the attribute."""
+        return cast(T, vars(item)[self._name])
+
+    def __set__(self, item: object, value: T) -> None:
+        """Take the first value.
+
+        Raises:
+            AttributeError: There is a value already.
+        """
+        kind = type(item).__name__
+        if self._name in vars(item):
+            raise AttributeError(
+                f"expected another {kind}, as none changes its {self._name} after it was made: "
+                f"make a new {kind} with other {self._name}"
+            )
+        vars(item)[self._name] = value

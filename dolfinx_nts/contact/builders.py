@@ -133,8 +133,7 @@ def all_pairs(
     def names(some: Sequence[Body]) -> str:
         if len(some) == len(bodies) > 1:
             return "all bodies"
-        numbers = sorted(bodies.index(body) + 1 for body in some)
-        return f"bod{'y' if len(numbers) == 1 else 'ies'} {', '.join(map(str, numbers))}"
+        return ", ".join(body.name for body in bodies if body in some)
 
     for finer, coarser in _halves(groups):
         add(list(chain(*finer)), list(chain(*coarser)))

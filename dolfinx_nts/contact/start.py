@@ -76,13 +76,16 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
     groups = connected(bodies)
     if len(groups) == 1:
         return
-    sides = [
-        [_belongs_to(side, groups) for side in (pair.nodes, pair.segments)]
-        for pair in pairs
-        if isinstance(pair.segments, Surface) and not pair.touches_itself
-    ]
-    comm = bodies[0].V.mesh.comm
-    found = reductions.anywhere(comm, np.array(sides, dtype=bool).reshape(-1, 2, len(groups)))
+    V = bodies[0].V
+    comm, group_of = V.mesh.comm, np.full(len(V.tabulate_dof_coordinates()), -1)
+    for number, group in enumerate(groups):
+        group_of[np.concatenate([body.nodes for body in group])] = number
+    sides = [(pair.nodes, pair.segments) for pair in pairs if isinstance(pair.segments, Surface)]
+    found = np.zeros((len(sides), 2, len(groups)), dtype=bool)
+    for flags, surfaces in zip(found, sides, strict=True):
+        for flag, surface in zip(flags, surfaces, strict=True):
+            flag[group_of[surface.segments]] = True
+    found = reductions.anywhere(comm, found)
     met = np.einsum("psi,psj->ij", found, found[:, ::-1]) & ~np.eye(len(groups), dtype=bool)
     alone = [group for group, others in zip(groups, met, strict=True) if not others.any()]
     if alone and comm.rank == 0:
@@ -92,9 +95,3 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
             "one, which they would pass through; otherwise add pairs, or take all_pairs(bodies)",
             names,
         )
-
-
-def _belongs_to(surface: Surface, groups: Sequence[Sequence[Body]]) -> list[bool]:
-    """Whether a surface has nodes of each group of bodies on this rank. Local."""
-    nodes = [np.concatenate([body.nodes for body in group]) for group in groups]
-    return [bool(np.isin(surface.segments, some).any()) for some in nodes]

@@ -26,7 +26,6 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
@@ -140,7 +139,6 @@ class CentralDifference(Stepper):
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
         self._springs = [ContactSprings(contact, self.mass) for contact in self.contacts]
-        self._soft_springs = SoftSprings(self.contacts)
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs, mass)
         self.stable_step, default = self._stability.room(self.x)

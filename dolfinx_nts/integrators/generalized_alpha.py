@@ -21,6 +21,7 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
@@ -91,6 +92,7 @@ class GeneralizedAlpha(ImplicitStepper):
         0
     """
 
+    rho_inf = SetOnce[float]()
     _rates: "_NewmarkRates"
 
     def __init__(

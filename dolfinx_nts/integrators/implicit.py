@@ -26,8 +26,8 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -100,7 +100,6 @@ class ImplicitStepper(Stepper):
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
         )
-        self._soft_springs = SoftSprings(self.contacts)
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((len(self.node_ids), 3))
@@ -149,7 +148,7 @@ class ImplicitStepper(Stepper):
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps)
+        raise self._failure(attempts, steps, solution.states)
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""
@@ -171,9 +170,12 @@ class ImplicitStepper(Stepper):
         return self._internal_force + load + _INERTIA_PART * self._norm(momentum) / self.dt
 
     def _failure(
-        self, attempts: Mapping[str, newton.NewtonReport], steps: Sequence[ContactStep]
+        self,
+        attempts: Mapping[str, newton.NewtonReport],
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
     ) -> newton.ConvergenceError:
-        """Error that says why all attempts have failed; ``steps`` are those of the last."""
+        """Error that says why all attempts have failed; steps and states are of the last."""
         reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
         materials = {body.material for body in self.bodies}
         weak = {type(m).__name__ for m in materials if not m.resists_collapse}
@@ -189,8 +191,8 @@ class ImplicitStepper(Stepper):
             springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
             for contact in springs:
                 reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
-        for step in steps:
-            if nodes := self._listed([step.given]):
+        for step, state in zip(steps, states, strict=True):
+            if nodes := self._listed([prescribed_nodes(step, state)]):
                 advice = (
                     "no contact force can stop nodes that bcs move into what bcs hold or move "
                     f"too; change bcs at these nodes between {step.state.pair.between}: {nodes}"

@@ -15,11 +15,13 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.repeated_pairs import check_repeated
+from dolfinx_nts.contact.soft_springs import SoftSprings
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
@@ -53,6 +55,9 @@ class Stepper(TimeLoop):
 
     scheme: Scheme
     supports: Supports
+    bodies = SetOnce[tuple[Body, ...]]()
+    pairs = SetOnce[tuple[ContactPair, ...]]()
+    loads = SetOnce[tuple[Load, ...]]()
 
     def __init__(
         self,
@@ -67,8 +72,8 @@ class Stepper(TimeLoop):
         V = check_bodies(bodies)
         check_volumes(bodies)
         self.bodies = tuple(bodies)
-        self.pairs: tuple[ContactPair, ...] = instances(ContactPair, pairs)
-        self.loads: tuple[Load, ...] = instances(Load, loads)
+        self.pairs = instances(ContactPair, pairs)
+        self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
@@ -87,6 +92,7 @@ class Stepper(TimeLoop):
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u))
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
+        self._soft_springs = SoftSprings(self.contacts)
         self.timings = Timings()
         self._update = update
         # Positions from which the user has displaced bodies since the last step.

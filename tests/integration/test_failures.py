@@ -178,7 +178,7 @@ def test_a_velocity_of_the_wrong_shape_on_one_rank_is_refused_on_all(comm, patie
     def velocity(X):
         return X[:2] if comm.rank == one_rank(comm) else X
 
-    with refused(ValueError, "expected shape"):
+    with refused(ValueError, "expected a velocity of shape"):
         stepper.set_velocity(stepper.bodies[0], velocity)
 
 

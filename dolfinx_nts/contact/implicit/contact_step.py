@@ -28,8 +28,6 @@ __all__ = ["ContactStep", "contact_residual"]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
-# Distance from where a multiplier wants a node, relative to its segment [-], that is none.
-_CLOSED = 1e-9
 
 
 class ContactStep:
@@ -137,16 +135,6 @@ class ContactStep:
         """Numbers of this rank's nodes that changed segment or state again and again. Local."""
         flips = self.normal.flips + self.friction.flips
         ids: GlobalInts = self.state.nodes.node_ids[self.search.restless | (flips >= _RESTLESS)]
-        return ids
-
-    @property
-    def given(self) -> GlobalInts:
-        """Numbers of this rank's nodes to hold whose gap is open to supports alone. Local."""
-        pairs = self._pairs
-        active = self.normal.active[pairs.node] & pairs.is_given
-        active &= self.normal.rank(active) > 0
-        active &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * self.candidates.size[pairs.segment])
-        ids: GlobalInts = self.state.nodes.node_ids[pairs.node[active]]
         return ids
 
     def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:

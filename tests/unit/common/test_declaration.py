@@ -23,7 +23,9 @@ DECLARED = [
 @pytest.mark.parametrize(("item", "name"), DECLARED, ids=lambda value: type(value).__name__)
 def test_what_is_declared_never_changes(item, name):
     before, kind = repr(item), type(item).__name__
-    with pytest.raises(AttributeError, match=f"{name}: make a {kind} with it, and a stepper with"):
+    with pytest.raises(
+        AttributeError, match=f"{name}: make another {kind} with it, and what takes"
+    ):
         setattr(item, name, 5.0)
     assert repr(item) == before
 
@@ -40,6 +42,15 @@ def test_bodies_surfaces_and_pairs_never_change(comm):
             setattr(item, name, None)
 
 
+@pytest.mark.parametrize("name", ["bodies", "pairs", "loads"])
+def test_what_was_given_to_a_stepper_never_changes(comm, name):
+    stepper = scenes.blocks(comm).stepper
+    before = getattr(stepper, name)
+    with pytest.raises(AttributeError, match=f"make a new EnergyMomentum with other {name}"):
+        setattr(stepper, name, ())
+    assert getattr(stepper, name) is before
+
+
 @pytest.mark.serial
 def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
     class Wall(nts.RigidPlane):
@@ -49,5 +60,5 @@ def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
 
     wall = Wall(2.0)
     assert wall.height == 2.0
-    with pytest.raises(AttributeError, match="make a Wall with it"):
+    with pytest.raises(AttributeError, match="make another Wall with it"):
         wall.height = 3.0

@@ -133,8 +133,8 @@ def test_pairs_with_obstacles_carry_the_laws_and_are_told(comm, caplog):
     assert pairs[-1].segments is plane
     assert len(ids(pairs[-1].nodes)) == 8 + 26 + 56
     told = [
-        "pair 1: nodes of body 3 against the segments of bodies 1, 2",
-        "pair 2: nodes of body 2 against the segments of body 1",
+        "pair 1: nodes of box 2 against the segments of box 0, box 1",
+        "pair 2: nodes of box 1 against the segments of box 0",
         "pair 3: nodes of all bodies against RigidPlane",
     ]
     assert caplog.messages == (told if comm.rank == 0 else [])
@@ -147,7 +147,7 @@ def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(com
     assert [pair.touches_itself for pair in others] == [False, False]
     assert own.touches_itself
     assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(bodies[1])))
-    told = "pair 3: nodes of body 2 against their own segments"
+    told = "pair 3: nodes of box 1 against their own segments"
     assert caplog.messages[2:] == ([told] if comm.rank == 0 else [])
     (own,) = nts.all_pairs(bodies[:1], self_contact=bodies[:1])
     assert own.touches_itself

@@ -1,0 +1,30 @@
+"""Nodes that supports drive into a surface which supports hold: no force can stop them."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import GlobalInts
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+
+__all__ = ["prescribed_nodes"]
+
+# Distance from where a multiplier wants a node, relative to its segment [-], that is none.
+_CLOSED = 1e-9
+
+
+def prescribed_nodes(step: ContactStep, last: ContactContribution) -> GlobalInts:
+    """Find this rank's nodes whose constraint given displacements alone violate. Local.
+
+    Args:
+        step: Attempt at a step that failed.
+        last: Its last evaluation.
+
+    Returns:
+        Numbers of the nodes.
+    """
+    pairs = last.pairs
+    found = (last.rank > 0) & pairs.is_given
+    # Not what is closed, also where it is not a number.
+    found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])
+    ids: GlobalInts = step.state.nodes.node_ids[pairs.node[found]]
+    return ids
