@@ -12,7 +12,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -54,6 +54,14 @@ __all__ = ["ImplicitStepper"]
 _INERTIA_PART = 1e-3
 # Relative change of the loads [-] that is none.
 _SAME_LOAD = 1e-9
+
+
+@dataclass
+class _Forces:
+    """Norms of the forces of the last step, which the next one is compared with [N]."""
+
+    internal: float = 0.0
+    load: float = 0.0
 
 
 class ImplicitStepper(Stepper):
@@ -106,13 +114,13 @@ class ImplicitStepper(Stepper):
             self._free.ravel()[self._bulk.fixed] = 0
         damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
-        self._internal_force = self._load_norm = 0.0
+        self._last = _Forces()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
-        self._internal_force = archive.same("internal_force", self._internal_force)
-        self._load_norm = archive.same("load_norm", self._load_norm)
+        self._last.internal = archive.same("internal_force", self._last.internal)
+        self._last.load = archive.same("load_norm", self._last.load)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
 
@@ -122,7 +130,7 @@ class ImplicitStepper(Stepper):
 
     def _state_was_set(self) -> None:
         self._rates.forget()
-        self._load_norm = np.inf
+        self._last.load = np.inf
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
@@ -144,7 +152,7 @@ class ImplicitStepper(Stepper):
                     filter(None, map(check_penetration, steps)), ""
                 )
                 if not reason:
-                    self._load_norm = load
+                    self._last.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
@@ -161,13 +169,13 @@ class ImplicitStepper(Stepper):
         """Whether supports stay and the norm of the loads [N] is that of the last step."""
         fixed, u = self._bulk.fixed, self.u.x.array
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
-        same = abs(load - self._load_norm) <= _SAME_LOAD * load
+        same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
     def _force_scale(self, load: float) -> float:
         """Norm of the forces at work, with which the residual is compared [N]."""
         momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
-        return self._internal_force + load + _INERTIA_PART * self._norm(momentum) / self.dt
+        return self._last.internal + load + _INERTIA_PART * self._norm(momentum) / self.dt
 
     def _failure(
         self,
@@ -247,7 +255,7 @@ class ImplicitStepper(Stepper):
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
-        self._internal_force = self._norm(internal - inertia)
+        self._last.internal = self._norm(internal - inertia)
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
