@@ -12,7 +12,7 @@ which leave the equilibrium as it is:
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -126,6 +126,33 @@ def find_free_bodies(
     return found
 
 
+@dataclass(frozen=True)
+class _Relief:
+    """Motions that are not made, and what inertia carries in them.
+
+    Attributes:
+        motions: The motions at the owned nodes, shape ``(k, 3 n)`` [-].
+        weighted: The same times mass [kg].
+        gram: Products of both, shape ``(k, k)`` [kg].
+        force: What inertia carries, shape ``(n, 3)`` [N].
+        share: Its part of the forces at work [-].
+        driven: What is driven away, in words; empty if nothing is.
+    """
+
+    motions: Floats
+    weighted: Floats
+    gram: Floats
+    force: Floats
+    share: float = 0.0
+    driven: str = ""
+
+    @classmethod
+    def none(cls, nodal: Floats) -> "_Relief":
+        """Keep nothing; ``nodal`` has the shape of the force."""
+        empty = np.zeros((0, nodal.size))
+        return cls(empty, empty, np.zeros((0, 0)), np.zeros_like(nodal))
+
+
 class FreeBodies:
     """Keeps free bodies in place where nothing drives them away. Collective.
 
@@ -136,6 +163,7 @@ class FreeBodies:
 
     Attributes:
         bodies: The argument.
+        force: What inertia carries at the owned nodes, shape ``(n, 3)`` [N].
         shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
     """
 
@@ -163,15 +191,12 @@ class FreeBodies:
     def begin(self) -> None:
         """Begin a solution, without any force."""
         self._limit = _DRIVING
-        self._release()
+        self._relief = _Relief.none(self._label)
 
-    def _release(self) -> None:
-        """Let bodies move as they are driven."""
-        self._share = 0.0
-        self._driven = ""
-        self.force: Floats = np.zeros_like(self._label)
-        self._motions = self._weighted = np.zeros((0, self._label.size))
-        self._gram: Floats = np.zeros((0, 0))
+    @property
+    def force(self) -> Floats:
+        """What inertia carries at the owned nodes, shape ``(n, 3)`` [N]. Local."""
+        return self._relief.force
 
     def relieve(
         self,
@@ -207,38 +232,39 @@ class FreeBodies:
         sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
         sums, pressing = reductions.total(self._comm, sums), reductions.total(self._comm, pressing)
         gram, f = sums[:, :-1], sums[:, -1]
-        self._release()
-        force = float(np.linalg.norm(f))
+        force, driven = float(np.linalg.norm(f)), ""
         share = force / (pressing + scale or 1.0)
         if share > _NEGLIGIBLE:
             parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
             body = self.bodies[int(np.argmax(parts))]
-            self._driven = f"no support or contact holds {body} against {force:.3g} N"
+            driven = f"no support or contact holds {body} against {force:.3g} N"
         if len(f) and share <= self._limit:
-            self._share = share
-            self._motions, self._weighted, self._gram = modes, weighted, gram
-            self.force = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
+            carried = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
+            self._relief = _Relief(modes, weighted, gram, carried, share, driven)
+        else:
+            self._relief = replace(_Relief.none(self._label), driven=driven)
         return (total - self.force).ravel()
 
     def resistance(self, x: Floats) -> Floats:
         """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
-        y = (_FALLING if self._driven else 1.0) * self.shift * x
-        if len(self._gram):
+        relief = self._relief
+        y = (_FALLING if relief.driven else 1.0) * self.shift * x
+        if len(relief.gram):
             amount = self._amount(x.ravel())
-            y += self._stiffness * (amount @ self._weighted).reshape(-1, 3)
+            y += self._stiffness * (amount @ relief.weighted).reshape(-1, 3)
         return y
 
     def settles(self) -> bool:
         """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
-        settled = self._share <= _NEGLIGIBLE
+        settled = self._relief.share <= _NEGLIGIBLE
         if not settled:
             self._limit = _NEGLIGIBLE
         return settled
 
     def advice(self) -> str:
         """Say what would help where there is no solution; "" without free bodies. Local."""
-        if self._driven:
-            return f"{self._driven}; bcs, friction or inertia (EnergyMomentum) would"
+        if self._relief.driven:
+            return f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would"
         if not self.bodies:
             return ""
         names = "; ".join(map(str, self.bodies))
@@ -246,7 +272,7 @@ class FreeBodies:
 
     def tell(self) -> None:
         """Warn, once, of what inertia has to carry in a solution. Local."""
-        if self._share <= _TOLD or self._told:
+        if self._relief.share <= _TOLD or self._told:
             return
         self._told = True
         if self._comm.rank == 0:
@@ -255,20 +281,20 @@ class FreeBodies:
                 "unbalanced, which is harmless where that is little enough: otherwise bcs or "
                 "friction against these motions carry it",
                 "; ".join(map(str, self.bodies)),
-                self._share,
+                self._relief.share,
             )
 
     def restrain(self, du: Floats) -> Floats:
         """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
-        if not len(self._gram):
+        if not len(self._relief.gram):
             return du
-        kept: Floats = du - self._amount(du) @ self._motions
+        kept: Floats = du - self._amount(du) @ self._relief.motions
         return kept
 
     def _amount(self, du: Floats) -> Any:
         """Parts of displacements, ``(3 n,)`` [m], that are the motions nothing resists."""
-        moments = reductions.total(self._comm, self._weighted @ du)
-        return np.linalg.solve(self._gram, moments)
+        moments = reductions.total(self._comm, self._relief.weighted @ du)
+        return np.linalg.solve(self._relief.gram, moments)
 
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
@@ -292,6 +318,8 @@ class FreeBodies:
             rows = slopes.reshape(n, 3 * len(dofs))
             products += rows @ rows.T
         sums = reductions.total(self._comm, np.column_stack([products, counts]))
+        if not np.isfinite(sums).all():  # pairs that do not project fail the step
+            return np.zeros((n, 0))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
         neutral: Floats = weight[:, None] * vectors[:, values < _NEUTRAL]
