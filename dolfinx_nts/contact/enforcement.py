@@ -13,14 +13,14 @@ from dolfinx_nts.common.arguments import as_call, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration
 
-__all__ = ["LagrangeMultiplier", "Penalty"]
+__all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty"]
 
 # Gap, relative to the segment's size [-], below which an active node stays eligible, as
 # elastic impact holds it at the gap with which it came.
 _NEAR = 1e-2
 # Gap, relative to the segment's size [-], that counts as none: round-off of positions must
 # not decide whether a node that lies on a segment may be held.
-_TOUCHES = 1e-9
+TOUCHES = 1e-9
 
 
 class LagrangeMultiplier(Declaration):
@@ -71,7 +71,7 @@ class LagrangeMultiplier(Declaration):
         """
         # Such a node is nearer to the surface before the step than after it: it stops before.
         passes = (gap_n > 0) & (gap_trial < -gap_n)
-        flags: Flags = (gap_n <= _TOUCHES * size) | passes | (active & (gap_n < _NEAR * size))
+        flags: Flags = (gap_n <= TOUCHES * size) | passes | (active & (gap_n < _NEAR * size))
         return flags
 
     def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:
@@ -135,6 +135,17 @@ class Penalty(Declaration):
         """Energy of springs, ``(m,)`` [J], loaded where the gap, ``(m,)`` [m], is negative."""
         energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
         return energy
+
+    def force_at(self, gap: Floats, loaded: Flags, eps_N: Floats) -> tuple[Floats, Floats]:
+        """Compute the multiplier of statics, where a step has no begin, see `force`. Local.
+
+        Args:
+            gap: Gap at the end, shape ``(m,)`` [m].
+            loaded: Whether the slope is that of a loaded spring, shape ``(m,)``: so is that of
+                a node which has just touched.
+            eps_N: Stiffness, shape ``(m,)`` [N/m].
+        """
+        return eps_N * np.minimum(gap, 0.0), np.where(loaded, eps_N, 0.0)
 
     def force(self, gap_n: Floats, gap: Floats, eps_N: Floats) -> tuple[Floats, Floats]:
         """Compute the multiplier of a step and its derivative by the gap at the end. Local.

@@ -222,7 +222,7 @@ class Diagnostics:
         Returns:
             One `Overlap` for each two, empty if bodies only touch.
         """
-        return self._stepper.overlap_watch.search.find(self._stepper.x)[0]
+        return self._stepper.watch.overlaps.search.find(self._stepper.x)[0]
 
     def _distances(self, x: Floats) -> Floats:
         """Distances between the bounding boxes of nodes and segments of the pairs, ``(p,)`` [m].

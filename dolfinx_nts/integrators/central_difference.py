@@ -202,7 +202,7 @@ class CentralDifference(Stepper):
 
     def _state_was_set(self) -> None:
         self._forces.known = False
-        self._reverse.forget()
+        self.watch.vertices.forget()
         for springs in self._springs:
             springs.forget()
 
@@ -324,15 +324,15 @@ class CentralDifference(Stepper):
     def _check_passage(self, moved: float) -> None:
         """Raise if nodes or vertices, of which none moves farther than given, pass a surface."""
         fast = [springs for springs in self._springs if springs.may_pass(moved)]
-        if not (fast or self._reverse.is_due(moved)):
-            self._reverse.travel(moved)
+        if not (fast or self.watch.vertices.is_due(moved)):
+            self.watch.vertices.travel(moved)
             return
         x_n, x = (self._X + u.reshape(-1, 3) for u in (self._u_n, self._u))
         reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
-        reason = next(filter(None, reasons), "") or self._reverse.check(x_n, x, moved)
+        reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:
             self._refuse(reason)
-        self._reverse.accept(x_n, x, moved)
+        self.watch.vertices.accept(x_n, x, moved)
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
@@ -343,7 +343,7 @@ class CentralDifference(Stepper):
 
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""
-        self._soft_springs.look()
+        self.watch.springs.look()
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")

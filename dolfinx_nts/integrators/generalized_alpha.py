@@ -168,7 +168,9 @@ class _NewmarkRates(Rates):
         super().forget()
         self._known = False
 
-    def begin(self, forces: Callable[[], Floats], free: Floats | None) -> None:
+    def begin(
+        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
+    ) -> None:
         """Set the acceleration of a state that was set by M a = f, without contact."""
         if self._known:
             return

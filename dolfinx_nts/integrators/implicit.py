@@ -12,7 +12,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -43,6 +43,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
@@ -52,6 +53,16 @@ __all__ = ["ImplicitStepper"]
 # Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
 # body in free flight has no other force, and its round-off is that of its momentum.
 _INERTIA_PART = 1e-3
+# Relative change of the loads [-] that is none.
+_SAME_LOAD = 1e-9
+
+
+@dataclass
+class _Forces:
+    """Norms of the forces of the last step, which the next one is compared with [N]."""
+
+    internal: float = 0.0
+    load: float = 0.0
 
 
 class ImplicitStepper(Stepper):
@@ -84,6 +95,15 @@ class ImplicitStepper(Stepper):
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
+        free: Sequence[FreeBody] = ()
+        if self._rates.acceleration is None:
+            X = self._X[: len(self.node_ids)]
+            free = find_free_bodies(bodies, self._bulk, self._tangent, X)
+        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[::3])
+        if free:
+            self._bulk.stabilisation = self._free_bodies.resistance
+            self._tangent.shift = self._free_bodies.shift
+            self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
@@ -95,12 +115,13 @@ class ImplicitStepper(Stepper):
             self._free.ravel()[self._bulk.fixed] = 0
         damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
-        self._internal_force = 0.0
+        self._last = _Forces()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
-        self._internal_force = archive.same("internal_force", self._internal_force)
+        self._last.internal = archive.same("internal_force", self._last.internal)
+        self._last.load = archive.same("load_norm", self._last.load)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
 
@@ -110,14 +131,18 @@ class ImplicitStepper(Stepper):
 
     def _state_was_set(self) -> None:
         self._rates.forget()
-        self._reverse.forget()
+        self.watch.vertices.forget()
+        self._last.load = np.inf
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
-        self._rates.begin(self._forces_at_start, self._free)
+        load = self._norm(self._bulk.load()) if self.loads else 0.0
+        if not np.isfinite(load):
+            raise ValueError(f"expected finite loads, given loads of {load} N in this step")
+        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
-        force_scale = self._force_scale()
+        force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
             steps, solution = self._solve(start, x, force_scale)
@@ -129,7 +154,8 @@ class ImplicitStepper(Stepper):
                 self._way = reductions.largest(self._comm, way)
                 reason = self._wrong(steps, x[0])
                 if not reason:
-                    self._reverse.accept(x[0], self.x, self._way)
+                    self.watch.vertices.accept(x[0], self.x, self._way)
+                    self._last.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
         self.u.x.array[:] = self.u_n.x.array
@@ -144,7 +170,9 @@ class ImplicitStepper(Stepper):
             return inverted
         reasons = (check_penetration(step, self.dt) for step in steps)
         with self.timings.phase("passage"):
-            return next(filter(None, reasons), "") or self._reverse.check(x_n, self.x, self._way)
+            return next(filter(None, reasons), "") or self.watch.vertices.check(
+                x_n, self.x, self._way
+            )
 
     def _forces_at_start(self) -> Floats:
         """Residual at t with the loads there, on the owned dofs [N]."""
@@ -153,13 +181,17 @@ class ImplicitStepper(Stepper):
         self._load_at(self.scheme.load_point)
         return forces
 
-    def _force_scale(self) -> float:
+    def _is_at_rest(self, load: float) -> bool:
+        """Whether supports stay and the norm of the loads [N] is that of the last step."""
+        fixed, u = self._bulk.fixed, self.u.x.array
+        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        same = abs(load - self._last.load) <= _SAME_LOAD * load
+        return same and reductions.everywhere(self._comm, stays)
+
+    def _force_scale(self, load: float) -> float:
         """Norm of the forces at work, with which the residual is compared [N]."""
         momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
-        scale = self._internal_force + _INERTIA_PART * self._norm(momentum) / self.dt
-        if self.loads:
-            scale += self._norm(self._bulk.load())
-        return scale
+        return self._last.internal + load + _INERTIA_PART * self._norm(momentum) / self.dt
 
     def _failure(
         self,
@@ -177,11 +209,12 @@ class ImplicitStepper(Stepper):
             )
         if nodes := self._listed(step.restless for step in steps):
             reasons += f"; nodes that keep changing segment or state: {nodes}"
-        if "through a surface" in reasons or "into a surface" in reasons:
+        advice = self._free_bodies.advice() or self._time_helps()
+        sunk = any(words in reasons for words in ("through a surface", "into a surface"))
+        if sunk or "contact holds" in advice:
             springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
             for contact in springs:
                 reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
-        advice = "a smaller dt may help"
         for step, state in zip(steps, states, strict=True):
             if nodes := self._listed([prescribed_nodes(step, state)]):
                 advice = (
@@ -193,6 +226,17 @@ class ImplicitStepper(Stepper):
             f"the state is that of the last accepted step: {advice}",
             list(attempts.values()),
         )
+
+    def _time_helps(self) -> str:
+        """Advice where only the length of the step is left to change. Collective."""
+        if self._rates.acceleration is None and self._update is None:
+            load = self._bulk.load()
+            self._load_at(0.0)
+            change = self._norm(self._bulk.load() - load)
+            self._load_at(self.scheme.load_point)
+            if change == 0.0:
+                return "loads that grow with time from step to step may help"
+        return "a smaller dt may help"
 
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
         """Text with some numbers of nodes from all ranks, empty without. Collective."""
@@ -212,7 +256,8 @@ class ImplicitStepper(Stepper):
             history, step_work = step.accepted(pairs)
             work = work + step_work
             contact.accept(history)
-        self._soft_springs.look()
+        self.watch.springs.look()
+        self._free_bodies.tell()
         du = (self.u.x.array - self.u_n.x.array)[:n]
         support_work = self._support_work(steps, solution.states, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
@@ -226,7 +271,7 @@ class ImplicitStepper(Stepper):
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
-        self._internal_force = self._norm(internal - inertia)
+        self._last.internal = self._norm(internal - inertia)
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -262,6 +307,8 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
+            free=self._free_bodies,
+            at_rest=self._rates.at_rest,
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,

@@ -51,11 +51,13 @@ class Rates(ABC):
         mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
         acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
             inertia.
+        at_rest: Whether the state at the start also solves the step.
         trial: Name of the displacement among `starts` that decides which nodes may touch.
     """
 
     acceleration: Any | None
     trial: ClassVar[str] = "ballistic"
+    at_rest = False
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         """Take the velocity as the mean one of the last step."""
@@ -86,7 +88,7 @@ class Rates(ABC):
         self.mean_velocity.x.array[:] = self.v.x.array
 
     def begin(  # noqa: B027 (most rates have nothing to prepare)
-        self, forces: Callable[[], Floats], free: Floats | None
+        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
     ) -> None:
         """Prepare a step.
 
@@ -95,6 +97,7 @@ class Rates(ABC):
                 [N].
             free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
                 None if all are unknown.
+            at_rest: Tells whether loads and supports are still those of the last step.
         """
 
     def accept(self) -> float:
@@ -133,7 +136,17 @@ class NoRates(Rates):
     """Absence of inertia: the velocity stays zero, and time only counts the load."""
 
     acceleration = None
-    trial = "extrapolated"
+
+    @property
+    def trial(self) -> str:  # type: ignore[override]
+        """Name of the first start."""
+        return "last" if self.at_rest else "extrapolated"
+
+    def begin(
+        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
+    ) -> None:
+        """Do not extrapolate where nothing changes."""
+        self.at_rest = at_rest()
 
     def inertia_share(self, mass: Floats) -> Floats:
         """Zero, because the tangent has no inertia."""
@@ -142,6 +155,8 @@ class NoRates(Rates):
     def starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
+        if self.at_rest:
+            return {"last": u_n}
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 
     def _set_velocity(self) -> float:

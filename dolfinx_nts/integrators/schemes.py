@@ -105,8 +105,12 @@ class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step; the time only counts the load.
 
     Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
-    multiplier does not matter. Friction follows the slip from step to step. Supports must leave
-    no body free to move rigidly, unless contact holds it. The velocity stays zero, a step with
+    multiplier does not matter. Friction follows the slip from step to step. Bodies
+    that only contact holds are found and named in the log. The tangent, not the balance, gets a
+    small stiffness for them; motions that contact without friction does not resist are not
+    made, and forces in them are left to inertia while they are below 1 % (inertia relief: zero
+    where there is an equilibrium, and told otherwise). A step in which nothing holds a body is
+    refused with its name. The velocity stays zero, a step with
     another one is refused, and damping has no effect. Arguments, attributes and errors are
     those of `EnergyMomentum`. Collective, as are all its methods.
 

@@ -18,13 +18,12 @@ from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
-from dolfinx_nts.contact.reverse_passage import ReversePassages
-from dolfinx_nts.contact.soft_springs import SoftSprings
+from dolfinx_nts.contact.repeated_pairs import check_repeated
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
+from dolfinx_nts.contact.watch import ContactWatch
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import current_positions
@@ -32,6 +31,7 @@ from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies, common_space
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
@@ -53,7 +53,7 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
-        overlap_watch: Looks for overlaps of bodies, and tells them.
+        watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
     """
 
     scheme: Scheme
@@ -75,6 +75,7 @@ class Stepper(TimeLoop):
         comm = common_space(bodies).mesh.comm
         meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)
+        check_volumes(bodies)
         self.bodies = tuple(bodies)
         self.pairs = instances(ContactPair, pairs)
         self.loads = instances(Load, loads)
@@ -90,13 +91,12 @@ class Stepper(TimeLoop):
                 raise ValueError("expected bodies and loads in one function space, given two")
         if not (update is None or callable(update)):
             raise TypeError(f"expected a function of the time as update, given {update!r}")
+        check_repeated(self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u))
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
-        self._soft_springs = SoftSprings(self.contacts)
-        self._reverse = ReversePassages(self.pairs)
-        self.overlap_watch = OverlapWatch(self.bodies, self.pairs)
+        self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the way of all nodes in the last step [m].
         self._was_displaced, self._way = True, 0.0
         self.timings = Timings()
@@ -138,7 +138,7 @@ class Stepper(TimeLoop):
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
-        self._reverse.serialize(archive)
+        self.watch.vertices.serialize(archive)
 
     def _check_body(self, body: Body) -> None:
         if not isinstance(body, Body):
@@ -172,7 +172,7 @@ class Stepper(TimeLoop):
         report = self._step()
         self.t, self.step, self._x_before = report.t, report.step, None
         with self.timings.phase("overlap"):
-            self.overlap_watch.follow(self._way, lambda: self.x, self.t)
+            self.watch.overlaps.follow(self._way, lambda: self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
@@ -185,7 +185,7 @@ class Stepper(TimeLoop):
         at their end.
         """
         with self.timings.phase("overlap"):
-            self.overlap_watch.look(self.x, self.t)
+            self.watch.overlaps.look(self.x, self.t)
 
     def _look_at_start(self) -> None:
         """Look at a displacement that was set, before the first step or between steps."""
@@ -193,7 +193,7 @@ class Stepper(TimeLoop):
             for contact in self.contacts:
                 check_start(contact, self.x, self._x_before)
         with self.timings.phase("overlap"):
-            self.overlap_watch.start(self.x)
+            self.watch.overlaps.start(self.x)
         self._was_displaced = False
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:

@@ -52,7 +52,7 @@ class Summary:
                 *ledger.drifts(),
                 *(
                     f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
-                    for o in self._stepper.overlap_watch.deepest.values()
+                    for o in self._stepper.watch.overlaps.deepest.values()
                 ),
                 f"wall time: {self._duration:.1f} s ({times})",
             ]

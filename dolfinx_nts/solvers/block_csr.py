@@ -44,6 +44,10 @@ class BlockCSR:
         """Entries on the diagonal, shape ``(n, 3)``. Local."""
         return self.value.reshape(-1, 9)[self._diagonal, ::4]
 
+    def add_to_diagonal(self, values: Floats | float) -> None:
+        """Add values that broadcast to ``(n, 3)`` to the diagonal. Local."""
+        self.value.reshape(-1, 9)[self._diagonal, ::4] += values
+
     def petsc(self) -> Any:
         """New PETSc matrix of 3 x 3 blocks with the present values. Collective."""
         start, n = self.start.astype(PETSc.IntType), 3 * (len(self.start) - 1)

@@ -1,6 +1,6 @@
 """Residual of the bodies, without contact, and the action of its derivative."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from mpi4py import MPI
 
@@ -31,6 +31,8 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
+        stabilisation: What the action of the tangent has beside that of the forms, a function
+            of a nodal vector.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Bulk:
         self.num_owned = 3 * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(3).size_local)
         self.num_cells = self._all_cells
+        self.stabilisation: Callable[[Floats], Floats] | None = None
 
     @property
     def fixed(self) -> Ints:
@@ -123,6 +126,8 @@ class Bulk:
         direction[given] = 0
         self._direction.x.scatter_forward()
         y = self._action.assembled()
+        if self.stabilisation is not None:
+            y += self.stabilisation(x).ravel()
         y[given] = x.ravel()[given]
         return y.reshape(-1, 3)
 

@@ -13,6 +13,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
+from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
@@ -31,6 +32,9 @@ _LONGEST_INCREMENT = 0.5
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
+# The least without inertia: what is left moves bodies far that contact alone holds, and wakes
+# the friction of nodes that hardly slip.
+_STATIC_REDUCTION = 1e-4
 # Those that quadratic convergence can use: factor and power of the last reduction
 # (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
 _RATE_FACTOR, _RATE_POWER = 0.9, 1.6
@@ -106,6 +110,8 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
+    free: FreeBodies,
+    at_rest: bool,
     sizes: CellSizes,
     force_scale: float,
     inertia: bool,
@@ -118,6 +124,8 @@ def solve(
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        free: Bodies that contact alone may hold.
+        at_rest: Whether nothing has changed since a solution, which then still is one.
         sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
@@ -132,17 +140,18 @@ def solve(
     changes = 0
     du_norm = np.inf
     balanced = True  # multipliers from the normal balance at the nodes
+    free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         with timings.phase("assembly"):
             R_bulk = bulk.residual()
-        R_nodes = R_bulk.reshape(-1, 3) if balanced else None
+        R_nodes = R_bulk.reshape(-1, 3) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, n)
-        R = R_bulk + R_contact
+        R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
@@ -159,7 +168,11 @@ def solve(
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
-        if converged and steps:
+        if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:
+            converged = not violated
+        elif converged and not free.settles():
+            continue
+        elif converged and steps:
             moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
             if moved:  # this is the equilibrium on segments that nodes have left
                 changes += moved
@@ -183,7 +196,11 @@ def solve(
             return Solution(states, R, R_bulk, report)
 
         with timings.phase("solve"):
-            du, dlambda = solver.solve(R, steps, states, _forcing(norms, target))
+            rtol = _forcing(norms, target)
+            if not inertia:
+                rtol = min(rtol, _STATIC_REDUCTION)
+            du, dlambda = solver.solve(R, steps, states, rtol)
+        du = free.restrain(du)
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):

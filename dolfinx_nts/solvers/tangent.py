@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,6 +22,9 @@ __all__ = ["Tangent"]
 # Stiffness that a node has at least, relative to the mean of all [-]: at strongly
 # deformed nodes it can be small or negative, and a weight must be neither.
 _LEAST_STIFFNESS = 0.1
+# Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
+# contact makes up for what is too much, not for what is too little.
+_NEARBY_SHIFT = 1e6
 
 
 class Tangent:
@@ -35,6 +39,9 @@ class Tangent:
             the state, for preconditioners; None: the derivative itself.
 
     Attributes:
+        comm: Communicator of the mesh.
+        shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
+            the forms, shape ``(n, 1)``, or of all [N/m].
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -50,6 +57,7 @@ class Tangent:
         nearby: ufl.Form | None = None,
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
+        self.comm: MPI.Comm = u.function_space.mesh.comm
         self._u, self._bcs = u, list(bcs)
         forms = [residual, *(-load for load in loads)]
         trial = ufl.TrialFunction(u.function_space)
@@ -60,6 +68,7 @@ class Tangent:
         self._rows: BlockCSR | None = None
         self._stiffness: Floats | None = None
         self.point: Sequence[Array] | None = None
+        self.shift: Floats | float = 0.0
         self.num_assembled = 0
 
     @property
@@ -158,6 +167,7 @@ class Tangent:
         for form in forms:
             fem.assemble_matrix(csr, form, self._bcs)
         csr.scatter_reverse()
+        self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
         mean = self._rows.diagonal().mean(axis=1)
         comm = self._rows.index_map.comm
         total, count = reductions.total(comm, [np.abs(mean).sum(), len(mean)])

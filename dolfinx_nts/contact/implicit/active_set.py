@@ -14,11 +14,11 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ActiveSet", "BlockPivoting"]
+__all__ = ["ROUNDING", "ActiveSet", "BlockPivoting"]
 
 # Force, or gap times the stiffness k of its node, that counts as none, relative to k h, where
 # h is the size of a segment [-]: it is the round-off of the residual.
-_ROUNDING = 16 * np.finfo(np.float64).eps
+ROUNDING = 16 * np.finfo(np.float64).eps
 # Number of iterations without fewer violators, after which only one node changes at a time.
 _PATIENCE = 3
 # Number of iterations from one such change to the next, so that Newton's method comes near to
@@ -105,6 +105,6 @@ class ActiveSet:
                 # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
                 # round-off must not decide on them again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
-                wrong &= ~(force <= _ROUNDING * stiffness * self._size)
+                wrong &= ~(force <= ROUNDING * stiffness * self._size)
         changes, violators = self._pivoting.select(wrong, self._ids[pairs.node], iteration)
         return before ^ changes if violators else before, violators

@@ -75,7 +75,9 @@ class ContactStep:
         self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
         law = state.pair.friction
         self.friction = (
-            Friction(state) if law is None else StickSlip(state, law, search, nodal_stiffness)
+            Friction(state)
+            if law is None
+            else StickSlip(state, law, scheme, search, nodal_stiffness)
         )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
@@ -246,7 +248,7 @@ def _normal_contact(
     law = state.pair.enforcement
     if isinstance(law, LagrangeMultiplier):
         return MultiplierContact(state, law, scheme, search, stiffness)
-    return PenaltyContact(state, law, search)
+    return PenaltyContact(state, law, scheme, search)
 
 
 def contact_residual(

@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
@@ -97,6 +98,15 @@ class LocalSearch:
     def may_close(self) -> Flags:
         """Nodes whose gap may close within the step, shape ``(n,)``."""
         flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self.way
+        return flags
+
+    @property
+    def touches(self) -> Flags:
+        """Nodes that lie on their segments at t_n, but for round-off, shape ``(n,)``."""
+        size = self.candidates.size
+        # Without candidates no node has a segment.
+        size = size.take(self.approach.segment, mode="wrap") if len(size) else np.ones(1)
+        flags: Flags = np.abs(self.approach.gap_n) <= TOUCHES * size
         return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

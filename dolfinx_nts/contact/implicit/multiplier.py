@@ -53,6 +53,8 @@ class MultiplierContact(NormalContact):
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
         eligible = search.candidates.independent(state.nodes, approach.segment, eligible, urgency)
         super().__init__(state, search, eligible)
+        if scheme == "static":
+            self._begin_in_touch()
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._set = ActiveSet(state.pair, law, stiffness, comm)
 

@@ -39,10 +39,14 @@ class NormalContact(ABC):
         self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
         self.flips: Ints = np.zeros(len(eligible), dtype=np.int32)
 
+    def _begin_in_touch(self) -> None:
+        """Let nodes that lie on their segments be active until forces say otherwise. Local."""
+        self.active |= self._eligible & self._search.touches
+
     @property
     def may_touch(self) -> Flags:
         """Whether a node may touch within the step, shape ``(n,)``. Local."""
-        flags: Flags = self._search.may_close | self._state.history.active
+        flags: Flags = self._search.may_close | self._state.history.active | self.active
         return flags
 
     def needs(self, node: Ints) -> Flags:

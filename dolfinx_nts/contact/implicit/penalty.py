@@ -20,14 +20,17 @@ class PenaltyContact(NormalContact):
     Args:
         state: State of the contact pair, with springs.
         law: Enforcement of the pair.
+        scheme: Kernel of contact.
         search: Segments of the nodes.
     """
 
-    def __init__(self, state: PairState, law: Penalty, search: LocalSearch) -> None:
+    def __init__(self, state: PairState, law: Penalty, scheme: str, search: LocalSearch) -> None:
         """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
         super().__init__(state, search, search.approach.segment >= 0)
-        self._law, self._eps_N = law, state.eps_N
+        self._law, self._eps_N, self._is_static = law, state.eps_N, scheme == "static"
+        if self._is_static:
+            self._begin_in_touch()
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
 
     def update(
@@ -45,8 +48,12 @@ class PenaltyContact(NormalContact):
         else:
             offset = self._offset(pairs)
             gap_n, gap = pairs.contact.gap_n - offset, pairs.contact.gap - offset
-            lambda_N, self._slope = self._law.force(gap_n, gap, eps_N)
-            active = lambda_N < 0
+            if self._is_static:
+                active = (gap < 0) | ((iteration == 0) & self.active[node])
+                lambda_N, self._slope = self._law.force_at(gap, active, eps_N)
+            else:
+                lambda_N, self._slope = self._law.force(gap_n, gap, eps_N)
+                active = lambda_N < 0
         changes = friction.update(pairs, -lambda_N, active, iteration)
         self.active[node], self.lambda_N[node] = active, lambda_N
         return changes

@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
-from dolfinx_nts.contact.implicit.active_set import BlockPivoting
+from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.pair_state import PairState
@@ -113,12 +113,18 @@ class StickSlip(Friction):
     Args:
         state: State of the contact pair.
         law: Law of friction of the pair.
+        scheme: Kernel of contact.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
     """
 
     def __init__(
-        self, state: PairState, law: Coulomb, search: LocalSearch, stiffness: Floats
+        self,
+        state: PairState,
+        law: Coulomb,
+        scheme: str,
+        search: LocalSearch,
+        stiffness: Floats,
     ) -> None:
         """Continue from the accepted step."""
         super().__init__(state)
@@ -126,8 +132,11 @@ class StickSlip(Friction):
         self._law, self._search, self._stiffness = law, search, stiffness
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._pivoting = BlockPivoting(comm)
-        # A node that arrives slides until it is found to stick.
-        self.sliding = history.sliding | ~history.active
+        self._rounding = ROUNDING * stiffness * state.pair.segment_size
+        # A node that arrives slides until it is found to stick; where nothing moves it sticks
+        # until it is found to slide, as bodies may have no other hold.
+        self._arrives_sliding = scheme != "static"
+        self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
@@ -143,7 +152,7 @@ class StickSlip(Friction):
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
         self.release(node[before & ~active])
         arrived = node[active & ~before]
-        self.sliding[arrived] = True
+        self.sliding[arrived] = self._arrives_sliding
         self._model.direction[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
@@ -163,12 +172,20 @@ class StickSlip(Friction):
         trial = t + c[:, None] * slip.value
         way = trial if eps_T is not None else slip.value
         sliding, violators, heading = before, 0, way
-        if iteration:
+        if iteration == 0:
+            # A node that does not move yet has the direction in which it slid before.
+            old = self._state.history
+            last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+            heading = np.where(np.any(way != 0, axis=1)[:, None], way, last)
+        else:
             # With p < 0, which may pass, a traction points backwards.
             heading = np.where(before[:, None], model.direction[node], self.traction[node])
             arrives = ~np.any(heading != 0, axis=1)
             heading = np.where(arrives[:, None], way, heading)
             after = law.slides(trial, way, p, heading, before)
+            # At the limit, as where loads rest after sliding, round-off must not decide.
+            excess = np.linalg.norm(trial, axis=1) - law.mu * p
+            after = np.where(np.abs(excess) <= self._rounding[node], before, after)
             flips, violators = self._pivoting.select(
                 active & (after != before), self._state.nodes.node_ids[node], iteration
             )

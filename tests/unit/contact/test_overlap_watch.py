@@ -63,17 +63,17 @@ def test_a_pair_in_the_wrong_direction_is_told_once_with_names_and_advice(comm, 
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
     run(stepper, 0.2)
     (text,) = told()
-    assert "body 2 is up to 0." in text and "inside body 1" in text
-    assert "holds the nodes of body 1 only" in text and "two_half_passes" in text
-    (deepest,) = stepper.overlap_watch.deepest.values()
-    assert deepest.names == ("body 2", "body 1") and deepest.reverse_depth < deepest.depth
+    assert "cube is up to 0." in text and "inside plate" in text
+    assert "holds the nodes of plate only" in text and "two_half_passes" in text
+    (deepest,) = stepper.watch.overlaps.deepest.values()
+    assert deepest.names == ("cube", "plate") and deepest.reverse_depth < deepest.depth
 
 
 def test_a_forgotten_pair_is_told_with_what_to_add(comm, told):
     stepper = Scene(comm).stepper()
     run(stepper, 0.3)
     (text,) = told()
-    assert "body 2" in text and "body 1" in text and FORGOTTEN in text and "all_pairs" in text
+    assert "cube" in text and "plate" in text and FORGOTTEN in text and "all_pairs" in text
 
 
 def test_contact_that_works_is_not_told(comm, told):
@@ -104,7 +104,7 @@ def test_bodies_that_start_inside_each_other_are_told_before_the_first_step(comm
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
     (text,) = told()
-    assert text.startswith("body 2 starts up to 0.05 inside body 1 (0.18 of the longest facet; 4 ")
+    assert text.startswith("cube starts up to 0.05 inside plate (0.18 of the longest facet; 4 ")
     assert "harmless" in text
     run(stepper, 0.1)
     assert len(told()) == 1  # elastic impact keeps the depth, which is known
@@ -127,7 +127,7 @@ def test_a_small_overlap_at_the_end_of_a_run_is_told(comm, told):
     stepper = scene.stepper(dt=0.05)
     run(stepper, 0.05)  # less than half of a cell
     (text,) = told()
-    assert "at t = 0.05 body 2 is up to 0.04 inside body 1" in text
+    assert "at t = 0.05 cube is up to 0.04 inside plate" in text
 
 
 def test_a_recorder_looks_at_the_end_of_a_loop_of_the_user(comm, told, tmp_path):
@@ -137,7 +137,7 @@ def test_a_recorder_looks_at_the_end_of_a_loop_of_the_user(comm, told, tmp_path)
         record.write(stepper.advance())
         assert told() == []
     assert len(told()) == 1
-    assert "body 2: up to 0.04 inside body 1" in record.summary()
+    assert "cube: up to 0.04 inside plate" in record.summary()
 
 
 def test_an_obstacle_that_no_pair_names_for_a_body_is_told(comm, told):
@@ -148,7 +148,7 @@ def test_an_obstacle_that_no_pair_names_for_a_body_is_told(comm, told):
     stepper = scene.stepper(nts.ContactPair(away, wall), nts.ContactPair(scene.bottom, floor))
     stepper.advance()
     texts = told()
-    assert any("body 2 starts" in t and "RigidPlane 1" in t and FORGOTTEN in t for t in texts)
+    assert any("cube starts" in t and "RigidPlane 1" in t and FORGOTTEN in t for t in texts)
 
 
 @pytest.mark.serial

@@ -29,12 +29,12 @@ def bodies_of(comm, *fill, cell="hexahedron", degree=1):
     """Bodies of a mesh of several parts."""
 
     def build(model):
-        for number, add in enumerate(fill):
+        for number, add in enumerate(fill, start=1):
             add(model, f"body {number}", cell=cell)
 
     mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-    return [nts.Body(V, cells, tag[f"body {number}"], RUBBER) for number in range(len(fill))]
+    return [nts.Body(V, cells, tag[f"body {number}"], RUBBER) for number in range(1, len(fill) + 1)]
 
 
 def overlaps(bodies, x=None, obstacles=()):
@@ -134,7 +134,7 @@ def test_bodies_that_share_nodes_count_as_one(comm):
     tags[(tags == 1) & (centres[:, 0] > 0.5)] = 3
     three = meshtags(mesh, 3, np.arange(num_cells, dtype=np.int32), tags)
     (overlap,) = overlaps([nts.Body(V, three, tag, RUBBER) for tag in (1, 2, 3)])
-    assert overlap.names == ("body 2", "bodies 1, 3")
+    assert overlap.names == ("body 2", "body 1 and body 3")
     (as_two,) = overlaps(bodies)
     assert (overlap.depth, overlap.nodes) == (as_two.depth, as_two.nodes)
 

@@ -1,0 +1,45 @@
+"""Cells without volume, in which no strain exists."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts import compat
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.lumped_mass import nodal_parts
+from dolfinx_nts.parallel.errors import agreed
+
+__all__ = ["check_volumes"]
+
+# Volume of a cell, relative to the cube of its size [-], that is none.
+_FLAT = 1e-12
+
+
+def check_volumes(bodies: Sequence[Body]) -> None:
+    """Raise on all ranks if a cell has no volume, or vertices that are not finite. Collective.
+
+    Args:
+        bodies: Bodies of one space.
+
+    Raises:
+        ValueError: There is such a cell; the message names one.
+    """
+    V = bodies[0].V
+    mesh, element = V.mesh, Element.of(V)
+    with agreed(mesh.comm):
+        for body in bodies:
+            x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
+            # Where vertices are not numbers, neither is the volume.
+            with np.errstate(invalid="ignore"):
+                volume = nodal_parts(element, x).sum(axis=1)
+            size = np.ptp(x, axis=1).max(axis=1)
+            # A comparison with NaN is false.
+            flat = np.flatnonzero(~(volume > _FLAT * size**3))
+            if len(flat):
+                cell = body.cells[flat[0]]
+                place = " ".join(f"{value:.4g}" for value in x[flat[0]].mean(axis=0))
+                raise ValueError(
+                    f"expected cells with a volume, given {len(flat)} of {body.name} without, "
+                    f"such as cell {mesh.topology.original_cell_index[cell]} near [{place}]"
+                )

@@ -1,0 +1,159 @@
+"""Statics of bodies that contact alone holds, and of those that nothing holds."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+
+WEIGHT = 9.81  # of the upper block [N]
+FEW = 15  # Newton iterations
+# Relative error of forces: round-off; and where facets of the dent that do not match push a block
+# without friction sideways, which goes to its inertia.
+ROUND_OFF, FACETS = 1e-9, 1e-7
+
+
+class Blocks:
+    """A block of 0.1 m and 1 kg on a clamped one, in touch, both of the same material."""
+
+    def __init__(self, *, cell="hexahedron", wide=0.1, nu=0.3, lowest=0.0):
+        """Mesh both blocks; the lower one is as much wider on each side."""
+        comm = MPI.COMM_WORLD
+
+        def fill(model):
+            n = round(2 * wide / 0.1) + 2
+            box = {"cell": cell}
+            low = {"corner": (-wide, -wide, -0.1), "size": (0.1 + 2 * wide,) * 2 + (0.1,)}
+            parts.add_box(model, "low", **low, cells=(n, n, 2), **box)
+            top = {"corner": (0, 0, lowest), "size": (0.1,) * 3, "cells": (4, 4, 4)}
+            parts.add_box(model, "top", **(top if wide else top | {"cells": (2, 2, 2)}), **box)
+
+        mesh, cells, self.facets, self.tag = nts.read_mesh(fill, comm)
+        self.V = V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        rubber = nts.NeoHookean(1e6, nu, 1e3)
+        self.top, self.low = (nts.Body(V, cells, self.tag[name], rubber) for name in ("top", "low"))
+        self.ground = fem.dirichletbc(
+            np.zeros(3), fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.0999), V
+        )
+
+    def pair(self, **laws):
+        """Lower face of the upper block against the upper face of the other."""
+        nodes, segments = (
+            nts.Surface(self.V, self.facets, self.tag[name]) for name in ("top_bottom", "low_top")
+        )
+        return nts.ContactPair(nodes, segments, **laws)
+
+    def stepper(self, pairs, g, **options):
+        """Statics under a gravity that acts on the upper block."""
+        return nts.QuasiStatic(
+            *([self.top, self.low], pairs), dt=0.25, bcs=[self.ground],
+            loads=[nts.Gravity([self.top], g)], **options,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("mu", [0.0, 0.05, 0.3, 1.0])
+@pytest.mark.parametrize("ramped", [False, True])
+def test_a_block_rests_on_a_block(cell, mu, ramped):
+    blocks = Blocks(cell=cell)
+    pair = blocks.pair(friction=nts.Coulomb(mu) if mu else None)
+    g = (lambda t: (0, 0, -9.81 * t)) if ramped else (0, 0, -9.81)
+    stepper = blocks.stepper([pair], g)
+    iterations = [step.newton_iterations for step in stepper.run(until=1.0)]
+    assert max(iterations) <= FEW
+    assert ramped or sum(iterations) <= FEW
+    force = nts.Diagnostics(stepper).contact_force()
+    assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF if mu else FACETS)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_pressure_is_weight_over_area_on_a_matching_mesh(mu):
+    """Without Poisson's ratio nothing moves sideways: the state is uniaxial."""
+    blocks = Blocks(wide=0.0, nu=0.0)
+    pair = blocks.pair(friction=nts.Coulomb(mu) if mu else None)
+    stepper = blocks.stepper([pair], (0, 0, -9.81))
+    assert stepper.advance().newton_iterations <= FEW
+    assert stepper.contacts[0].pressure == pytest.approx(WEIGHT / 0.01, rel=ROUND_OFF)
+    sideways = np.abs(stepper.u.x.array.reshape(-1, 3)[:, :2]).max(initial=0.0)
+    assert sideways <= 1e-9 * 0.1
+
+
+def test_springs_carry_the_same_load_at_the_same_depth_in_every_step():
+    stiffness = 2e4
+    blocks = Blocks(wide=0.0, nu=0.0)
+    pair = blocks.pair(enforcement=nts.Penalty(stiffness))
+    stepper = blocks.stepper([pair], (0, 0, -9.81))
+    comm = MPI.COMM_WORLD
+    for _ in stepper.run(until=0.75):
+        history = stepper.contacts[0].history
+        assert history.lambda_N == pytest.approx(stiffness * history.gap, rel=ROUND_OFF)
+        assert comm.allreduce(history.lambda_N.sum()) == pytest.approx(-WEIGHT, rel=FACETS)
+
+
+def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
+    blocks = Blocks(lowest=1e-3)
+    stepper = blocks.stepper([blocks.pair(friction=nts.Coulomb(0.5))], (0, 0, -9.81))
+    assert stepper.advance().newton_iterations <= 2 * FEW
+    force = nts.Diagnostics(stepper).contact_force()
+    assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF)
+
+
+@pytest.mark.parametrize("g", [(0, 0, 9.81), (9.81, 0, -9.81)], ids=["up", "sideways"])
+def test_a_body_that_nothing_holds_is_named_with_its_motions(g):
+    blocks = Blocks()
+    stepper = blocks.stepper([blocks.pair()], g)
+    text = (
+        r"no support or contact holds top \(free: translation in x, y, z, rotation about x, y, z\)"
+        r" against .* N; bcs, friction or inertia \(EnergyMomentum\) would"
+    )
+    with pytest.raises(nts.ConvergenceError, match=text) as error:
+        stepper.advance()
+    assert "smaller dt" not in str(error.value)
+    assert stepper.step == 0 and not stepper.u.x.array.any()
+
+
+def test_motions_that_supports_leave_are_told():
+    """A face that is held in its plane may move across it, and tilt about two axes in it."""
+    blocks = Blocks()
+    guided = []
+    for axis in (0, 1):
+        Vi = blocks.V.sub(axis)
+        dofs = fem.locate_dofs_geometrical((Vi, Vi.collapse()[0]), lambda x: x[2] > 0.0999)[0]
+        guided.append(fem.dirichletbc(np.float64(0), dofs, Vi))
+    stepper = nts.QuasiStatic(
+        [blocks.top, blocks.low], [], dt=1.0, bcs=[blocks.ground, *guided],
+        loads=[nts.Gravity([blocks.top], (0, 0, -9.81))],
+    )  # fmt: skip
+    text = r"top \(free: translation in z, 2 other rigid motions\) against 9.81 N"
+    with pytest.raises(nts.ConvergenceError, match=text):
+        stepper.advance()
+
+
+def test_a_pair_that_is_given_twice_is_refused():
+    blocks = Blocks()
+    with pytest.raises(ValueError, match=r"each pair once.*pairs\[0\] and pairs\[1\]"):
+        blocks.stepper([blocks.pair(), blocks.pair()], (0, 0, -9.81))
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_cells_without_volume_are_refused(value):
+    blocks = Blocks()
+    z = blocks.V.mesh.geometry.x[:, 2]
+    z[z > 0] = value
+    with pytest.raises(ValueError, match=r"expected cells with a volume, given \d+ of top without"):
+        blocks.stepper([blocks.pair()], (0, 0, -9.81))
+
+
+def test_a_load_that_is_not_finite_is_refused():
+    blocks = Blocks()
+    factor = fem.Constant(blocks.V.mesh, np.nan)
+    load = nts.FormLoad(blocks.V, lambda u, eta, t: factor * eta[2] * ufl.dx)
+    stepper = nts.QuasiStatic(
+        [blocks.top, blocks.low], [blocks.pair()], dt=1.0, bcs=[blocks.ground], loads=[load]
+    )
+    with pytest.raises(ValueError, match="expected finite loads"):
+        stepper.advance()
