@@ -1,4 +1,4 @@
-"""Points that go through a surface within a step, or too deep into it to be found again.
+"""Points that pass through a surface within a step, or too deep into it to be found again.
 
 A point may enter a surface within a step, as it is caught there in the next one. It must not
 leave on another side.
@@ -116,7 +116,7 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> 
     if not reductions.anywhere(comm, len(ids) > 0):
         return ""
     everywhere = np.unique(np.concatenate(comm.allgather(ids)))
-    where = f"{len(everywhere)} {what} go through a surface that they face: {listed(everywhere)}"
+    where = f"{len(everywhere)} {what} pass through a surface that they face: {listed(everywhere)}"
     return f"{where}; {advice}"
 
 

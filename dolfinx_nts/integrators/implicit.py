@@ -296,8 +296,9 @@ class ImplicitStepper(Stepper):
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
+            is_static = self._rates.acceleration is None
             steps = [
-                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free)
+                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free, is_static)
                 for contact in self.contacts
             ]
         if not all_awake:

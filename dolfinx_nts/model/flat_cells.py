@@ -27,7 +27,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     mesh, element = V.mesh, Element.of(V)
-    with agreed(mesh.comm):
+    with agreed(mesh.comm, "look at the volumes of cells"):
         for body in bodies:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
             # Where vertices are not numbers, neither is the volume.

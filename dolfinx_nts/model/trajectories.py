@@ -1,4 +1,4 @@
-"""Where points go through a surface within a step."""
+"""Where points pass through a surface within a step."""
 
 from typing import NamedTuple
 

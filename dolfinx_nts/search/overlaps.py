@@ -47,7 +47,7 @@ class Overlap:
         >>> stepper.set_displacement(other, (0.0, 0.0, -0.06))  # m, and the gap was 0.01 m
         >>> (overlap,) = nts.Diagnostics(stepper).overlaps()
         >>> sorted(overlap.names), f"{overlap.depth:.2g} m", overlap.nodes, overlap.cells
-        (['body 1', 'body 2'], '0.05 m', 8, 0)
+        (['lower', 'upper'], '0.05 m', 8, 0)
     """
 
     names: tuple[str, str]

@@ -43,6 +43,7 @@ class ContactStep:
             in the tests for contact and stick.
         free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
             ``(n, 3)``; None if all are unknown.
+        is_static: Whether there is no inertia.
 
     Attributes:
         state: The argument.
@@ -64,6 +65,7 @@ class ContactStep:
         x_trial: Floats,
         stiffness: Floats,
         free: Floats | None = None,
+        is_static: bool = False,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -72,12 +74,12 @@ class ContactStep:
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
-        self.normal = _normal_contact(state, scheme, search, nodal_stiffness)
+        self.normal = _normal_contact(state, is_static, search, nodal_stiffness)
         law = state.pair.friction
         self.friction = (
             Friction(state)
             if law is None
-            else StickSlip(state, law, scheme, search, nodal_stiffness)
+            else StickSlip(state, law, is_static, search, nodal_stiffness)
         )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
@@ -242,13 +244,13 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
 
 
 def _normal_contact(
-    state: PairState, scheme: str, search: LocalSearch, stiffness: Floats
+    state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
     if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, scheme, search, stiffness)
-    return PenaltyContact(state, law, scheme, search)
+        return MultiplierContact(state, law, is_static, search, stiffness)
+    return PenaltyContact(state, law, is_static, search)
 
 
 def contact_residual(

@@ -51,9 +51,9 @@ class LocalSearch:
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
-        segment_n: Segment of each node at t_n or -1, shape ``(n,)``.
+        start: Segment of each node at t_n or -1, ``(n,)``, and gap to it, NaN without, ``(n,)``
+            [m].
         segment: Segment of each node now or -1, shape ``(n,)``.
-        gap_n: Gap to the segment at t_n, NaN without, shape ``(n,)`` [m].
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
     """
@@ -71,24 +71,23 @@ class LocalSearch:
         trial = candidates.scatter.forward(x_trial)
 
         self.last = candidates.find(state.history.key)
-        self.segment_n, self.gap = candidates.pair(points, self.x_n, self.last, self.reach)
-        self.gap_n = self.gap.copy()
-        met, gap_trial = candidates.pair(points, trial, self.segment_n, self.reach)
+        self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
+        met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)
         self._catch(trial, met, gap_trial)
         # The gap at t_n counts on the segment that the ballistic state meets.
-        gap_n = self.gap.copy()
-        moved = ((met >= 0) & (met != self.segment_n)).nonzero()[0].astype(np.int32)
+        gap_n = gap.copy()
+        moved = ((met >= 0) & (met != segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
             gap_n[moved] = candidates.gap(points.take(moved), self.x_n, met[moved])
-        self.approach = Approach(np.where(met >= 0, met, self.segment_n), gap_n, gap_trial)
-        self.segment = self.segment_n.copy()
+        self.approach = Approach(np.where(met >= 0, met, segment_n), gap_n, gap_trial)
+        self.segment, self.gap = segment_n.copy(), gap.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
         if self.way <= self.candidates.shortest_passage / 2:
             return
-        node = (~(self.gap_n > 2 * self.way)).nonzero()[0].astype(np.int32)
+        node = (~(self.start[1] > 2 * self.way)).nonzero()[0].astype(np.int32)
         none = np.full(len(node), -1, dtype=np.int32)
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))

@@ -27,7 +27,7 @@ class MultiplierContact(NormalContact):
     Args:
         state: State of the contact pair.
         law: Enforcement of the pair.
-        scheme: Kernel of contact.
+        is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
     """
@@ -36,13 +36,13 @@ class MultiplierContact(NormalContact):
         self,
         state: PairState,
         law: LagrangeMultiplier,
-        scheme: str,
+        is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
     ) -> None:
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
-        self._holds = law.impact == "elastic" and scheme != "static"
+        self._holds = law.impact == "elastic" and not is_static
         approach, history = search.approach, state.history
         eligible = approach.segment >= 0
         if self._holds:
@@ -53,7 +53,7 @@ class MultiplierContact(NormalContact):
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
         eligible = search.candidates.independent(state.nodes, approach.segment, eligible, urgency)
         super().__init__(state, search, eligible)
-        if scheme == "static":
+        if is_static:
             self._begin_in_touch()
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._set = ActiveSet(state.pair, law, stiffness, comm)

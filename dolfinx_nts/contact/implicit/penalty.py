@@ -20,15 +20,17 @@ class PenaltyContact(NormalContact):
     Args:
         state: State of the contact pair, with springs.
         law: Enforcement of the pair.
-        scheme: Kernel of contact.
+        is_static: Whether there is no inertia.
         search: Segments of the nodes.
     """
 
-    def __init__(self, state: PairState, law: Penalty, scheme: str, search: LocalSearch) -> None:
+    def __init__(
+        self, state: PairState, law: Penalty, is_static: bool, search: LocalSearch
+    ) -> None:
         """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
         super().__init__(state, search, search.approach.segment >= 0)
-        self._law, self._eps_N, self._is_static = law, state.eps_N, scheme == "static"
+        self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         if self._is_static:
             self._begin_in_touch()
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]

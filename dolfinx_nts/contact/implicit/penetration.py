@@ -38,7 +38,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
     if between:
         return f"nodes that sank into a surface between two segments: {between}"
     search, nodes = step.search, step.state.nodes
-    ends, start = (search.x_n, step.x), (search.segment_n, search.gap_n)
+    ends, start = (search.x_n, step.x), search.start
     passage = Passage.through(
         step.candidates, search.points, ends, start, search.reach, ~step.normal.active
     )

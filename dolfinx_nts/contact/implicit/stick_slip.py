@@ -113,7 +113,7 @@ class StickSlip(Friction):
     Args:
         state: State of the contact pair.
         law: Law of friction of the pair.
-        scheme: Kernel of contact.
+        is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
     """
@@ -122,7 +122,7 @@ class StickSlip(Friction):
         self,
         state: PairState,
         law: Coulomb,
-        scheme: str,
+        is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
     ) -> None:
@@ -135,7 +135,7 @@ class StickSlip(Friction):
         self._rounding = ROUNDING * stiffness * state.pair.segment_size
         # A node that arrives slides until it is found to stick; where nothing moves it sticks
         # until it is found to slide, as bodies may have no other hold.
-        self._arrives_sliding = scheme != "static"
+        self._arrives_sliding = not is_static
         self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))

@@ -41,11 +41,11 @@ class Scene:
 
 @pytest.fixture
 def told(comm, caplog):
-    """Warnings so far, which are those of rank 0 on all ranks. Collective."""
+    """Warnings of overlaps so far, those of rank 0 on all ranks. Collective."""
     caplog.set_level(logging.WARNING, "dolfinx_nts")
 
     def texts():
-        warnings = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+        warnings = [r.getMessage() for r in caplog.records if r.module == "overlap_watch"]
         assert comm.rank == 0 or not warnings
         return comm.bcast(warnings)
 

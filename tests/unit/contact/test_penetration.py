@@ -55,9 +55,8 @@ def step_of(facets, before, after, held):
         x_n=x_n,
         reach=2.0,
         last=segment_n,
-        segment_n=segment_n,
+        start=(segment_n, gap_n),
         segment=segment,
-        gap_n=gap_n,
         gap=gap,
     )
     mesh = SimpleNamespace(comm=MPI.COMM_SELF)
@@ -97,7 +96,7 @@ def test_node_that_goes_through_a_surface_is_found():
     # Half of what can be caught, half a segment, after the 0.2 to the surface.
     possible = 0.1 * (0.2 + np.sqrt(2) / 4) / 1.1
     assert check_penetration(step, dt=0.1) == (
-        "1 nodes go through a surface that they face: 7; "
+        "1 nodes pass through a surface that they face: 7; "
         f"a dt of {possible:.2g} would let contact catch them"
     )
 

@@ -51,7 +51,7 @@ def test_vertices_that_come_out_below_are_named_in_the_step_in_which_they_do(
     first = int(np.floor(0.6 / moved))
     assert not any(reasons[:first])
     assert any(
-        "4 vertices of segments go through" in reason for reason in reasons[first : first + 3]
+        "4 vertices of segments pass through" in reason for reason in reasons[first : first + 3]
     )
     assert all("let the finer surface give the nodes" in reason for reason in reasons if reason)
 
@@ -67,7 +67,7 @@ def test_a_failed_step_does_not_count(comm):
     bullet = Bullet(comm)
     start, below = bullet.at(0, 0, 0), bullet.at(0, 0, -0.9)
     for _ in range(2):
-        assert "go through" in bullet.watch.check(start, below, 0.9)
+        assert "pass through" in bullet.watch.check(start, below, 0.9)
 
 
 def test_pairs_of_both_directions_need_no_second_look(comm):

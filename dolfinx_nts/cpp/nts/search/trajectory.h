@@ -2,7 +2,7 @@
 
 #include "nts/search/facing.h"
 
-/// @brief Where nodes go through a surface within a step.
+/// @brief Where nodes pass through a surface within a step.
 ///
 /// Nodes and vertices move straight from one state to the other, and
 /// quadrilaterals are two triangles: a node crosses the plane of a moving
