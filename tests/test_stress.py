@@ -80,7 +80,7 @@ def test_wrong_endings_are_found(comm):
 
 
 def test_step_that_is_cut_is_counted(comm):
-    case = Case("", "", "", lambda comm: impact(comm, E=1e7, h=0.1, speed=3.0, num_steps=1))
+    case = Case("", "", "", lambda comm: impact(comm, E=1e7, h=0.1, speed=10.0, num_steps=1))
     outcome = run(case, comm)
     assert outcome.wrong == "" and outcome.row["rejected_steps"] == 1
 

@@ -36,8 +36,7 @@ public:
   {
     check("x_facets", x, {any, 3});
     for (const std::int32_t number : view(numbers))
-      if (number < 0
-          || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
+      if (number < 0 || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
         throw nb::value_error("numbers: expected those of nodes");
     return {view(_vertices), view(_orientation), _vertices.shape(1),
             view(_first),    view(_facets),      view(_angle),
@@ -72,9 +71,9 @@ public:
   }
 
   Result pair(const Doubles& x_node, const Ints& current, double slack,
-                     double reach, const Doubles& x, const NodeFacets& facets,
-                     const Doubles& x_facets, const Ints& numbers,
-                     const Doubles& thickness)
+              double reach, const Doubles& x, const NodeFacets& facets,
+              const Doubles& x_facets, const Ints& numbers,
+              const Doubles& thickness)
   {
     check("numbers", numbers, {current.shape(0)});
     check("thickness", thickness, {_vertices.shape(0)});
@@ -271,13 +270,13 @@ void local_search(nb::module_& m)
            "(s, k) rows of positions, (s,), (s,) ascending")
       .def("find", &SegmentsAndTree::find, nb::arg("keys"),
            "(n,) -> segment of each key or -1 (n,)")
-      .def("pair", &SegmentsAndTree::pair, nb::arg("x_node"),
-           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
-           nb::arg("facets"), nb::arg("x_facets"), nb::arg("numbers"),
-           nb::arg("thickness"),
-           "(n, 3), (n,), -, -, (l, 3), NodeFacets, (f, 3), (n,) their numbers, "
-           "(s,) -> segment (n,) or -1, xi (n, 2), gap (n,), normal (n, 3), see "
-           "nts/search/facing.h")
+      .def(
+          "pair", &SegmentsAndTree::pair, nb::arg("x_node"), nb::arg("current"),
+          nb::arg("slack"), nb::arg("reach"), nb::arg("x"), nb::arg("facets"),
+          nb::arg("x_facets"), nb::arg("numbers"), nb::arg("thickness"),
+          "(n, 3), (n,), -, -, (l, 3), NodeFacets, (f, 3), (n,) their numbers, "
+          "(s,) -> segment (n,) or -1, xi (n, 2), gap (n,), normal (n, 3), see "
+          "nts/search/facing.h")
       .def("follow", &SegmentsAndTree::follow, nb::arg("x_node_n"),
            nb::arg("x_node"), nb::arg("row"), nb::arg("inside"), nb::arg("x_n"),
            nb::arg("x"), nb::arg("facets"), nb::arg("x_facets"),
@@ -285,13 +284,14 @@ void local_search(nb::module_& m)
            "(n, 3), (n, 3), (n,), (n,), (l, 3), (l, 3), NodeFacets, (f, 3), "
            "(n,) -> entered, leaves, begin, way, cosine, gap, each (n,), see "
            "nts/search/trajectory.h")
-      .def("pair_own", &SegmentsAndTree::pair_own, nb::arg("x_node"),
-           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
-           nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"),
-           nb::arg("X"), nb::arg("thickness"),
-           "(n, 3), (n,), -, -, (l, 3), (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> "
-           "as pair for nodes of the surface itself, see "
-           "nts/search/self_contact.h")
+      .def(
+          "pair_own", &SegmentsAndTree::pair_own, nb::arg("x_node"),
+          nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
+          nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"), nb::arg("X"),
+          nb::arg("thickness"),
+          "(n, 3), (n,), -, -, (l, 3), (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> "
+          "as pair for nodes of the surface itself, see "
+          "nts/search/self_contact.h")
       .def("near", &SegmentsAndTree::near, nb::arg("x_node"), nb::arg("reach"),
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "

@@ -154,9 +154,9 @@ public:
         continue;
       Trajectory t{.entered = in.segment, .begin = in.time};
       double end = 1;
-      const auto out = std::find_if(_crossings.begin() + i, _crossings.end(),
-                                    [](const Crossing& c)
-                                    { return !c.inward; });
+      const auto out
+          = std::find_if(_crossings.begin() + i, _crossings.end(),
+                         [](const Crossing& c) { return !c.inward; });
       if (out != _crossings.end())
       {
         t.leaves = true;
@@ -198,19 +198,19 @@ private:
   {
     _crossings.clear();
     const double radius = norm(path) / 2 * (1 + on_plane);
-    _tree.nearest(from + 0.5 * path, radius,
-                  [&](std::int32_t i)
-                  {
-                    const auto rows = _surface.segment(i);
-                    if (std::ranges::find(rows, row) == rows.end())
-                    {
-                      cross_triangle(from, path, i, {rows[0], rows[1], rows[2]});
-                      if (_surface.k == 4)
-                        cross_triangle(from, path, i,
-                                       {rows[1], rows[3], rows[2]});
-                    }
-                    return radius;
-                  });
+    _tree.nearest(
+        from + 0.5 * path, radius,
+        [&](std::int32_t i)
+        {
+          const auto rows = _surface.segment(i);
+          if (std::ranges::find(rows, row) == rows.end())
+          {
+            cross_triangle(from, path, i, {rows[0], rows[1], rows[2]});
+            if (_surface.k == 4)
+              cross_triangle(from, path, i, {rows[1], rows[3], rows[2]});
+          }
+          return radius;
+        });
   }
 
   void cross_triangle(const Vec3& from, const Vec3& path, std::int32_t segment,
@@ -238,20 +238,21 @@ private:
       return orientation * dot(p.node, p.normal)
              + on_plane * size * norm(p.normal);
     };
-    cubic_zeros(
-        {side(0), side(1. / 3), side(2. / 3), side(1)},
-        [&](double s, bool inward)
-        {
-          const Plane p = at(s);
-          const double square = dot(p.normal, p.normal);
-          if (!(square > 0))
-            return;
-          const double u = dot(cross(p.node, p.second), p.normal) / square,
-                       v = dot(cross(p.first, p.node), p.normal) / square;
-          if (u >= -beside && v >= -beside && u + v <= 1 + beside)
-            _crossings.push_back({s, inward, segment,
-                                  (orientation / std::sqrt(square)) * p.normal});
-        });
+    cubic_zeros({side(0), side(1. / 3), side(2. / 3), side(1)},
+                [&](double s, bool inward)
+                {
+                  const Plane p = at(s);
+                  const double square = dot(p.normal, p.normal);
+                  if (!(square > 0))
+                    return;
+                  const double u
+                      = dot(cross(p.node, p.second), p.normal) / square,
+                      v = dot(cross(p.first, p.node), p.normal) / square;
+                  if (u >= -beside && v >= -beside && u + v <= 1 + beside)
+                    _crossings.push_back(
+                        {s, inward, segment,
+                         (orientation / std::sqrt(square)) * p.normal});
+                });
   }
 
   const MovingSurface& _surface;
