@@ -117,7 +117,7 @@ class TimeLoop(State):
         """Advance in steps that are each as long as the control and the scheme permit."""
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
-        rejected = 0
+        rejected, first = 0, ""
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
                 longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
@@ -129,11 +129,12 @@ class TimeLoop(State):
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
+                    first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
                     self.serialize(before.rewind())
                     if dt / 2 < smallest:
                         raise ConvergenceError(
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                            f"less than the smallest step of {smallest:.3g} s",
+                            f"less than the smallest step of {smallest:.3g} s; {first}",
                             error.reports,
                         ) from None
                     if self._comm.rank == 0:
@@ -145,7 +146,7 @@ class TimeLoop(State):
                 self._length.accept()
                 yield report._replace(rejected=rejected)
                 bar.update(dt)
-                rejected = 0
+                rejected, first = 0, ""
 
     def _advance_to(self, end: float, dt: float) -> StepReport:
         """Advance by one step of length dt [s], and remove the round-off of its end [s]."""
