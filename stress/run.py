@@ -18,11 +18,11 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import degenerate, impact, meetings, repeated, resting, variants
+from stress import boundaries, degenerate, impact, meetings, repeated, resting, variants
 from stress.rows import COLUMNS, Case, Outcome, run
 from stress.table import replace_table
 
-__all__ = ["CASES"]
+__all__ = ["ALL_CASES", "CASES"]
 
 CASES: list[Case] = [
     *impact.CASES,
@@ -31,7 +31,11 @@ CASES: list[Case] = [
     *resting.CASES,
     *degenerate.CASES,
     *variants.CASES,
+    *boundaries.CASES,
 ]
+
+# Tests run the others and a few of the random scenes.
+ALL_CASES = [*CASES, *boundaries.RANDOM]
 
 _ROOT = Path(__file__).parents[1]
 _logger = logging.getLogger("stress")
@@ -40,7 +44,7 @@ _logger = logging.getLogger("stress")
 def _run(name: str) -> Outcome:
     """Run the case of a name."""
     logging.getLogger("dolfinx_nts").propagate = False
-    return run(next(case for case in CASES if case.name == name), MPI.COMM_SELF)
+    return run(next(case for case in ALL_CASES if case.name == name), MPI.COMM_SELF)
 
 
 def main() -> int:
@@ -51,7 +55,7 @@ def main() -> int:
     options = parser.parse_args()
     pattern = options.pattern
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    cases = [case for case in CASES if re.search(pattern, case.name)]
+    cases = [case for case in ALL_CASES if re.search(pattern, case.name)]
     results = _ROOT / "results"
     results.mkdir(exist_ok=True)
     rows, wrong = [], 0

@@ -141,10 +141,11 @@ class World:
         dt: float,
         scheme: Any = nts.EnergyMomentum,
         gravity: Any = None,
+        pairs: Sequence[nts.ContactPair] = (),
         **options: Any,
     ) -> Any:
         """Stepper of all bodies, with the velocities of the parts; dt as it is seen."""
-        pairs = [pair for touch in touches for pair in self._pairs(touch)]
+        pairs = [*pairs, *(pair for touch in touches for pair in self._pairs(touch))]
         bodies = list(self.bodies.values())
         loads = [] if gravity is None else [nts.Gravity(bodies, gravity)]
         stepper = scheme(bodies, pairs, dt=self.frame.length * dt, loads=loads, **options)

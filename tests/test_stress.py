@@ -8,6 +8,7 @@ import pytest
 
 import dolfinx_nts as nts
 from stress import endurance, meetings, rows
+from stress.boundaries import RANDOM
 from stress.impact import impact
 from stress.rows import Case, run
 from stress.run import CASES
@@ -36,6 +37,8 @@ CHEAP = [
     "hard punch on a soft block: depth = 0.5",
     "neo-Hookean cube: height left = 0.1",
     "ball on plate, central differences: h = 0.05",
+    "flush slices: cells = 4",
+    "small block on long facets: times as stiff = 200000.0",
 ]
 
 
@@ -43,6 +46,11 @@ CHEAP = [
 def test_row_ends_as_it_has_to(comm, name):
     (case,) = (case for case in CASES if case.name == name)
     assert run(case, comm).wrong == ""
+
+
+@pytest.mark.parametrize("seed", [3, 24, 29, 46])
+def test_random_bodies_bounce_or_tell_what_is_wrong(comm, seed):
+    assert run(RANDOM[seed], comm).wrong == ""
 
 
 def test_suite_has_sixty_rows_with_names_of_their_own():
