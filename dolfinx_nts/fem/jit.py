@@ -37,7 +37,10 @@ _OPTIONS = {
         _VECTOR_FUNCTIONS,
         *_UNROLLED,
         *_WIDEST,
-    ]
+    ],
+    # How long to wait for another process that compiles the same form [s]: 10, as FFCx has it, is
+    # too short on a busy machine.
+    "timeout": 40,
 }
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
