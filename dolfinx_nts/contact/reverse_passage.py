@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.passage import Passage, passing_message
+from dolfinx_nts.contact.passage import passing_message, through_to_another_side
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
@@ -126,6 +126,6 @@ class _Sweep:
         """Say which vertices pass between two states, or ""."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
-        passage = Passage.to_another_side(candidates, points, (forward(x_n), forward(x)))
-        ids = self._vertices.node_ids[passage.points]
+        passing = through_to_another_side(candidates, points, (forward(x_n), forward(x)), reach)
+        ids = self._vertices.node_ids[passing]
         return passing_message(self._comm, "vertices of segments", ids, _ADVICE)
