@@ -6,11 +6,11 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 `library`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -21,7 +21,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
 
-__all__ = ["Hyperelastic", "MassOnly", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "right_cauchy_green"]
 
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -59,16 +59,16 @@ class Hyperelastic(Declaration):
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: Names of parameters whose terms of ``psi`` are integrated with one point a
-            cell. If these are the volumetric terms, hexahedra of nearly incompressible
-            materials do not lock. ``psi`` must be linear in its parameters. Energy is conserved
-            as well as without, because every point has an energy and a conserving stress of its
-            own.
+        one_point: Names of parameters whose terms of ``psi``, in which it must be linear, are
+            integrated with one point a cell; ``()`` for none. Without it, these are the
+            volumetric terms where hexahedra of degree 1 would lock, see `volumetric_parameters`.
+            Energy is conserved with every choice, because every point has an energy and a
+            conserving stress of its own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
-        one_point: Names as given, a frozen set.
+        one_point: Names as given, a frozen set, or None.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -87,6 +87,9 @@ class Hyperelastic(Declaration):
         Hyperelastic(psi=psi, mu=30000, kappa=100000, rho=1000)
     """
 
+    # Names of `volumetric_parameters` where they are known.
+    _VOLUMETRIC: ClassVar[frozenset[str]] = frozenset()
+
     def __init__(
         self,
         psi: Callable[..., Any],
@@ -94,7 +97,7 @@ class Hyperelastic(Declaration):
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
-        one_point: Sequence[str] = (),
+        one_point: Sequence[str] | None = None,
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -111,7 +114,7 @@ class Hyperelastic(Declaration):
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
         numbers = {name: float(value) for name, value in parameters.items()}
         self.parameters = MappingProxyType(numbers)
-        self.one_point = frozenset(one_point)
+        self.one_point = None if one_point is None else frozenset(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
                 f"expected one_point out of {sorted(parameters)}, but not all, given {one_point}"
@@ -121,12 +124,10 @@ class Hyperelastic(Declaration):
 
     def __repr__(self) -> str:
         """Numbers in SI units, and the options that are set, in one line. Local."""
-        options = {
-            "mass_damping": self.mass_damping,
-            "stiffness_damping": self.stiffness_damping,
-            "one_point": tuple(sorted(self.one_point)),
-        }
-        options = {name: value for name, value in options.items() if value}
+        damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
+        options: dict[str, Any] = {name: value for name, value in damping.items() if value}
+        if self.one_point is not None:
+            options["one_point"] = tuple(sorted(self.one_point))
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
@@ -248,16 +249,17 @@ class Hyperelastic(Declaration):
             return
         C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
-        parts = [
-            float(ufl.as_ufl(self.psi(C, **self.parameters | dict.fromkeys(without, 0.0)))(()))
-            for without in (self.one_point, names - self.one_point)
-        ]
-        total = float(self.psi(C, **self.parameters)(()))
+        parts = [self._number(C, without) for without in (self.one_point, names - self.one_point)]
+        total = self._number(C)
         if not abs(total - sum(parts)) <= _ROUND_OFF * (abs(total) + np.abs(parts).sum()):
             raise ValueError(
                 "expected an energy that is linear in its parameters for one_point, "
                 f"given {total:g} J/m^3 and parts of {parts}"
             )
+
+    def _number(self, C: Any, without: Iterable[str] = ()) -> float:
+        """Energy [J/m^3] of a constant tensor with some parameters zero."""
+        return float(ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))(()))
 
     @cached_property
     def _curve(self) -> EnergyCurve:
@@ -285,14 +287,57 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
+    @cached_property
+    def poisson_ratio(self) -> float:
+        """Poisson's ratio of small strains [-]; NaN for energies with fields.
+
+        Of an anisotropic material it is that of the nearest isotropic one.
+        """
+        if self._has_fields:
+            return np.nan
+        basis = self.strain_basis()
+        bulk = 4 / 9 * self._curve.curvature(np.eye(3))
+        shear = (4 * sum(self._curve.curvature(D) for D in basis) - 3 * bulk) / 10
+        return (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
+
+    @cached_property
+    def volumetric_parameters(self) -> frozenset[str]:
+        """Names of parameters whose terms of the energy resist changes of volume.
+
+        Of an energy that is linear in its parameters, all whose terms depend on det C only;
+        where there are none, the energy of an equal change of volume takes their place.
+        """
+        if self._VOLUMETRIC:
+            return self._VOLUMETRIC
+        names = self.parameters.keys()
+        shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
+        round_one = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
+        try:
+            terms = {n: [self._number(C, names - {n}) for C in (shape, round_one)] for n in names}
+            total = self._number(shape)
+        except ArithmeticError:
+            return frozenset()
+        sum_of_terms = sum(at_shape for at_shape, _ in terms.values())
+        size = sum(abs(at_shape) for at_shape, _ in terms.values())
+        if not abs(total - sum_of_terms) <= _ROUND_OFF * size:
+            return frozenset()
+        return frozenset(
+            name
+            for name, (at_shape, at_round) in terms.items()
+            if abs(at_shape - at_round) <= _ROUND_OFF * abs(at_shape) != 0
+        )
+
+    @property
+    def _has_fields(self) -> bool:
+        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
+
     @property
     def least_modulus(self) -> float:
         """Least eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
 
         For an isotropic material it is twice the shear modulus.
         """
-        value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
-        if extract_domains(value):
+        if self._has_fields:
             return np.nan
         return max(float(np.linalg.eigvalsh(self.moduli)[0]), 0.0)
 
@@ -308,6 +353,22 @@ class Hyperelastic(Declaration):
             return True
         smaller, small = (float(value(())) for value in values)
         return smaller > _GROWTH * small
+
+
+class PartOfEnergy(Hyperelastic):
+    """Damping of a material and an energy that is a part of its own. Local.
+
+    Args:
+        material: The material, which has been checked.
+        psi: Strain energy density of the part, see `Hyperelastic`.
+    """
+
+    def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
+        """Take over all numbers."""
+        self.rho, self.parameters, self.one_point = material.rho, material.parameters, frozenset()
+        self.mass_damping = material.mass_damping
+        self.stiffness_damping = material.stiffness_damping
+        self._psi = psi
 
 
 class MassOnly(Hyperelastic):
