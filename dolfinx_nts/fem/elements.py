@@ -49,8 +49,8 @@ class Element:
         stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2 points in a
             hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron.
             Every deformation of a cell has energy.
-        locks: Whether cells can hardly deform without change of volume with that quadrature
-            although they have more nodes than a tetrahedron, which no quadrature helps.
+        locks: Whether one point for volumetric terms keeps cells from locking, as it does
+            hexahedra of degree 1.
     """
 
     def __init__(self, cell: str, degree: int) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import ufl
@@ -59,16 +59,19 @@ class Hyperelastic(Declaration):
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: Names of parameters whose terms of ``psi``, in which it must be linear, are
-            integrated with one point a cell; ``()`` for none. Without it, these are the
-            volumetric terms where hexahedra of degree 1 would lock, see `volumetric_parameters`.
-            Energy is conserved with every choice, because every point has an energy and a
-            conserving stress of its own.
+        one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
+            change of volume, in hexahedra of degree 1, which then do not lock in nearly
+            incompressible materials. Or names of parameters whose
+            terms of ``psi``, in which it must be linear, have one point. Energy is conserved
+            with every choice, because every point has an energy and a conserving stress of its
+            own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
-        one_point: Names as given, a frozen set, or None.
+        one_point: Names as given, a frozen set, or those of the volumetric terms.
+        splits_volume: Whether ``"volumetric"`` was given. Without names the energy of an equal
+            change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -87,9 +90,6 @@ class Hyperelastic(Declaration):
         Hyperelastic(psi=psi, mu=30000, kappa=100000, rho=1000)
     """
 
-    # Names of `volumetric_parameters` where they are known.
-    _VOLUMETRIC: ClassVar[frozenset[str]] = frozenset()
-
     def __init__(
         self,
         psi: Callable[..., Any],
@@ -97,7 +97,7 @@ class Hyperelastic(Declaration):
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
-        one_point: Sequence[str] | None = None,
+        one_point: str | Sequence[str] = (),
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -114,20 +114,27 @@ class Hyperelastic(Declaration):
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
         numbers = {name: float(value) for name, value in parameters.items()}
         self.parameters = MappingProxyType(numbers)
-        self.one_point = None if one_point is None else frozenset(one_point)
+        self._psi = psi
+        self.splits_volume = one_point == "volumetric"
+        self.one_point = (
+            self._volumetric_parameters() if self.splits_volume else frozenset(one_point)
+        )
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
-                f"expected one_point out of {sorted(parameters)}, but not all, given {one_point}"
+                f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
+                f"given {one_point!r}"
             )
-        self._psi = psi
         self._check_energy()
 
     def __repr__(self) -> str:
         """Numbers in SI units, and the options that are set, in one line. Local."""
-        damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
-        options: dict[str, Any] = {name: value for name, value in damping.items() if value}
-        if self.one_point is not None:
-            options["one_point"] = tuple(sorted(self.one_point))
+        names = tuple(sorted(self.one_point))
+        options = {
+            "mass_damping": self.mass_damping,
+            "stiffness_damping": self.stiffness_damping,
+            "one_point": "volumetric" if self.splits_volume else names,
+        }
+        options = {name: value for name, value in options.items() if value}
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
@@ -287,44 +294,26 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
-    @cached_property
-    def poisson_ratio(self) -> float:
-        """Poisson's ratio of small strains [-]; NaN for energies with fields.
-
-        Of an anisotropic material it is that of the nearest isotropic one.
-        """
-        if self._has_fields:
-            return np.nan
-        basis = self.strain_basis()
-        bulk = 4 / 9 * self._curve.curvature(np.eye(3))
-        shear = (4 * sum(self._curve.curvature(D) for D in basis) - 3 * bulk) / 10
-        return (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
-
-    @cached_property
-    def volumetric_parameters(self) -> frozenset[str]:
+    def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
 
-        Of an energy that is linear in its parameters, all whose terms depend on det C only;
-        where there are none, the energy of an equal change of volume takes their place.
+        Of an energy that is linear in its parameters, all whose terms depend on det C only.
         """
-        if self._VOLUMETRIC:
-            return self._VOLUMETRIC
         names = self.parameters.keys()
         shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
-        round_one = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
+        as_large = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
         try:
-            terms = {n: [self._number(C, names - {n}) for C in (shape, round_one)] for n in names}
+            terms = {n: [self._number(C, names - {n}) for C in (shape, as_large)] for n in names}
             total = self._number(shape)
         except ArithmeticError:
             return frozenset()
-        sum_of_terms = sum(at_shape for at_shape, _ in terms.values())
-        size = sum(abs(at_shape) for at_shape, _ in terms.values())
-        if not abs(total - sum_of_terms) <= _ROUND_OFF * size:
+        size = sum(abs(energy) for energy, _ in terms.values())
+        if not abs(total - sum(energy for energy, _ in terms.values())) <= _ROUND_OFF * size:
             return frozenset()
         return frozenset(
             name
-            for name, (at_shape, at_round) in terms.items()
-            if abs(at_shape - at_round) <= _ROUND_OFF * abs(at_shape) != 0
+            for name, (energy, of_volume) in terms.items()
+            if abs(energy - of_volume) <= _ROUND_OFF * abs(energy) != 0
         )
 
     @property
@@ -365,7 +354,8 @@ class PartOfEnergy(Hyperelastic):
 
     def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
         """Take over all numbers."""
-        self.rho, self.parameters, self.one_point = material.rho, material.parameters, frozenset()
+        self.rho, self.parameters = material.rho, material.parameters
+        self.one_point, self.splits_volume = frozenset(), False
         self.mass_damping = material.mass_damping
         self.stiffness_damping = material.stiffness_damping
         self._psi = psi

@@ -36,11 +36,12 @@ class SaintVenantKirchhoff(Hyperelastic):
         SaintVenantKirchhoff(E=100000, nu=0.4, rho=1000)
     """
 
-    _VOLUMETRIC = frozenset(["lmbda"])
-
     def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
         """Check the numbers and convert them to Lame's parameters."""
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
+
+    def _volumetric_parameters(self) -> frozenset[str]:
+        return frozenset(["lmbda"])
 
     def _described(self) -> dict[str, Any]:
         return _young(**self.parameters)
@@ -81,11 +82,9 @@ class NeoHookean(Hyperelastic):
             ``volumetric`` is unknown.
 
     Example:
-        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point=())
-        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point=())
+        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point="volumetric")
+        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point='volumetric')
     """
-
-    _VOLUMETRIC = frozenset(["lmbda"])
 
     def __init__(
         self, E: float, nu: float, rho: float, volumetric: str = "log", **options: Any
@@ -138,8 +137,6 @@ class MooneyRivlin(Hyperelastic):
         100000
     """
 
-    _VOLUMETRIC = frozenset(["kappa"])
-
     def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
         """Check that the moduli of small strains are positive."""
         positive("c10 + c01", c10 + c01)
@@ -191,8 +188,6 @@ class Yeoh(Hyperelastic):
         >>> nts.Yeoh(c10=2.0e4, c20=-2.0e3, c30=1.0e2, kappa=1.0e6, rho=1.0e3)
         Yeoh(c10=20000, c20=-2000, c30=100, kappa=1000000, rho=1000)
     """
-
-    _VOLUMETRIC = frozenset(["kappa"])
 
     def __init__(
         self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any

@@ -14,9 +14,6 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, PartOfEnergy
 
 __all__ = ["Part", "parts"]
 
-# Poisson's ratio of small strains [-] from which on hexahedra lock enough to matter.
-_LOCKS = 0.3 - 1e-9
-
 
 class Part(NamedTuple):
     """Some of the terms of a strain energy.
@@ -40,16 +37,12 @@ def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
     Returns:
         What is integrated with all points of a cell; and with one, None without such terms.
     """
-    names = material.one_point
-    if names is None:
-        if not (locks and material.poisson_ratio >= _LOCKS):
-            return Part(material, ()), None
-        names = material.volumetric_parameters
-        if not names:
-            return Part(_isochoric(material), ()), Part(_volumetric(material), ())
-    if not names:
-        return Part(material, ()), None
-    return Part(material, names), Part(material, material.parameters.keys() - names)
+    names = material.one_point if locks or not material.splits_volume else frozenset()
+    if names:
+        return Part(material, names), Part(material, material.parameters.keys() - names)
+    if locks and material.splits_volume:
+        return Part(_isochoric(material), ()), Part(_volumetric(material), ())
+    return Part(material, ()), None
 
 
 def _at_equal_volume(C: Any) -> Any:

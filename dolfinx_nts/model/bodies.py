@@ -63,7 +63,8 @@ class Body(Declaration):
         check_tag(V, cells, tag, tdim, "cells")
         if not isinstance(material, Hyperelastic):
             raise TypeError(f"expected a material, given {type(material).__name__}")
-        if material.one_point and V.ufl_element().degree > 1:
+        named = material.one_point and not material.splits_volume
+        if named and V.ufl_element().degree > 1:
             raise ValueError(
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
