@@ -102,6 +102,30 @@ def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     assert solver.num_direct == 0
 
 
+@pytest.fixture(scope="module")
+def wide_free():
+    return iterations_of_wide_contact(scenes.MPI.COMM_WORLD, nts.LagrangeMultiplier(), None)
+
+
+def iterations_of_wide_contact(comm, enforcement, friction):
+    """Krylov iterations of a linear system while 144 nodes stick, begin to slip, and slip."""
+    scene = scenes.sliding_blocks(comm, enforcement, friction, n=11)
+    reports = [scene.stepper.advance() for _ in range(4)]
+    assert reports[-1].num_active == 144
+    work = scene.stepper.statistics.solver
+    assert work.num_direct == 0
+    return work.num_iterations / sum(report.newton_iterations for report in reports)
+
+
+@pytest.mark.parametrize(
+    ("enforcement", "friction"),
+    [(nts.LagrangeMultiplier(), 0.3), (nts.Penalty(), 0.0), (nts.Penalty(), 0.3)],
+)
+def test_wide_friction_and_springs_take_few_iterations(comm, wide_free, enforcement, friction):
+    law = nts.Coulomb(friction) if friction else None
+    assert iterations_of_wide_contact(comm, enforcement, law) <= 3 * wide_free
+
+
 def test_contacts_are_factorised_again_only_for_other_pairs_or_factors(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     for _ in range(10):
