@@ -504,7 +504,7 @@ def sliding_blocks(
 ) -> Scene:
     """Return a block that is pressed on another one in step 1, and then slides. Collective.
 
-    All nodes of its bottom touch, n + 1 along an edge, and from step 3 on most slip.
+    All nodes of its bottom touch, n + 1 along an edge, and then more and more slip.
 
     Args:
         comm: Communicator of the mesh.
@@ -528,7 +528,7 @@ def sliding_blocks(
     bcs = [fem.dirichletbc(np.zeros(3), held[0], V), fem.dirichletbc(way, held[1], V)]
 
     def update(t: float) -> None:
-        slide = 0.3 * max(t - 1, 0.0) / n
+        slide = 0.15 * max(t - 1, 0.0) / n
         way.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
 
     pair = nts.ContactPair(*surfaces, enforcement, friction)

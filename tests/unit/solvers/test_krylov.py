@@ -123,10 +123,10 @@ def iterations_of_wide_contact(comm, enforcement, friction):
 )
 def test_wide_friction_and_springs_take_few_iterations(comm, wide_free, enforcement, friction):
     law = nts.Coulomb(friction) if friction else None
-    assert iterations_of_wide_contact(comm, enforcement, law) <= 3 * wide_free
+    assert iterations_of_wide_contact(comm, enforcement, law) <= 1.5 * wide_free
 
 
-def test_contacts_are_factorised_again_only_for_other_pairs_or_factors(comm):
+def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     for _ in range(10):
         scene.stepper.advance()
@@ -138,6 +138,16 @@ def test_contacts_are_factorised_again_only_for_other_pairs_or_factors(comm):
     solver.tangent.num_assembled += 1
     schwarz.update(solver._operator.elimination)
     assert schwarz.num_builds == count + 1
+    # Slipping nodes turn, and their tangents with them.
+    stiffness = comm.allreduce(solver.tangent.nodal_stiffness().min(), op=scenes.MPI.MIN)
+    for change, builds in ((0.05, 1), (0.2, 2), (0.0, 2)):
+        elimination = solver._operator.elimination
+        pairs = elimination.pairs[0]
+        tangent = pairs.blocks.tangent.copy()
+        tangent[:1] += change * stiffness
+        elimination.pairs = [pairs._replace(blocks=pairs.blocks._replace(tangent=tangent))]
+        schwarz.update(elimination)
+        assert schwarz.num_builds == count + builds
 
 
 def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):
