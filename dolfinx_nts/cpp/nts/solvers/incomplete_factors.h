@@ -67,7 +67,8 @@ public:
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
         _factors.put(u++, entries[c].first, row[c].without_dust());
-      _factors.put(u, entries[diagonal].first, Columns::of(inverse).without_dust());
+      _factors.put(u, entries[diagonal].first,
+                   Columns::of(inverse).without_dust());
       for (const auto& [column, e] : entries)
         at[column] = -1;
     }
