@@ -131,7 +131,7 @@ def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(
     for _ in range(10):
         scene.stepper.advance()
     solver = scene.stepper._solver
-    schwarz = solver._schwarz
+    schwarz = solver._contacts._schwarz
     count = schwarz.num_builds
     schwarz.update(solver._operator.elimination)
     assert schwarz.num_builds == count > 0
