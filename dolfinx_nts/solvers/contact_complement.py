@@ -172,7 +172,7 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
             dofs = _dofs(np.searchsorted(nodes, some))
             C[np.ix_(dofs, dofs)] += block
     forces: Floats = np.vstack(F).T
-    gradients: Floats = np.vstack(G)
+    gradients = np.vstack(G)
     m = len(gradients)
     whole = np.block(
         [[np.eye(n) + flexibility @ C, flexibility @ forces], [gradients, np.zeros((m, m))]]
