@@ -144,7 +144,7 @@ class Run:
         energy = self._diagnostics.balance().total_energy
         # Where nothing moves there is no energy at the start, and supports do work.
         drift = abs(energy / self._energy - 1) if self._energy else np.nan
-        self._drift = max(self._drift, drift)
+        self._drift = float(np.maximum(self._drift, drift))
         self._residuals += self._residual_seconds()
 
     def _work(self) -> "Counter[str]":

@@ -172,10 +172,9 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
             dofs = _dofs(np.searchsorted(nodes, some))
             C[np.ix_(dofs, dofs)] += block
     forces: Floats = np.vstack(F).T
-    gradients = np.vstack(G)
-    m = len(gradients)
+    m = forces.shape[1]
     whole = np.block(
-        [[np.eye(n) + flexibility @ C, flexibility @ forces], [gradients, np.zeros((m, m))]]
+        [[np.eye(n) + flexibility @ C, flexibility @ forces], [np.vstack(G), np.zeros((m, m))]]
     )
     try:
         solution = np.linalg.solve(whole, np.eye(n + m, n))
