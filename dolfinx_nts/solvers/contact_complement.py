@@ -103,7 +103,8 @@ class ContactComplement:
     def serialize(self, archive: Archive) -> None:
         """Serialize the nodes of the columns, after the factors. Collective."""
         is_present = self._version == self._bulk.num_builds
-        batches = archive.local("complement", self._batches if is_present else [])
+        known = self._batches if is_present and self._batches else None
+        batches = archive.local("complement", known)
         if archive.giving:
             self._forget(batches or [])
 
@@ -115,7 +116,6 @@ class ContactComplement:
     def _forget(self, batches: Sequence[Array]) -> None:
         """Have nodes, whose columns are not known, with the present factors."""
         self._version, self._batches, self._num_solved = self._bulk.num_builds, list(batches), 0
-        self._columns = np.empty((3 * self._tangent.rows.index_map.size_local, 0))
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
         """Owned ones of some nodes: their local numbers, and their places among them."""
@@ -125,9 +125,10 @@ class ContactComplement:
 
     def _solve(self) -> None:
         """Solve for unit forces at nodes that have no columns. Collective."""
-        columns = [self._columns]
+        n = 3 * self._tangent.rows.index_map.size_local
+        columns = [self._columns if self._num_solved else np.empty((n, 0))]
         for batch in self._batches[self._num_solved :]:
-            forces = np.zeros((len(self._columns), 3 * len(batch)), order="F")
+            forces = np.zeros((n, 3 * len(batch)), order="F")
             owned, place = self._owned(batch)
             forces[_dofs(owned), _dofs(place)] = 1
             columns.append(self._bulk.responses(forces))

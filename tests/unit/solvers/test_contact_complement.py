@@ -7,6 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
+from dolfinx_nts.io import checkpoint
 from dolfinx_nts.solvers import contact_complement
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.contact_complement import ContactComplement
@@ -127,3 +128,20 @@ def test_nearly_incompressible_contact_takes_few_iterations(comm, mu):
     assert solver.num_direct == 0
     assert solver.num_iterations - start < 50 * newton
     assert newton < 30
+
+
+@pytest.mark.serial
+def test_resumed_run_repeats_every_digit(comm, tmp_path):
+    runs = [
+        scenes.sliding_blocks(comm, nts.LagrangeMultiplier(), nts.Coulomb(0.3), n=3, nu=0.499)
+        for _ in range(2)
+    ]
+    first, second = (scene.stepper for scene in runs)
+    for _ in range(3):
+        first.advance()
+    assert first._solver._contacts.reach_far
+    checkpoint.save(tmp_path / "run.h5", first)
+    checkpoint.load(tmp_path / "run.h5", second)
+    for stepper in (first, second):
+        stepper.advance()
+    np.testing.assert_array_equal(first.u.x.array, second.u.x.array)
