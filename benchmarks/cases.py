@@ -12,12 +12,14 @@ EXPLICIT = "central differences"
 # In contact from t = 0.05 on; the steps before it are not measured.
 _WINDOW = {"t_start": 0.05, "t_end": 0.2}
 _SHORT = {"t_start": 0.05, "t_end": 0.11}
+_HARD = {"t_start": 0.08, "t_end": 0.12}
 _LONG = {"t_start": 0.05, "t_end": 0.5}
 _LATE = {"t_start": 0.11, "t_end": 0.14}  # no node of the coarsest ball is at its pole
 _CONTACT, _IMPACT = {"scene": "contact"}, {"scene": "impact", "t_end": 1.0}
 # Central differences choose their step.
 _EXPLICIT = {"scheme": EXPLICIT, "h": None}
 _STIFF_STEP = {"h": 0.005, "E": 1e7}
+_WIDE = {"model": "sliding block", "h": 1.0, "t_start": 4.0, "t_end": 7.0}
 _FRICTION = {"n": 12, "friction": 0.3, **_WINDOW}
 
 # Each item is measured in a process of its own. Machines change their speed: cases
@@ -39,6 +41,20 @@ _DEFAULT: list[Rows] = [
         {"scene": "friction", **_FRICTION},
         {"scene": "friction, spring", "eps_T": 1e5, **_FRICTION},
     ],
+    [
+        {"scene": "beside nu = 0.499", "n": 12, **_HARD},
+        {"scene": "nu = 0.499", "n": 12, "nu": 0.499, **_HARD},
+        {"scene": "nu = 0.499, friction", "n": 12, "nu": 0.499, "friction": 0.3, **_HARD},
+        {"scene": "nu = 0.49, one point", "n": 12, "nu": 0.49, "element": "one point", **_HARD},
+        {"scene": "thin wall", "n": 12, "wall": 0.02, **_HARD},
+    ],
+    *(
+        [
+            {"scene": "wide contact", "scheme": scheme, "n": n, **_WIDE},
+            {"scene": "wide friction", "scheme": scheme, "n": n, "friction": 0.3, **_WIDE},
+        ]
+        for scheme, n in (("statics", 20), ("statics", 44), ("statics, penalty", 14))
+    ),
     [
         {**_CONTACT, "n": 24, "runs": 3, **_WINDOW},
         {"scene": "beside n = 24", "n": 6, **_WINDOW},

@@ -11,12 +11,22 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball
 
-__all__ = ["ELEMENTS", "SCHEMES", "Scene", "ball_on_plate", "bar_on_wall", "pressed_block"]
+__all__ = [
+    "ELEMENTS",
+    "SCHEMES",
+    "Scene",
+    "ball_on_plate",
+    "bar_on_wall",
+    "pressed_block",
+    "sliding_block",
+]
 
 SCHEMES: dict[str, tuple[Any, Any]] = {
     "EM elastic": (nts.EnergyMomentum, lambda: nts.LagrangeMultiplier("elastic")),
     "EM plastic": (nts.EnergyMomentum, lambda: nts.LagrangeMultiplier("plastic")),
     "EM penalty": (nts.EnergyMomentum, nts.Penalty),
+    "statics": (nts.QuasiStatic, nts.LagrangeMultiplier),
+    "statics, penalty": (nts.QuasiStatic, nts.Penalty),
     "midpoint": (nts.Midpoint, lambda: nts.LagrangeMultiplier("plastic")),
     "generalised-alpha": (nts.GeneralizedAlpha, lambda: nts.LagrangeMultiplier("plastic")),
     "central differences": (nts.CentralDifference, nts.Penalty),
@@ -49,6 +59,8 @@ def ball_on_plate(
     n: int = 6,
     E: float = 1e5,
     rho: float = 1e3,
+    nu: float = 0.4,
+    wall: float = 0.2,
     friction: Any = None,
     element: str = "full",
 ) -> Scene:
@@ -63,6 +75,9 @@ def ball_on_plate(
         n: Cells along an edge of the cubed ball.
         E: Young's modulus [Pa].
         rho: Density [kg/m^3].
+        nu: Poisson's ratio.
+        wall: Thickness of the ball [m]; it has a layer of cells for each n // 3 in 0.2 m, and
+            at least two.
         friction: Law of friction or None.
         element: Key of `ELEMENTS`.
     """
@@ -72,10 +87,10 @@ def ball_on_plate(
             model,
             "ball",
             centre=(0.0, -0.5, 1.05),
-            inner_radius=0.8,
+            inner_radius=1.0 - wall,
             outer_radius=1.0,
             cells_per_edge=n,
-            layers=max(2, n // 3),
+            layers=max(2, round(n // 3 * wall / 0.2)),
             cell=ELEMENTS[element][0],
         )
         cells = (10 * n // 6, 10 * n // 6, max(1, n // 6))
@@ -91,7 +106,7 @@ def ball_on_plate(
     mesh, cells, facets, tag = _mesh(comm, build)
     _, degree, one_point = ELEMENTS[element]
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-    material = nts.SaintVenantKirchhoff(E, 0.4, rho, one_point=one_point)
+    material = nts.SaintVenantKirchhoff(E, nu, rho, one_point=one_point)
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
     integrator, enforcement = SCHEMES[scheme]
     pair = nts.ContactPair(
@@ -142,6 +157,53 @@ def bar_on_wall(
     stepper = integrator([bar], [pair], dt=h)
     stepper.set_velocity(bar, (0.0, 0.0, -BAR_SPEED))
     return Scene(stepper, bar)
+
+
+def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: Any = None) -> Scene:
+    """Block that is pressed on a wider one in the first step, and then drawn over it.
+
+    All (n + 1)^2 nodes of its bottom touch; with a coefficient of friction of 0.3 they stick
+    at first, and after some steps all slip. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        scheme: Key of `SCHEMES`.
+        h: Step [s], of which the first second is that of pressing.
+        n: Cells along an edge of the block.
+        friction: Law of friction or None.
+    """
+
+    def build(model: Any) -> None:
+        wide, high = round(1.2 * n) + 1, 0.4
+        table = {"corner": (-0.6, -0.6, -high), "size": (1.2, 1.2, high), "cells": (wide, wide, 3)}
+        add_box(model, "table", **table)
+        cells = (n, n, max(3, n // 11))
+        add_box(model, "block", corner=(-0.5, -0.5, 0.0), size=(1.0, 1.0, high), cells=cells)
+
+    mesh, tags, facets, tag = _mesh(comm, build)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(1e5, 0.3, 1e3)
+    block, table = (nts.Body(V, tags, tag[name], material) for name in ("block", "table"))
+    integrator, enforcement = SCHEMES[scheme]
+    pair = nts.ContactPair(
+        nodes=nts.Surface(V, facets, tag["block_bottom"]),
+        segments=nts.Surface(V, facets, tag["table_top"]),
+        enforcement=enforcement(),
+        friction=friction,
+    )
+    way, rest = (fem.Constant(mesh, (0.0, 0.0, 0.0)) for _ in range(2))
+    low, top = (
+        fem.locate_dofs_topological(V, 2, facets.find(tag[name]))
+        for name in ("table_bottom", "block_top")
+    )
+    bcs = [fem.dirichletbc(rest, low, V), fem.dirichletbc(way, top, V)]
+
+    def update(t: float) -> None:
+        slide = 0.01 * max(t - 1.0, 0.0)
+        way.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
+
+    stepper = integrator([block, table], [pair], dt=h, bcs=bcs, update=update)
+    return Scene(stepper, block)
 
 
 def pressed_block(comm: MPI.Comm, scheme: str, h: float) -> Scene:

@@ -76,6 +76,13 @@ def _difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
     return max(abs(a[name] / b[name] - 1) for name in ("v_y", "v_z", "strain_energy"))
 
 
+def _wide(steps: Rows, n: int, name: str) -> float:
+    """Ratio of wide contact with friction to that without."""
+    rows = (_find(steps, scene=f"wide {s}", scheme="statics", n=n) for s in ("friction", "contact"))
+    with_friction, without = (float(row[name]) for row in rows)
+    return with_friction / without
+
+
 def _targets(steps: Rows) -> str:
     """What was asked for, and what came out."""
 
@@ -84,6 +91,15 @@ def _targets(steps: Rows) -> str:
             scene, other = values["scene"], values["other"]
             row = _find(steps, scene=scene[0], n=scene[1])
             return float(row[name] / _find(steps, scene=other[0], n=other[1])[name])
+
+        return value
+
+    def beside(scene: str) -> Callable[[], float]:
+        def value() -> float:
+            element = "one point" if "one point" in scene else "full"
+            row, other = _find(steps, scene=scene, element=element), "beside nu = 0.499"
+            name = "residuals_per_step" if scene == "thin wall" else "cpu_seconds_per_step"
+            return float(row[name] / _find(steps, scene=other)[name])
 
         return value
 
@@ -188,6 +204,30 @@ def _targets(steps: Rows) -> str:
             ratio(cost, scene=("friction, spring", 12), other=("contact", 12)),
             "<=",
             2,
+        ),
+        *(
+            (f"{name} against 0.4, cost of a step", beside(scene), "<=", bound)
+            for name, scene, bound in (
+                ("nu = 0.499", "nu = 0.499", 8.0),
+                ("nu = 0.499, friction,", "nu = 0.499, friction", 15.0),
+                ("nu = 0.49, one point,", "nu = 0.49, one point", 3.0),
+            )
+        ),
+        ("thin wall against thick, step in residuals", beside("thin wall"), "<=", 2.0),
+        *(
+            (
+                f"{(n + 1) ** 2} nodes slide, Krylov iterations with friction against none",
+                lambda n=n: _wide(steps, n, "krylov_iterations"),
+                "<=",
+                2.0,
+            )
+            for n in (20, 44)
+        ),
+        (
+            "2 025 nodes slide, 66 675 unknowns [CPU s / step]",
+            lambda: _find(steps, scene="wide friction", scheme="statics", n=44)[cost],
+            "<=",
+            2.0,
         ),
         (
             "GetFEM against EM elastic, first 20 steps, n = 6, CPU time",

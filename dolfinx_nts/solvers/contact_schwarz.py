@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.elimination import Elimination
@@ -14,6 +17,9 @@ from dolfinx_nts.solvers.tangent import Tangent
 __all__ = ["ContactSchwarz", "SerialSubdomain"]
 
 _NOTHING = -1, -1  # no numbers of matrix and active set
+# Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
+# [-]: nodes that begin to slip, or turn, have tangents far above it.
+_LARGEST_CHANGE = 0.1
 
 
 class SerialSubdomain:
@@ -63,13 +69,13 @@ class ContactSchwarz:
         self.num_builds = 0
 
     def update(self, elimination: Elimination) -> None:
-        """Factorise, unless contacts and matrix are those of the last time. Collective.
+        """Factorise, unless contacts and matrix are nearly those of the last time. Collective.
 
         Args:
             elimination: Active pairs.
         """
         version = self._tangent.num_assembled, elimination.active_version
-        if version != self._version:
+        if version != self._version or self._has_changed(elimination):
             self._version = version
             self._contacts = [pairs.global_blocks() for pairs in elimination.pairs]
             self._build()
@@ -101,6 +107,16 @@ class ContactSchwarz:
         """
         assert self._domain is not None
         self._domain.correct(r, z)
+
+    def _has_changed(self, elimination: Elimination) -> bool:
+        """Whether the tangent of the same contacts is another one. Collective."""
+        changes = [
+            np.abs(pairs.blocks.tangent - known.tangent).max(initial=0.0)
+            for pairs, known in zip(elimination.pairs, self._contacts, strict=True)
+        ]
+        comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
+        softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))
+        return bool(reductions.anywhere(comm, max(changes) > _LARGEST_CHANGE * softest))
 
     def _build(self) -> None:
         if self._domain is None:

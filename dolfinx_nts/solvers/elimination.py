@@ -147,9 +147,29 @@ class Elimination:
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
+        self._act(parts, y)
+        return y
+
+    def multipliers(self, x: Floats, y: Floats) -> list[Floats]:
+        """Multipliers that balance y + sum lambda dF/dq x where nodes give up displacements.
+
+        Args:
+            x: Values at the owned nodes, shape ``(n, 3)`` [m].
+            y: Forces at them, the same shape, overwritten [N].
+
+        Returns:
+            Those of each of `pairs`, constraint by constraint [N].
+        """
+        parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]
+        removed = zip(self.pairs, self._act(parts, y), strict=True)
+        return [-values[np.arange(3) < p.blocks.rank[:, None]] for p, values in removed]
+
+    def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
+        """Project y; returns the multipliers of what this removes."""
+        removed = []
         for p, x in zip(self.pairs, parts, strict=True):
             part = y if p.scatter is None else p.scatter.owned(y)
-            p.kernel.act(x, part)
+            removed.append(p.kernel.act(x, part))
             if p.scatter is not None:
                 p.scatter.put(part, y)
-        return y
+        return removed

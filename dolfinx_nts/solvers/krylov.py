@@ -21,7 +21,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -116,8 +116,8 @@ class LinearSolver:
         known = PetscOptions(bulk.comm, options)
         self._operator = Operator(bulk)
         self._preconditioner = BulkPreconditioner(tangent, known)
-        self._schwarz = ContactSchwarz(tangent)
-        context = Preconditioner(self._operator, self._preconditioner, self._schwarz)
+        self._contacts = ContactCorrections(tangent, self._preconditioner)
+        context = Preconditioner(self._operator, self._preconditioner, self._contacts)
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
         self._saddle = SaddlePointSystem(tangent)
@@ -146,8 +146,9 @@ class LinearSolver:
             rtol: Reduction of the projected residual.
 
         Returns:
-            du on the owned dofs [m]; and dlambda_N of the active pairs
-            [N] if the whole system was solved, otherwise None.
+            du on the owned dofs [m]; and increments of the multipliers of
+            each state, constraint by constraint [N], or None where the
+            balance of forces at the nodes is the better estimate.
 
         Raises:
             ValueError: There are PETSc options that nothing asks for.
@@ -161,7 +162,11 @@ class LinearSolver:
         is_new = preconditioner.point is None or self._age.excess > cost
         if is_new:
             self._build()
+        num_active = sum(step.num_active for step in steps)
+        self._contacts.choose(num_active)
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
+            if self._contacts.choose(num_active):
+                continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
             if is_new and preconditioner.is_strong:
                 return self._solve_direct(R, steps, states)
@@ -172,7 +177,13 @@ class LinearSolver:
         if is_new and preconditioner.gives_way and self._age.rate > _SLOW:
             preconditioner.strengthen()
             self._build()
-        return du, None
+        if not (num_active and self._contacts.reach_far):
+            return du, None
+        # Near incompressibility this balance is of no use before convergence: what volumes lack
+        # is far above contact forces.
+        y = R.reshape(-1, 3) + self._operator.bulk.action(du.reshape(-1, 3))
+        increments = iter(elimination.multipliers(du.reshape(-1, 3), y))
+        return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
 
     @property
     def statistics(self) -> SolverStatistics:
@@ -184,7 +195,7 @@ class LinearSolver:
             wave_crossings=self._crossings,
             num_iterations=self.num_iterations,
             num_builds=preconditioner.num_builds,
-            num_schwarz_builds=self._schwarz.num_builds,
+            num_schwarz_builds=self._contacts.num_builds,
             num_direct=self.num_direct,
             num_residuals=bulk.num_residuals,
             num_actions=bulk.num_actions,
@@ -196,7 +207,7 @@ class LinearSolver:
         """Serialize what a later step goes on with. Collective."""
         self._preconditioner.serialize(archive)
         self._active_sets.serialize(archive)
-        self._schwarz.serialize(archive, self._active_sets.version)
+        self._contacts.serialize(archive, self._active_sets.version)
         age = archive.same("age_of_factors", np.array(astuple(self._age)))
         if archive.giving:
             known = self._preconditioner.point is not None
@@ -213,11 +224,12 @@ class LinearSolver:
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
         bulk = self._operator.bulk
+        rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
         r: Floats = -R.reshape(-1, 3)
         particular: Floats | float = 0.0
         if not elimination.empty:
-            self._schwarz.update(elimination)
+            self._contacts.update(elimination)
             particular, parts = elimination.particular(len(r))
             total: Floats = R.reshape(-1, 3).copy()
             # Near the constraints this part is smaller than what rtol leaves.
@@ -228,9 +240,12 @@ class LinearSolver:
                 total += bulk.action(particular)
             r = -elimination.act(parts, total)
         x, iterations = self._krylov.solve(r, rtol)
+        decades = -math.log10(rtol)
+        if not elimination.empty:
+            self._contacts.judge(iterations, decades)
         if x is None:
             return None
-        self._age.count(iterations, -math.log10(rtol))
+        self._age.count(iterations, decades)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du

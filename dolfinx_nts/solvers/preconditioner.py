@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.shells import use_shell
@@ -71,6 +71,11 @@ class BulkPreconditioner:
         """
         return not (self.is_strong or self._options.bulk)
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the present factors are complete ones of the project's own choice."""
+        return self.is_strong and self._is_small
+
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
         self._tangent.assemble_nearby()
@@ -96,6 +101,18 @@ class BulkPreconditioner:
         assert self._factors is not None
         self._factors.apply(pc, r, z)
 
+    def responses(self, forces: Floats) -> Floats:
+        """Solutions of complete factors for many right-hand sides. Collective.
+
+        Args:
+            forces: One column each, at the owned dofs, shape ``(3 n, k)``, by columns.
+
+        Returns:
+            The solutions, the same shape.
+        """
+        assert self.is_complete and isinstance(self._factors, _PetscFactors)
+        return self._factors.solve_all(forces)
+
     def serialize(self, archive: Archive) -> None:
         """Serialize the state of which the factors are, and that of the matrix. Collective."""
         tangent = self._tangent
@@ -113,12 +130,16 @@ class BulkPreconditioner:
         if last is not None and last is not point:
             tangent.restore(last)
 
+    @property
+    def _is_small(self) -> bool:
+        """Whether complete factors are the stronger ones."""
+        return bool(3 * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO)
+
     def _made(self) -> "BlockILU | _PetscFactors":
         """Factors of the present kind, without values. Collective."""
         tangent, options = self._tangent, self._options
         if self.is_strong:
-            is_small = 3 * tangent.rows.index_map.size_global <= _DIRECT_UP_TO
-            make, prefix = _complete if is_small else _multigrid, f"{options.prefix}strong_"
+            make, prefix = _complete if self._is_small else _multigrid, f"{options.prefix}strong_"
             return _PetscFactors(lambda: make(tangent, prefix))
         if options.bulk:
             return _PetscFactors(lambda: _chosen(tangent, options))
@@ -150,6 +171,17 @@ class _PetscFactors:
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         self._pc.apply(r, z)
+
+    def solve_all(self, b: Floats) -> Floats:
+        """Solve with the factors of a matrix for the columns of an array. Collective."""
+        size = (len(b), None), (None, b.shape[1])
+        known = PETSc.Mat().createDense(size, array=b, comm=self._pc.comm)
+        unknown = known.duplicate()
+        self._pc.getFactorMatrix().matSolve(known, unknown)
+        x: Floats = unknown.getDenseArray().copy()
+        known.destroy()
+        unknown.destroy()
+        return x
 
 
 def _chosen(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:

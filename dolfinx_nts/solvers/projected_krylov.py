@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -52,11 +52,11 @@ class Preconditioner:
     Args:
         operator: The operator.
         bulk: Preconditioner of the bulk.
-        contacts: Correction around the contacts.
+        contacts: Correction for the contacts.
     """
 
     def __init__(
-        self, operator: Operator, bulk: BulkPreconditioner, contacts: ContactSchwarz
+        self, operator: Operator, bulk: BulkPreconditioner, contacts: ContactCorrections
     ) -> None:
         """Create the composition of both."""
         self._operator, self._bulk, self._contacts = operator, bulk, contacts

@@ -493,6 +493,49 @@ def tower(
     return free_flight(comm, scheme, None, data, v, owner=owner)
 
 
+def sliding_blocks(
+    comm: MPI.Comm,
+    enforcement: Any,
+    friction: nts.Coulomb | None,
+    *,
+    n: int,
+    scheme: Any = nts.QuasiStatic,
+    nu: float = 0.3,
+) -> Scene:
+    """Return a block that is pressed on another one in step 1, and then slides. Collective.
+
+    All nodes of its bottom touch, n + 1 along an edge, and then more and more slip.
+
+    Args:
+        comm: Communicator of the mesh.
+        enforcement: How contact is enforced.
+        friction: Law of friction.
+        n: Cells along an edge of the block.
+        scheme: Class of the stepper.
+        nu: Poisson's ratio.
+    """
+    m = round(1.4 * n) + 1
+    data = boxes([(m, m, 2), (n, n, 2)], [(1.4, 1.4, 0.3), (1.0, 1.0, 0.3)])
+    data.X[np.unique(data.cells[data.body == 1])] += [0.1, 0.2, 0.3]
+    mesh, cells, facets, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    numbers = (1e5, nu, 1e3)
+    rubber = nts.SaintVenantKirchhoff(*numbers)
+    bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("body 0", "body 1")}
+    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
+    way = fem.Constant(mesh, (0.0, 0.0, 0.0))
+    held = [fem.locate_dofs_topological(V, 2, facets.find(tag[s])) for s in ("bottom 0", "top 1")]
+    bcs = [fem.dirichletbc(np.zeros(3), held[0], V), fem.dirichletbc(way, held[1], V)]
+
+    def update(t: float) -> None:
+        slide = 0.15 * max(t - 1, 0.0) / n
+        way.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
+
+    pair = nts.ContactPair(*surfaces, enforcement, friction)
+    stepper = scheme(list(bodies.values()), [pair], dt=1.0, bcs=bcs, update=update)
+    return Scene(stepper, bodies, numbers)
+
+
 def free_flight(
     comm: MPI.Comm,
     scheme: Any,

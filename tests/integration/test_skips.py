@@ -140,7 +140,7 @@ def test_without_active_nodes_nothing_is_eliminated(comm):
     for _ in range(3):
         assert scene.stepper.advance().num_active == 0
     assert solver._operator.elimination.empty
-    assert solver._schwarz.num_builds == 0
+    assert solver._contacts.num_builds == 0
 
 
 def test_without_friction_there_is_no_slip(comm, monkeypatch):

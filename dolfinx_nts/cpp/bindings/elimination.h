@@ -68,11 +68,13 @@ public:
     nts::constrain(get(), view(values), view(x));
   }
 
-  void act(const Doubles& x, Out<double> y) const
+  auto act(const Doubles& x, Out<double> y) const
   {
     check_rows("y", y);
     check("x", x, {y.shape(0), 3});
-    nts::act(get(), view(x), view(y));
+    auto multipliers = create<double>({_rank.size(), 3});
+    nts::act(get(), view(x), view(y), view(multipliers));
+    return multipliers;
   }
 
   /// @brief One more than the greatest node.

@@ -33,6 +33,20 @@ def matrix(rng, far=0):
     return rows, full.transpose(0, 2, 1, 3).reshape(3 * NODES, 3 * NODES)
 
 
+def stars(rng):
+    """Return rows of three contact nodes, a neighbour of each, and a segment; also dense."""
+    segment, contact = np.arange(4), np.arange(7, 10)
+    pattern = np.eye(NODES, dtype=bool)
+    pattern[contact, contact - 3] = pattern[contact - 3, contact] = True
+    pattern[np.ix_(segment, segment)] = True
+    full = np.where(pattern[..., None, None], 0.3 * rng.normal(size=(NODES, NODES, 3, 3)), 0)
+    full[np.arange(NODES), np.arange(NODES)] += 5 * np.eye(3)
+    start = np.concatenate([[0], np.cumsum(pattern.sum(axis=1))])
+    rows = start, np.nonzero(pattern)[1].astype(np.int32), full[pattern].ravel()
+    lists = np.column_stack([contact, np.tile(segment, (3, 1))]).astype(np.int32)
+    return rows, full.transpose(0, 2, 1, 3).reshape(3 * NODES, 3 * NODES), lists
+
+
 def projections(E, G, F):
     """Return Z and Z~^T."""
     one = np.eye(3 * NODES)
@@ -56,6 +70,35 @@ def test_complete_factors_solve_the_projected_system(kind, rng):
     A = Zt @ (K + C) @ Z
     residual = A @ z.ravel() - r
     largest = np.linalg.norm(A, axis=0).max()  # below the norm of A
+    assert np.linalg.norm(residual) < SINGLE * largest * np.linalg.norm(z)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 3])
+def test_contact_nodes_on_one_segment_are_solved_exactly(rank, rng):
+    """What they fill lies in the pattern if they go first, however stiff their tangent is."""
+    rows, K, lists = stars(rng)
+    m, k = lists.shape
+    own = np.linalg.qr(rng.normal(size=(m, 3, 3)))[0]
+    gradients, columns = (0.2 * rng.normal(size=(m, 3, 3 * k)) for _ in range(2))
+    gradients[..., :3] += own
+    columns[..., :3] += own
+    tangent = 30 * rng.normal(size=(m, 3 * k, 3 * k))
+    tangent = tangent @ tangent.transpose(0, 2, 1) / (3 * k)
+    start = np.arange(0, lists.size + 1, k)
+    ranks = np.full(m, rank, dtype=np.int32)
+    arrays = (start, lists.ravel(), ranks, own[:, 0].copy(), gradients.ravel(), columns.ravel())
+    arrays += (lists, tangent)
+    E, G, F, C = dense(*arrays)
+    Z, Zt = projections(E, G, F) if rank else 2 * (np.eye(3 * NODES),)
+    schwarz = _kernels.ContactSchwarz(*rows)
+    schwarz.add(_kernels.Elimination(*arrays))
+    assert schwarz.build()
+    r = Zt @ np.pad(rng.normal(size=30), (0, 3 * NODES - 30))
+    z = np.zeros((NODES, 3))
+    schwarz.correct(r.reshape(-1, 3), z)
+    A = Zt @ (K + C) @ Z
+    residual = A @ z.ravel() - r
+    largest = np.linalg.norm(A, axis=0).max()
     assert np.linalg.norm(residual) < SINGLE * largest * np.linalg.norm(z)
 
 

@@ -38,9 +38,13 @@ def test_act_adds_the_tangent_and_removes_multipliers(kind, rng):
     E, _, F, C = dense(*arrays)
     x, y = rng.normal(size=(2, NODES, 3))
     result = y.copy()
-    _kernels.Elimination(*arrays).act(x, result)
+    removed = _kernels.Elimination(*arrays).act(x, result)
     total = y.ravel() + C @ x.ravel()
-    expected = total - F @ np.linalg.solve(E.T @ F, E.T @ total)
+    multipliers = np.linalg.solve(E.T @ F, E.T @ total)
+    has = np.arange(3) < arrays[2][:, None]
+    np.testing.assert_allclose(removed[has], multipliers, atol=ROUNDING)
+    assert np.all(removed[~has] == 0)
+    expected = total - F @ multipliers
     np.testing.assert_allclose(result.ravel(), expected, atol=ROUNDING)
     assert np.abs(E.T @ result.ravel()).max() < ROUNDING
 

@@ -42,6 +42,16 @@ def test_units_do_not_matter(rng):
     np.testing.assert_array_equal(solve((start, column, value), order, 0 * b), 0 * b)
 
 
+@pytest.mark.parametrize("row", range(2))
+def test_entries_far_below_rounding_leave_no_trace(row):
+    """Their products would be denormal numbers, with which processors are slow."""
+    start, column = np.array([0, 2, 4]), np.array([0, 1, 0, 1], dtype=np.int32)
+    value = np.array([np.eye(3), 1e-20 * np.ones((3, 3))] * 2)[[0, 1, 3, 2]]
+    b = np.zeros((2, 3))
+    b[row] = 1
+    np.testing.assert_array_equal(solve((start, column, value.ravel()), np.arange(2), b), b)
+
+
 def test_what_falls_off_ends_at_zero():
     # x_i = -1e-3 x_(i-1), single precision ends at 1e-45.
     n = 40

@@ -102,18 +102,52 @@ def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     assert solver.num_direct == 0
 
 
-def test_contacts_are_factorised_again_only_for_other_pairs_or_factors(comm):
+@pytest.fixture(scope="module")
+def wide_free():
+    return iterations_of_wide_contact(scenes.MPI.COMM_WORLD, nts.LagrangeMultiplier(), None)
+
+
+def iterations_of_wide_contact(comm, enforcement, friction):
+    """Krylov iterations of a linear system while 144 nodes stick, begin to slip, and slip."""
+    scene = scenes.sliding_blocks(comm, enforcement, friction, n=11)
+    reports = [scene.stepper.advance() for _ in range(4)]
+    assert reports[-1].num_active == 144
+    work = scene.stepper.statistics.solver
+    assert work.num_direct == 0
+    return work.num_iterations / sum(report.newton_iterations for report in reports)
+
+
+@pytest.mark.parametrize(
+    ("enforcement", "friction"),
+    [(nts.LagrangeMultiplier(), 0.3), (nts.Penalty(), 0.0), (nts.Penalty(), 0.3)],
+)
+def test_wide_friction_and_springs_take_few_iterations(comm, wide_free, enforcement, friction):
+    law = nts.Coulomb(friction) if friction else None
+    assert iterations_of_wide_contact(comm, enforcement, law) <= 1.5 * wide_free
+
+
+def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     for _ in range(10):
         scene.stepper.advance()
     solver = scene.stepper._solver
-    schwarz = solver._schwarz
+    schwarz = solver._contacts._schwarz
     count = schwarz.num_builds
     schwarz.update(solver._operator.elimination)
     assert schwarz.num_builds == count > 0
     solver.tangent.num_assembled += 1
     schwarz.update(solver._operator.elimination)
     assert schwarz.num_builds == count + 1
+    # Slipping nodes turn, and their tangents with them.
+    stiffness = comm.allreduce(solver.tangent.nodal_stiffness().min(), op=scenes.MPI.MIN)
+    for change, builds in ((0.05, 1), (0.2, 2), (0.0, 2)):
+        elimination = solver._operator.elimination
+        pairs = elimination.pairs[0]
+        tangent = pairs.blocks.tangent.copy()
+        tangent[:1] += change * stiffness
+        elimination.pairs = [pairs._replace(blocks=pairs.blocks._replace(tangent=tangent))]
+        schwarz.update(elimination)
+        assert schwarz.num_builds == count + builds
 
 
 def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):

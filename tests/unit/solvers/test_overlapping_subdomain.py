@@ -21,7 +21,7 @@ def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, 
     while scene.stepper.advance().num_active < 5:
         pass
     rows = scene.stepper._tangent.rows
-    (every,) = scene.stepper._solver._schwarz._contacts
+    (every,) = scene.stepper._solver._contacts._schwarz._contacts
     count = np.arange(len(every.rank))
     fewer = some(every, count < count[-1:], count < count[-1:])
     gathered, gather = [], BlockCSR.gather

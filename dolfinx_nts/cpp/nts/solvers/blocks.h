@@ -86,6 +86,18 @@ struct Columns
       column[c] -= other.column[c];
     return *this;
   }
+
+  /// @brief The block with zeros where entries are so much less than 1 that
+  /// products of two of them would be denormal numbers, which are slow.
+  /// Rounding in projections leaves many.
+  Columns without_dust() const noexcept
+  {
+    constexpr float tiny = 1.1e-19f; // above the root of the least number
+    Columns result = *this;
+    for (Column& some : result.column)
+      some = (some < tiny) & (some > -tiny) ? Column{} : some;
+    return result;
+  }
 };
 
 /// @brief y += A x.

@@ -18,6 +18,14 @@
 /// for what the preconditioner of the bulk has left; E E^T, scaled, fills the
 /// directions that are given up, in which neither right-hand sides nor results
 /// have a part. Rows and factors are in single precision.
+///
+/// Contact nodes are eliminated first. With friction or springs, C ties them
+/// to the nodes of their segments by stiffnesses far above those of the bulk,
+/// and what their elimination fills then lies between these nodes and their
+/// neighbours: in the pattern of A, so that incomplete factors keep it. The
+/// other way round, the fill between contact nodes with a common segment is
+/// dropped, and with many of them factors are of little use. Nodes on springs
+/// have no constraints; they get the pattern of constraints all the same.
 namespace nts
 {
 /// @brief See the head of this file.
@@ -41,8 +49,7 @@ public:
   void add(const Elimination& e)
   {
     for (std::size_t i = 0; i < e.rank.size(); ++i)
-      if (e.rank[i] > 0)
-        _constraints.push_back(project(e, i));
+      _constraints.push_back(project(e, i));
     const std::size_t k = e.width, n = 3 * k;
     for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
     {
@@ -81,9 +88,7 @@ public:
     _scale = power_of_two(largest);
     take_rows();
     make_projected();
-    std::vector<std::int32_t> order(_size);
-    std::iota(order.begin(), order.end(), 0);
-    return _factors.factorise(_made.projected, order);
+    return _factors.factorise(_made.projected, contacts_first());
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
@@ -140,9 +145,11 @@ public:
   std::size_t size() const noexcept { return _size; }
 
 private:
-  /// @brief Projections by the constraints of a node.
+  /// @brief Projections by the constraints of a contact node, the identity if
+  /// it has none.
   struct Constraint
   {
+    std::size_t rank;                 // number of constraints
     std::vector<std::int32_t> nodes;  // that they reach, its own first
     std::vector<Columns> right, left; // Z_0a and (Z~^T)_a0
     Columns given_up;                 // E E^T at the node
@@ -181,7 +188,7 @@ private:
   {
     const auto list = e.list(i);
     const auto constraints = static_cast<std::size_t>(e.rank[i]);
-    Constraint result;
+    Constraint result{.rank = constraints};
     result.nodes.assign(list.begin(), list.end());
     // Directions in rows, and the inverses of G^T E and E^T F.
     Block E = identity, GE = identity, EF = identity;
@@ -280,6 +287,19 @@ private:
       _rows.put(e, rows.column[e], rows.value[e]);
   }
 
+  /// @brief Order of elimination: contact nodes, then all others.
+  std::vector<std::int32_t> contacts_first() const
+  {
+    std::vector<bool> is_contact(_size, false);
+    for (const Constraint& constraint : _constraints)
+      is_contact[_number[constraint.nodes[0]]] = true;
+    std::vector<std::int32_t> order(_size);
+    std::iota(order.begin(), order.end(), 0);
+    std::ranges::stable_partition(order, [&](std::int32_t p)
+                                  { return is_contact[p]; });
+    return order;
+  }
+
   /// @brief Make Z~^T rows Z + E E^T in the subdomain.
   void make_projected()
   {
@@ -287,7 +307,11 @@ private:
     const auto constraints = by_node(_constraints);
     std::vector<const Constraint*> constrainer(_size, nullptr); // of each node
     for (const Constraint& constraint : _constraints)
-      constrainer[_number[constraint.nodes[0]]] = &constraint;
+    {
+      const Constraint*& present = constrainer[_number[constraint.nodes[0]]];
+      if (!present || constraint.rank > 0) // springs may share a node
+        present = &constraint;
+    }
 
     const auto add_row = [&, &rows = rows](std::size_t p, BlockRows& sum)
     {
@@ -321,7 +345,10 @@ private:
         add_row(p, result);
       for (const auto& [constraint, a] : constraints[p])
       {
-        const std::size_t i = place[_number[constraint->nodes[0]]];
+        const std::size_t node = _number[constraint->nodes[0]];
+        if (constrainer[node] != constraint)
+          continue;
+        const std::size_t i = place[node];
         for (std::int64_t e = constrained.start[i];
              e < constrained.start[i + 1]; ++e)
           result[constrained.column[e]]

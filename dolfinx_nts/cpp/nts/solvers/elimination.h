@@ -178,14 +178,16 @@ inline void add_tangent(const Elimination& e, std::span<const double> x,
 }
 
 /// @brief y <- Z~^T (y + C x).
+/// @param[out] multipliers What this removes from y, in forces F, (m, 3).
 inline void act(const Elimination& e, std::span<const double> x,
-                std::span<double> y) noexcept
+                std::span<double> y, std::span<double> multipliers) noexcept
 {
   add_tangent(e, x, y);
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
     const std::span<const std::int32_t> list = e.list(i);
     const auto rank = static_cast<std::size_t>(e.rank[i]);
+    std::fill_n(multipliers.begin() + 3 * i, 3, 0.0);
     if (rank == 0)
       continue;
     // The multipliers balance the force in the directions that are given up.
@@ -209,6 +211,7 @@ inline void act(const Elimination& e, std::span<const double> x,
       solve(A, b);
       lambda = {b[0][0], b[1][0], b[2][0]};
     }
+    std::ranges::copy(lambda, multipliers.begin() + 3 * i);
     const std::size_t n = 3 * list.size();
     const double* F = e.row(e.columns, i, 0);
     for (std::size_t K = 0; K < list.size(); ++K)

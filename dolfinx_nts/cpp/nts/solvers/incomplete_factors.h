@@ -44,7 +44,7 @@ public:
       for (const auto& [column, e] : entries)
       {
         at[column] = static_cast<std::int32_t>(row.size());
-        row.push_back(A.block(e, _scale));
+        row.push_back(A.block(e, _scale).without_dust());
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
       if (!(diagonal < row.size()
@@ -55,7 +55,7 @@ public:
         // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
         const auto k = static_cast<std::size_t>(entries[c].first);
         const std::size_t end = _begin[2 * n - k] - 1;
-        const Columns L = row[c] * _factors[end];
+        const Columns L = (row[c] * _factors[end]).without_dust();
         _factors.put(_begin[i] + c, entries[c].first, L);
         for (std::size_t u = _begin[2 * n - 1 - k]; u < end; ++u)
           if (const std::int32_t target = at[_factors.node(u)]; target >= 0)
@@ -66,8 +66,9 @@ public:
         return fail();
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
-        _factors.put(u++, entries[c].first, row[c]);
-      _factors.put(u, entries[diagonal].first, Columns::of(inverse));
+        _factors.put(u++, entries[c].first, row[c].without_dust());
+      _factors.put(u, entries[diagonal].first,
+                   Columns::of(inverse).without_dust());
       for (const auto& [column, e] : entries)
         at[column] = -1;
     }

@@ -1,0 +1,185 @@
+r"""Contact solved exactly in complete factors of the bulk: a dense Schur complement.
+
+Near incompressibility a contact node that moves by itself changes the volume of its cells,
+so that what contact does is felt far around, and no correction of its neighbourhood is good.
+Where contact reaches few nodes, the whole system with the factors B of the bulk,
+
+.. math:: (B^{-1} + U C U^T) z + U F \lambda = r, \qquad G^T U^T z = 0,
+
+is solved instead: U selects the nodes that contact reaches, C is the contact tangent, F and G
+are forces and gradients of the constraints. With :math:`z_0 = B r` and the flexibility
+:math:`S = U^T B U` the displacement :math:`s = U^T z` of these nodes follows from
+
+.. math:: (1 + S C) s + S F \lambda = U^T z_0, \qquad G^T s = 0,
+
+a dense system, and then :math:`z = z_0 - B U (C s + F \lambda)`. The columns of B U belong to
+nodes, not to the state of the contacts, and serve as long as the factors.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["ContactComplement"]
+
+_MOST_NODES = 400  # whose columns are kept, also of contacts that have moved on
+
+
+class ContactComplement:
+    """Corrects solutions of complete factors for contact.
+
+    Args:
+        tangent: Matrix of the bulk.
+        bulk: Preconditioner of the bulk, whose factors have to be complete when used.
+
+    Attributes:
+        num_columns: Solutions of the bulk for unit forces so far.
+    """
+
+    def __init__(self, tangent: Tangent, bulk: BulkPreconditioner) -> None:
+        """Create the object, without columns before `update`."""
+        self._tangent, self._bulk = tangent, bulk
+        # Nodes in the order of their columns. How many are solved for at once changes the last
+        # digit, so that a resumed run has to do alike.
+        self._batches: list[GlobalInts] = []
+        self._version = -1  # of the factors
+        self._num_solved = 0  # batches
+        self._columns: Floats = np.empty((0, 0))  # of owned dofs, shape (3 n, 3 k)
+        self._flexibility: Floats = np.empty((0, 0))  # shape (3 k, 3 k)
+        self._reached: Array = np.empty(0, dtype=np.int64)  # columns of dofs of these contacts
+        self._response: Floats = np.empty((0, 0))  # force C s + F lambda by U^T z_0
+        self.num_columns = 0
+
+    def update(self, elimination: Elimination) -> None:
+        """Solve for new nodes, and factorise the dense system. Collective.
+
+        Args:
+            elimination: Active pairs.
+        """
+        comm = self._tangent.comm
+        parts = comm.allgather([pairs.global_blocks() for pairs in elimination.pairs])
+        contacts = [blocks for part in parts for blocks in part]
+        nodes = np.unique(np.concatenate([b.nodes for b in contacts]))
+        nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
+        if self._version != self._bulk.num_builds:
+            self._forget([])
+        new = np.setdiff1d(nodes, self._known)
+        if len(new) + len(self._known) > max(_MOST_NODES, len(nodes)):
+            self._forget([])
+            new = nodes
+        if len(new):
+            self._batches.append(new.astype(np.int64))
+        if self._num_solved < len(self._batches):
+            self._solve()
+        known = self._known
+        order = np.argsort(known)
+        self._reached = _dofs(order[np.searchsorted(known, nodes, sorter=order)])
+        self._response = _response(
+            self._flexibility[np.ix_(self._reached, self._reached)], nodes, contacts
+        )
+
+    def correct(self, _r: Floats, z: Floats) -> None:
+        """Correct the solution of the bulk. Collective.
+
+        Args:
+            z: Values at the owned nodes, shape ``(n, 3)``, overwritten.
+        """
+        owned, place = self._owned(self._known)
+        known = np.zeros(self._columns.shape[1])
+        known[_dofs(place)] = z[owned].ravel()
+        known = reductions.total(self._tangent.comm, known)
+        force = np.zeros_like(known)
+        force[self._reached] = self._response @ known[self._reached]
+        z -= (self._columns @ force).reshape(-1, 3)
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the nodes of the columns, after the factors. Collective."""
+        is_present = self._version == self._bulk.num_builds
+        known = self._batches if is_present and self._batches else None
+        batches = archive.local("complement", known)
+        if archive.giving:
+            self._forget(batches or [])
+
+    @property
+    def _known(self) -> GlobalInts:
+        """Nodes of the columns, in their order."""
+        return np.concatenate([np.empty(0, dtype=np.int64), *self._batches])
+
+    def _forget(self, batches: Sequence[Array]) -> None:
+        """Have nodes, whose columns are not known, with the present factors."""
+        self._version, self._batches, self._num_solved = self._bulk.num_builds, list(batches), 0
+
+    def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
+        """Owned ones of some nodes: their local numbers, and their places among them."""
+        first, last = self._tangent.rows.index_map.local_range
+        place = np.flatnonzero((nodes >= first) & (nodes < last))
+        return nodes[place] - first, place
+
+    def _solve(self) -> None:
+        """Solve for unit forces at nodes that have no columns. Collective."""
+        n = 3 * self._tangent.rows.index_map.size_local
+        columns = [self._columns if self._num_solved else np.empty((n, 0))]
+        for batch in self._batches[self._num_solved :]:
+            forces = np.zeros((n, 3 * len(batch)), order="F")
+            owned, place = self._owned(batch)
+            forces[_dofs(owned), _dofs(place)] = 1
+            columns.append(self._bulk.responses(forces))
+            self.num_columns += 3 * len(batch)
+        self._num_solved = len(self._batches)
+        self._columns = np.hstack(columns)
+        owned, place = self._owned(self._known)
+        flexibility = np.zeros((self._columns.shape[1],) * 2)
+        flexibility[_dofs(place)] = self._columns[_dofs(owned)]
+        self._flexibility = reductions.total(self._tangent.comm, flexibility)
+
+
+def _dofs(nodes: Array) -> Array:
+    """Scalar dofs of some nodes, shape ``(3 m,)``."""
+    dofs: Array = (3 * nodes[:, None] + np.arange(3)).ravel()
+    return dofs
+
+
+def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[ContactBlocks]) -> Floats:
+    """Forces C s + F lambda by the displacements U^T z_0, shape ``(3 k, 3 k)``.
+
+    Args:
+        flexibility: U^T B U, the same shape.
+        nodes: Those that contact reaches, ascending, shape ``(k,)``.
+        contacts: Constraints and tangents, which reach no others.
+    """
+    n = 3 * len(nodes)
+    C = np.zeros((n, n))
+    F: list[Floats] = [np.empty((0, n))]
+    G: list[Floats] = [np.empty((0, n))]
+    for blocks in contacts:
+        lists = np.searchsorted(nodes, blocks.nodes)
+        gradients, columns = (some.reshape(-1, 9) for some in (blocks.gradients, blocks.columns))
+        for i, rank in enumerate(blocks.rank):
+            entries = slice(blocks.start[i], blocks.start[i + 1])
+            dofs = _dofs(lists[entries])
+            for result, rows in ((G, gradients), (F, columns)):
+                dense = np.zeros((rank, n))
+                dense[:, dofs] = rows[entries].reshape(3, -1)[:rank]
+                result.append(dense)
+        for block, some in zip(blocks.tangent, blocks.tangent_nodes, strict=True):
+            dofs = _dofs(np.searchsorted(nodes, some))
+            C[np.ix_(dofs, dofs)] += block
+    forces: Floats = np.vstack(F).T
+    m = forces.shape[1]
+    whole = np.block(
+        [[np.eye(n) + flexibility @ C, flexibility @ forces], [np.vstack(G), np.zeros((m, m))]]
+    )
+    try:
+        solution = np.linalg.solve(whole, np.eye(n + m, n))
+    except np.linalg.LinAlgError:  # as the system of contact and bulk: nothing helps
+        return np.zeros((n, n))
+    response: Floats = np.hstack([C, forces]) @ solution
+    return response
