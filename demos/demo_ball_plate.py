@@ -48,12 +48,21 @@ import numpy as np
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import plotting
+from dolfinx_nts import parts, plotting
 
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", "100"))  # The tests shorten it.
 dt = 0.01  # s
-mesh_file = Path(__file__).parents[1] / "meshes" / "ball_plate.msh"
-mesh, cells, facets, tag = nts.read_mesh(mesh_file, MPI.COMM_WORLD)
+
+
+def build(model):
+    """Add the ball, 0.05 m above the plate."""
+    ball = {"centre": (0.0, -0.5, 1.05), "inner_radius": 0.8, "outer_radius": 1.0}
+    parts.add_hollow_ball(model, "ball", **ball, cells_per_edge=6, layers=2)
+    plate = {"corner": (-2.0, -2.0, -0.4), "size": (4.0, 4.0, 0.4), "cells": (10, 10, 1)}
+    parts.add_box(model, "plate", **plate)
+
+
+mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 # -
 

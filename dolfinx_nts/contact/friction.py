@@ -129,8 +129,8 @@ class Coulomb(Declaration):
     ) -> TractionModel:
         """Model stick and slip without a spring, for one semismooth Newton iteration. Local.
 
-        The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the solutions g = 0 with |t|
-        <= mu p (stick) and t = mu p g/|g| (slip); the weight c changes the path, not the
+        The condition ``t - min(1, mu p/|t + c g|) (t + c g) = 0`` has the solutions ``g = 0``
+        with ``|t| <= mu p`` (stick) and ``t = mu p g/|g|`` (slip); the weight c changes the path, not the
         solution. For a sliding node it is linearised and solved for t, so that a slip whose
         direction is not yet that of the traction turns it. The direction stays where there is
         no such slip, because it points backwards or nothing presses the node.

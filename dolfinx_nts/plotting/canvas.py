@@ -7,13 +7,15 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.plotting.picture import Picture
 
-__all__ = ["CELLS", "FACETS", "aim", "canvas", "grid_of", "paint"]
+__all__ = ["CELLS", "FACETS", "aim", "canvas", "grid_of", "paint", "shot"]
 
 Kinds = dict[int, tuple[int, list[int]]]
 
@@ -148,6 +150,19 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     plotter.view_vector(tuple(towards), viewup=(0.0, 1.0, 0.0) if steep else (0.0, 0.0, 1.0))
     plotter.reset_camera(bounds=np.ravel([points.min(axis=0), points.max(axis=0)], order="F"))
     plotter.camera.zoom(_ZOOM)
+
+
+def shot(plotter: Any, filename: str | Path | None) -> Picture:
+    """Make a picture of what is drawn, and write it if that is wanted.
+
+    Args:
+        plotter: PyVista plotter.
+        filename: PNG file to write, or None.
+
+    Returns:
+        The picture.
+    """
+    return Picture.of_pixels(plotter.screenshot(filename, return_img=True))
 
 
 def _has_display() -> bool:

@@ -23,9 +23,10 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.plotting.canvas import CELLS, FACETS, aim, canvas, grid_of, paint
+from dolfinx_nts.plotting.canvas import CELLS, FACETS, aim, canvas, grid_of, paint, shot
 from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.plotting.movie import Movie
+from dolfinx_nts.plotting.picture import Picture
 
 __all__ = [
     "animate",
@@ -51,22 +52,25 @@ _UNITS = {
 
 def snapshot(
     stepper: Stepper,
-    filename: str | Path,
+    filename: str | Path | None = None,
     *,
     colour: Literal["stress", "displacement"] = "stress",
     limits: tuple[float, float] | None = None,
     camera: Any = None,
-) -> None:
+) -> Picture:
     """Draw the deformed bodies in their present state. Collective.
 
     Args:
         stepper: Stepper with the state.
-        filename: PNG file to write.
+        filename: PNG file to write, if one is wanted.
         colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
             their eight pieces), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default that of the state.
         camera: Position, focus and upward direction as in PyVista; by default from +x, with the
             reference state in the picture as well.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Raises:
         OSError: The file cannot be written.
@@ -77,12 +81,12 @@ def snapshot(
     """
     put = _bodies(stepper, colour, limits, camera)
 
-    def draw() -> None:
+    def draw() -> Picture:
         with canvas() as plotter:
             put(plotter)
-            plotter.screenshot(str(filename))
+            return shot(plotter, filename)
 
-    on_root(stepper.u.function_space.mesh.comm, draw)
+    return on_root(stepper.u.function_space.mesh.comm, draw)
 
 
 def show(
@@ -123,26 +127,29 @@ def show(
 
 def contact(
     stepper: Stepper,
-    filename: str | Path,
+    filename: str | Path | None = None,
     *,
     colour: Literal["pressure", "gap"] = "pressure",
     pair: int = 0,
     limits: tuple[float, float] | None = None,
     camera: Any = None,
-) -> None:
+) -> Picture:
     """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
 
     A gap is grey where a node faces no segment.
 
     Args:
         stepper: Stepper with the state.
-        filename: PNG file to write.
+        filename: PNG file to write, if one is wanted.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
         limits: Range of the colours [Pa or m]; by default that of the state, but of gaps only
             up to the size of a segment.
         camera: Position, focus and upward direction as in PyVista; by default from where the
             contact force comes, or from the side with the least gap.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Raises:
         IndexError: There is no such pair.
@@ -174,7 +181,7 @@ def contact(
     at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0
     _, nearest = min(comm.allgather((least, tuple(stepper.x[at]))))
 
-    def draw() -> None:
+    def draw() -> Picture:
         assert parts is not None
         ids, x, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         name = "contact pressure [Pa]" if colour == "pressure" else "gap [m]"
@@ -183,9 +190,9 @@ def contact(
         with canvas() as plotter:
             paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
             aim(plotter, grid.points, camera, direction)
-            plotter.screenshot(str(filename))
+            return shot(plotter, filename)
 
-    on_root(comm, draw)
+    return on_root(comm, draw)
 
 
 def animate(
@@ -196,7 +203,7 @@ def animate(
     limits: tuple[float, float] | None = None,
     camera: Any = None,
     fps: float = 20.0,
-) -> None:
+) -> Picture:
     """Draw all states that a `Recorder` wrote as a movie. Local: only rank 0 draws.
 
     Args:
@@ -208,6 +215,9 @@ def animate(
             states in the picture.
         fps: States per second of the movie [1/s].
 
+    Returns:
+        The movie, which a notebook displays.
+
     Raises:
         FileNotFoundError: There is no file of fields.
         ModuleNotFoundError: An MP4 is wanted without its package.
@@ -217,7 +227,7 @@ def animate(
         >>> plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
     """
     if MPI.COMM_WORLD.rank != 0:
-        return
+        return Picture(b"")
     name = f"{colour.replace('_', ' ')} [{_UNITS.get(colour, '-')}]"
     with Movie(filename, fps) as movie, canvas() as plotter:
         times, grids = _states(fields, colour, name)
@@ -228,6 +238,8 @@ def animate(
             if grid is grids[0]:
                 aim(plotter, np.concatenate([other.points for other in grids]), camera)
             movie.write(plotter.screenshot(return_img=True))
+    kind = "image/gif" if Path(filename).suffix == ".gif" else "video/mp4"
+    return Picture(Path(filename).read_bytes(), kind)
 
 
 def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], list[Any]]:

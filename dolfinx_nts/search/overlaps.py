@@ -33,7 +33,7 @@ class Overlap:
     """Two bodies that are inside each other, or a body in an obstacle.
 
     Attributes:
-        names: The two, as ``"cube"`` by `Body.name`, or ``"cube and plate"`` that share nodes,
+        names: The two, as ``"cube"`` by the name of the `Body`, or ``"cube and plate"`` that share nodes,
             and ``"RigidPlane"``; the first is the one of which a point lies deepest inside the
             second.
         depth: Distance of that point from the boundary of the second [m].
