@@ -44,6 +44,10 @@ lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts/cpp -name '*.h' -o -name '*.cpp')
 	$(RUN) shellcheck environment/run environment/ranks environment/sanitize .ci/run
 
+docs: ## the documentation site with executed demos, in build/docs/html
+	$(RUN) python3 -m sphinx --fail-on-warning --keep-going --quiet -d build/docs/doctrees docs build/docs/html
+	@echo "The site begins with $(CURDIR)/build/docs/html/index.html"
+
 shell: ## a prompt in the environment
 	@$(RUN) env PS1='(dolfinx_nts) \w\$$ ' bash --norc
 
@@ -52,4 +56,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs bench bench-publish test test-latest stress sanitize traps lint shell clean

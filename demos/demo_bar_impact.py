@@ -30,6 +30,7 @@ import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 
@@ -77,16 +78,16 @@ after = diagnostics.balance()
 
 # ## Pictures
 #
+# The kinetic energy becomes strain energy and comes back.
+
+plotting.energies("bar_impact.csv", "bar_impact_energies.png")
+
 # Multipliers of elastic impact alternate from step to step, as the node at
 # the wall does; the force shown is the mean of two steps.
 
 # +
-plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     mean = np.convolve(force, [0.5, 0.5], mode="valid") / 1e3
     axes.plot((np.array(t[1:]) - dt / 2) * 1e3, mean, label="computed")
     exact = rho * c * v * width**2 / 1e3

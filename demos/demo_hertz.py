@@ -33,6 +33,7 @@ import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary
@@ -122,10 +123,7 @@ assert abs(pressure / p_0 - 1) < 0.04
 # +
 points = mesh.comm.gather(np.column_stack([r, p]))
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     axes.plot(*(np.concatenate(points).T / [[a], [p_0]]), ".", label="nodes")
     line = np.linspace(0, 1, 200)
     axes.plot(line, np.sqrt(1 - line**2), label="Hertz")

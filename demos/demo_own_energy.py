@@ -83,7 +83,7 @@ for bar in bars:
 
 # ## Run
 #
-# A snapshot when the wave has just turned in the bar along the fibres.
+# A snapshot is taken when the wave has just turned in the bar along the fibres.
 
 # +
 diagnostics = nts.Diagnostics(stepper)
@@ -95,8 +95,10 @@ with nts.Recorder("own_energy", stepper, every=10) as record:
         record.write(step)
         touching.append([mesh.comm.allreduce(p.history.active.sum()) > 0 for p in pairs])
         if step.step == min(num_cells, num_steps):
-            plotting.snapshot(stepper, "own_energy.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_energy.png", camera=camera)
 # -
+
+picture
 
 # ## Checks
 #

@@ -92,10 +92,15 @@ with nts.Recorder("own_geometry", stepper, every=5) as record:
         record.write(step)
         impulse += dt * diagnostics.contact_force()
         if step.step == min(12, num_steps):
-            plotting.snapshot(stepper, "own_geometry.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_geometry.png", camera=camera)
 after = diagnostics.balance()
-plotting.energies("own_geometry.csv", "own_geometry_energies.png")
 # -
+
+# The bracket after the impact, and the energies of the run.
+
+picture
+
+plotting.energies("own_geometry.csv", "own_geometry_energies.png")
 
 # ## Checks
 #

@@ -93,11 +93,12 @@ resumed, first = run("resume", resume=True)
 # -
 
 # ## Pictures
+#
+# The ball at the end, and the force of the floor, without a gap at the interruption.
 
-# +
 plotting.snapshot(resumed, "resume.png")
+
 plotting.forces("resume.csv", "resume_forces.png")
-# -
 
 # ## Checks
 #

@@ -42,7 +42,7 @@ from dolfinx_nts import parts, plotting
 
 full, dt = 180, 0.05  # s
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
-ring = {"inner_radius": 9.7, "outer_radius": 10.0, "width": 1.0, "cells": (96, 2, 1)}
+ring = {"inner_radius": 9.7, "outer_radius": 10.0, "width": 1.0, "cells": (64, 1, 1)}
 offset, distance = 5.0, 20.1  # m
 
 
@@ -76,10 +76,16 @@ with nts.Recorder("rings", stepper, every=10) as record:
         active.append(step.num_active)
         dissipation += mesh.comm.allreduce(contact.history.dissipation.sum())
         if step.step == min(50, num_steps):
-            plotting.snapshot(stepper, "rings.png", camera=camera)
-plotting.energies("rings.csv", "rings_energies.png")
-plotting.momenta("rings.csv", "rings_momenta.png")
+            picture = plotting.snapshot(stepper, "rings.png", camera=camera)
 # -
+
+# The rings in contact; then energies and momenta of the whole run.
+
+picture
+
+plotting.energies("rings.csv", "rings_energies.png")
+
+plotting.momenta("rings.csv", "rings_momenta.png")
 
 # ## Checks
 #

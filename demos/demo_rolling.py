@@ -32,6 +32,7 @@ import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 
@@ -83,14 +84,15 @@ end = diagnostics.balance().total_energy
 # -
 
 # ## Pictures
+#
+# The displacements tell that the ball rolls; its speed falls to that of a
+# rigid ball.
+
+plotting.snapshot(stepper, "rolling.png", colour="displacement")
 
 # +
-plotting.snapshot(stepper, "rolling.png", colour="displacement")
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     axes.plot(np.array(t) * 1e3, v, label="computed")
     exact = np.maximum(speed - mu * g * np.maximum(np.array(t) - rise / 2, 0), 5 / 7 * speed)
     axes.plot(np.array(t) * 1e3, exact, "--", label="rigid ball")

@@ -96,15 +96,22 @@ stepper = nts.QuasiStatic([tube], [contact], dt=dt, bcs=bcs, loads=[load], updat
 # -
 
 # ## Run
+#
+# With a control, a step in which the walls meet may be cut.
 
 # +
 path = []  # pressure, distance of the walls, contact force
 diagnostics = nts.Diagnostics(stepper)
 with nts.Recorder("self_contact", stepper, every=4) as record:
-    for step in stepper.run(until=num_steps * dt):
+    for step in stepper.run(until=num_steps * dt, control=nts.StepControl()):
         record.write(step)
         force = mesh.comm.allreduce(np.abs(contact.history.force[:, 1]).sum())
         path.append((step.t, diagnostics.min_gap(), force))
+# -
+
+# ## Picture
+
+# +
 camera = [(0, 0, 5), (0, 0, 0), (0, 1, 0)]
 plotting.snapshot(stepper, "self_contact.png", camera=camera)
 # -

@@ -39,7 +39,7 @@ from dolfinx_nts import parts, plotting
 
 full, dt = 180, 0.05
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
-shape = {"radius": 76.0, "inner_radius": 19.5, "outer_radius": 24.0, "cells": (36, 12, 1)}
+shape = {"radius": 76.0, "inner_radius": 19.5, "outer_radius": 24.0, "cells": (30, 10, 1)}
 
 
 def build(model):
@@ -69,11 +69,22 @@ with nts.Recorder("tori", stepper, every=6) as record:
         record.write(step)
         active.append(step.num_active)
         if step.step == min(60, num_steps):
-            plotting.snapshot(stepper, "tori.png", camera=camera)
-plotting.animate("tori.xdmf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
-plotting.energies("tori.csv", "tori_energies.png")
-plotting.momenta("tori.csv", "tori_momenta.png")
+            picture = plotting.snapshot(stepper, "tori.png", camera=camera)
 # -
+
+# ## Pictures
+#
+# The tori in contact, and the whole run, coloured by the speed.
+
+picture
+
+plotting.animate("tori.xdmf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
+
+# Energies and momenta.
+
+plotting.energies("tori.csv", "tori_energies.png")
+
+plotting.momenta("tori.csv", "tori_momenta.png")
 
 # ## Checks
 #

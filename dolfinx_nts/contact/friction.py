@@ -49,7 +49,7 @@ class Coulomb(Declaration):
             (multipliers); but normal contact by penalty needs a spring, which then has the
             stiffness of the node itself.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
-            positions, so that dissipation is exact (`cpp/nts/contact/slip.h`).
+            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
             ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
             Betsch 2011, eqs. 60-64); for comparison, with `Midpoint`, `Penalty` and a
             deformable counterpart only.
