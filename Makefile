@@ -15,7 +15,7 @@ bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
 	@echo "The results lie in $(CURDIR)/results/bench"
 
-bench-publish: ## put figures and tables of the last bench into README and docs
+bench-publish: ## put figures and tables of the last bench into the documentation
 	$(RUN) python3 -m benchmarks.publish
 
 test: ## all tests, on 1, 2 and 3 ranks
@@ -27,7 +27,7 @@ test: ## all tests, on 1, 2 and 3 ranks
 test-latest: export DOLFINX_NTS_SUITE := sid
 test-latest: test ## the same on the newest DOLFINx, that of Debian unstable
 
-stress: ## scenes that try to break a run, table in results/stress.csv and README.md; 10 000 steps
+stress: ## scenes that try to break a run, tables results/stress.csv and docs/tables/stress.md; 10 000 steps
 	$(RUN) python3 -m stress.run
 	$(RUN) python3 -m stress.endurance
 

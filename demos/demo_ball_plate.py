@@ -5,8 +5,6 @@
 # A hollow ball flies obliquely onto a free plate. Two schemes compute the
 # same impact, and one of them keeps the energy.
 #
-# ![The ball in the plate](../docs/figures/ball_plate_050.png)
-#
 # You will learn
 #
 # - how to describe two bodies and the contact between them,

@@ -4,8 +4,6 @@
 #
 # A rubber ball slides without friction in a rubber bowl: a pendulum.
 #
-# ![The ball in the bowl](../docs/figures/bowl.png)
-#
 # You will learn
 #
 # - how to hold a body by boundary conditions,

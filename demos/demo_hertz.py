@@ -4,8 +4,6 @@
 #
 # Half a ball is pressed on a rigid plane; by symmetry a quarter of it will do.
 #
-# ![The contact pressure](../docs/figures/hertz_pressure.png)
-#
 # You will learn
 #
 # - how to step loads without inertia (`QuasiStatic`),

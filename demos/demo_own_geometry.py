@@ -4,8 +4,6 @@
 #
 # A plastic bracket with a rubber pad under its foot drops on the floor.
 #
-# ![The bracket after the impact](../docs/figures/own_geometry.png)
-#
 # You will learn
 #
 # - how to go from the operations of a CAD kernel to bodies,

@@ -4,8 +4,6 @@
 #
 # Twelve soft rubber balls sink in a box of liquid and rest as a pile.
 #
-# ![The pile](../docs/figures/pile.png)
-#
 # You will learn
 #
 # - how to let any body touch any other, and rigid walls,

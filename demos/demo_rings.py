@@ -4,8 +4,6 @@
 #
 # A thin ring strikes another one off the centre, and friction spins both.
 #
-# ![The rings in contact](../docs/figures/rings.png)
-#
 # You will learn
 #
 # - what exact Coulomb friction without a tangential spring does,

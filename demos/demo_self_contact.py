@@ -4,8 +4,6 @@
 #
 # A soft tube under outer pressure buckles, flattens, and touches itself.
 #
-# ![The collapsed tube](../docs/figures/self_contact.png)
-#
 # You will learn
 #
 # - how a surface touches itself: it is both sides of a contact pair,

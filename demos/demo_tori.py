@@ -4,8 +4,6 @@
 #
 # A soft hollow torus falls, tilted, on another one; both are free.
 #
-# ![The tori in contact](../docs/figures/tori.png)
-#
 # You will learn
 #
 # - how to use a body of the package twice, turned,

@@ -25,7 +25,7 @@ extensions = [
     "sphinx_design",
     "myst_nb",
 ]
-exclude_patterns = ["_extensions", "conf.py", "tables"]
+exclude_patterns = ["_extensions", "conf.py", "figures.py", "tables"]
 
 # Demos are scripts, which become notebooks.
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:light"}]}

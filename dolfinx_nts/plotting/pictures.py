@@ -6,27 +6,24 @@ display.
 """
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 from mpi4py import MPI
 
 import numpy as np
-import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.plotting.canvas import CELLS, FACETS, aim, canvas, grid_of, paint, shot
+from dolfinx_nts.plotting.canvas import CELLS, FACETS, Unit, aim, canvas, grid_of, paint, shot
 from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.plotting.movie import Movie
 from dolfinx_nts.plotting.picture import Picture
+from dolfinx_nts.plotting.scales import rounded
+from dolfinx_nts.plotting.stress import von_mises
 
 __all__ = [
     "animate",
@@ -56,6 +53,7 @@ def snapshot(
     *,
     colour: Literal["stress", "displacement"] = "stress",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
 ) -> Picture:
     """Draw the deformed bodies in their present state. Collective.
@@ -66,6 +64,8 @@ def snapshot(
         colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
             their eight pieces), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default that of the state.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from +x, with the
             reference state in the picture as well.
 
@@ -79,7 +79,7 @@ def snapshot(
     Example:
         >>> plotting.snapshot(stepper, "start.png", colour="displacement")
     """
-    put = _bodies(stepper, colour, limits, camera)
+    put = _bodies(stepper, colour, limits, camera, unit)
 
     def draw() -> Picture:
         with canvas() as plotter:
@@ -94,6 +94,7 @@ def show(
     *,
     colour: Literal["stress", "displacement"] = "stress",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
 ) -> None:
     """Show the deformed bodies, to turn and to zoom them. Collective.
@@ -106,6 +107,7 @@ def show(
         stepper: Stepper with the state.
         colour: What to draw, as for `snapshot`.
         limits: Range of the colours [Pa or m], as for `snapshot`.
+        unit: Symbol of the unit, as for `snapshot`.
         camera: Camera, as for `snapshot`.
 
     Raises:
@@ -115,7 +117,7 @@ def show(
     Example:
         >>> plotting.show(stepper)
     """
-    put = _bodies(stepper, colour, limits, camera)
+    put = _bodies(stepper, colour, limits, camera, unit)
 
     def draw() -> None:
         with canvas(interactive=True) as plotter:
@@ -132,6 +134,7 @@ def contact(
     colour: Literal["pressure", "gap"] = "pressure",
     pair: int = 0,
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
 ) -> Picture:
     """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
@@ -145,6 +148,8 @@ def contact(
         pair: Position of the pair in ``stepper.pairs``.
         limits: Range of the colours [Pa or m]; by default that of the state, but of gaps only
             up to the size of a segment.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from where the
             contact force comes, or from the side with the least gap.
 
@@ -181,14 +186,16 @@ def contact(
     at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0
     _, nearest = min(comm.allgather((least, tuple(stepper.x[at]))))
 
+    shown = _unit("Pa" if colour == "pressure" else "m", unit)
+
     def draw() -> Picture:
         assert parts is not None
         ids, x, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-        name = "contact pressure [Pa]" if colour == "pressure" else "gap [m]"
+        name = "contact pressure" if colour == "pressure" else "gap"
         grid = grid_of(FACETS, ids, x, values, name)
         direction = -force if force.any() else np.array(nearest) - grid.points.mean(axis=0)
         with canvas() as plotter:
-            paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
+            paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
             aim(plotter, grid.points, camera, direction)
             return shot(plotter, filename)
 
@@ -201,6 +208,7 @@ def animate(
     *,
     colour: str = "displacement",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
     fps: float = 20.0,
 ) -> Picture:
@@ -211,6 +219,8 @@ def animate(
         filename: File to write, ``.gif``, or ``.mp4`` with the package ``imageio-ffmpeg``.
         colour: Name of a field in the file; of vectors the magnitude is drawn.
         limits: Range of the colours in the unit of the field; by default that of all states.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from +x, with all
             states in the picture.
         fps: States per second of the movie [1/s].
@@ -228,13 +238,14 @@ def animate(
     """
     if MPI.COMM_WORLD.rank != 0:
         return Picture(b"")
-    name = f"{colour.replace('_', ' ')} [{_UNITS.get(colour, '-')}]"
+    name = colour.replace("_", " ")
+    shown = _unit(_UNITS.get(colour, ""), unit)
     with Movie(filename, fps) as movie, canvas() as plotter:
         times, grids = _states(fields, colour, name)
         values = [grid[name] for grid in grids]
-        given = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+        ends = rounded(float(np.nanmin(values)), float(np.nanmax(values)))
         for t, grid in zip(times, grids, strict=True):
-            paint(plotter, grid, name, f"t = {t:.2f} s", given)
+            paint(plotter, grid, name, shown, (t, times[-1]), limits or ends[:2])
             if grid is grids[0]:
                 aim(plotter, np.concatenate([other.points for other in grids]), camera)
             movie.write(plotter.screenshot(return_img=True))
@@ -261,7 +272,9 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
     return reader.time_values, grids
 
 
-def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable[[Any], None]:
+def _bodies(
+    stepper: Stepper, colour: str, limits: Any, camera: Any, unit: str | None
+) -> Callable[[Any], None]:
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
@@ -271,33 +284,21 @@ def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable
     cells = cells[:, pieces].reshape(-1, pieces.shape[1])
     ids = dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape)
     u = stepper.u.x.array.reshape(-1, 3)
-    parts = comm.gather((ids, stepper.x[cells], u[cells], _von_mises(stepper)))
+    parts = comm.gather((ids, stepper.x[cells], u[cells], von_mises(stepper)))
+    shown = _unit("Pa" if colour == "stress" else "m", unit)
 
     def put(plotter: Any) -> None:
         assert parts is not None
         ids, x, u, stress = (np.concatenate(part) for part in zip(*parts, strict=True))
         values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
-        name = "von Mises stress [Pa]" if colour == "stress" else "displacement [m]"
+        name = "von Mises stress" if colour == "stress" else "displacement"
         grid = grid_of(CELLS, ids, x, values, name)
-        paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
+        paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
         aim(plotter, np.concatenate([x, x - u]).reshape(-1, 3), camera)
 
     return put
 
 
-def _von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress in the middle of the owned cells' pieces, body by body [Pa]. Local."""
-    mesh, element = stepper.u.function_space.mesh, Element.of(stepper.u.function_space)
-    middles = element.points[element.pieces].mean(axis=1)
-    F = ufl.Identity(3) + ufl.grad(stepper.u)
-
-    @cache
-    def of(material: Hyperelastic) -> fem.Expression:
-        # Constants, as numbers would become part of the compiled code.
-        parameters = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
-        sigma = F * material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
-        stress = ufl.sqrt(1.5 * ufl.inner(ufl.dev(sigma), ufl.dev(sigma)))
-        return compile_expression(stress, middles)
-
-    values = [of(body.material).eval(mesh, body.cells).reshape(-1) for body in stepper.bodies]
-    return np.concatenate(values)
+def _unit(symbol: str, given: str | None) -> Unit:
+    """Unit of SI, or the one that is given."""
+    return Unit(symbol) if given is None else Unit(given, free=True)

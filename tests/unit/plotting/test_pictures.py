@@ -8,6 +8,7 @@ import pytest
 from dolfinx_nts import plotting
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.plotting import pictures
+from dolfinx_nts.plotting.stress import von_mises
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytest.importorskip("pyvista")
@@ -55,7 +56,7 @@ def test_von_mises_stress_of_a_stretched_bar(comm):
     strain = (stretch**2 - 1) / 2
     axial = stretch * (lmbda + 2 * mu) * strain  # sigma_11 = F^2 S_11 / J
     lateral = lmbda * strain / stretch
-    stress = pictures._von_mises(stepper)
+    stress = von_mises(stepper)
     error = np.abs(stress - (axial - lateral)).max(initial=0.0)
     assert comm.allreduce(error) < 1e-12 * axial
 
