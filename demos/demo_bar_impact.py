@@ -14,11 +14,11 @@
 # ## Problem
 #
 # Steel bar, length L = 1 m, cross-section A = 0.01 m x 0.01 m, E = 210 GPa,
-# rho = 7850 kg/m^3, nu = 0, velocity v = 1 m/s towards the wall x = 0.
+# $\rho$ = 7850 kg/m³, $\nu$ = 0, velocity v = 1 m/s towards the wall x = 0.
 #
 # ## Equations
 #
-# A wave of the stress -rho c v, c = sqrt(E/rho), runs to the free end and
+# A wave of the stress $-\rho c v$, $c = \sqrt{E/\rho}$, runs to the free end and
 # comes back as one of release. In between the wall feels the force
 #
 # $$ F = \rho c v A, \qquad 0 < t < 2 L / c, \tag{1} $$
@@ -100,7 +100,7 @@ if mesh.comm.rank == 0:
 # ## Checks
 #
 # The energy is constant in any case. After the impact the impulse is
-# 2 rho L A v, and the force was (1) for 2 L/c, each within 2 %.
+# $2 \rho L A v$, and the force was (1) for $2 L/c$, each within 2 %.
 
 # +
 assert abs(after.total_energy / before.total_energy - 1) < 1e-10

@@ -13,13 +13,13 @@
 # ## Problem
 #
 # Bowl: radius 1 m inside, 1.1 m outside, held at the outer surface. Ball:
-# r = 0.3 m, released 30 degrees beside the bottom; g = 9.81 m/s^2, both
-# E = 1 MPa, nu = 0.3, rho = 1000 kg/m^3.
+# r = 0.3 m, released 30 degrees beside the bottom; g = 9.81 m/s², both
+# E = 1 MPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³.
 #
 # ## Equations
 #
 # The centre moves as a pendulum of the length l = 1 m - r; with the
-# amplitude alpha it passes the bottom after
+# amplitude $\alpha$ it passes the bottom after
 #
 # $$ \frac{T}{4} = \frac{\pi}{2} \sqrt{\frac{l}{g}}
 #    \left( 1 + \frac{\alpha^2}{16} + \dots \right). \tag{1} $$

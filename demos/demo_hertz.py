@@ -12,19 +12,20 @@
 #
 # ## Problem
 #
-# Ball: R = 1 m, E = 1 Pa, nu = 0.3; its middle plane goes down by
+# Ball: R = 1 m, E = 1 Pa, $\nu$ = 0.3; its middle plane goes down by
 # d = 1e-4 m. Tetrahedra, six in the radius of contact.
 #
 # ## Equations
 #
-# With 1/E* = (1 - nu^2)/E and the force F (Johnson, Contact Mechanics, ch. 4)
+# With $1/E^* = (1 - \nu^2)/E$ and the force $F$ (Johnson, Contact Mechanics,
+# ch. 4)
 #
 # $$ a = \left( \frac{3 F R}{4 E^*} \right)^{1/3}, \qquad
 #    p = p_0 \sqrt{1 - r^2/a^2}, \qquad
 #    p_0 = \left( \frac{6 F E^{*2}}{\pi^3 R^2} \right)^{1/3}. \tag{1} $$
 #
-# Moments of the nodal forces f give a and p_0 without a search for the
-# edge: sum f r^2 = 2/5 F a^2, sum f p = 3/4 F p_0.
+# Moments of the nodal forces f give a and $p_0$ without a search for the
+# edge: $\sum f r^2 = \tfrac{2}{5} F a^2$, $\sum f p = \tfrac{3}{4} F p_0$.
 
 # +
 import os

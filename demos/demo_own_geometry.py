@@ -13,8 +13,8 @@
 # ## Problem
 #
 # Bracket: foot 100 x 50 x 10 mm, upright 10 x 50 x 70 mm, fillet of 15 mm
-# between them, E = 2 GPa, nu = 0.35, rho = 1200 kg/m^3. Pad: 100 x 50 x 10 mm,
-# E = 5 MPa, nu = 0.4, rho = 1000 kg/m^3. Velocity 1 m/s downwards.
+# between them, E = 2 GPa, $\nu$ = 0.35, $\rho$ = 1200 kg/m³. Pad: 100 x 50 x 10 mm,
+# E = 5 MPa, $\nu$ = 0.4, $\rho$ = 1000 kg/m³. Velocity 1 m/s downwards.
 #
 # ## Equations
 #

@@ -13,12 +13,12 @@
 # ## Problem
 #
 # Diameter 20 m, wall 0.3 m, width 1 m; St. Venant-Kirchhoff,
-# E = 20 MPa, nu = 1/6, rho = 1000 kg/m^3. One ring is at rest, the other
-# flies at 4 m/s along a line that misses the first centre by 5 m; mu = 0.3.
+# E = 20 MPa, $\nu$ = 1/6, $\rho$ = 1000 kg/m³. One ring is at rest, the other
+# flies at 4 m/s along a line that misses the first centre by 5 m; $\mu$ = 0.3.
 #
 # ## Equations
 #
-# With the multipliers of a node, t_N <= 0 and t_T,
+# With the multipliers of a node, $t_N \le 0$ and $t_T$,
 #
 # $$ |t_T| \le -\mu t_N, \qquad
 #    \text{slip} = 0 \text{ where } |t_T| < -\mu t_N, \tag{1} $$

@@ -22,7 +22,7 @@
 #
 # ## Equations
 #
-# With the times t_1 and t_n on one and on n ranks, speed and efficiency are
+# With the times $t_1$ and $t_n$ on one and on n ranks, speed and efficiency are
 #
 # $$ s_n = \frac{t_1}{t_n}, \qquad e_n = \frac{s_n}{n}. \tag{1} $$
 

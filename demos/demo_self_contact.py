@@ -14,7 +14,7 @@
 # ## Problem
 #
 # A slice of a tube, radius R = 1 m, wall t = 0.1 m, in plane strain with
-# nu = 0, E = 1 MPa. It is out of round by 1 %, so that it buckles in a known
+# $\nu$ = 0, E = 1 MPa. It is out of round by 1 %, so that it buckles in a known
 # direction. The pressure p on the outside follows the wall.
 #
 # ## Equations

@@ -13,13 +13,13 @@
 # ## Problem
 #
 # Circle of radius 76, tube from 19.5 to 24; neo-Hooke, E = 2250,
-# nu = 0.3, rho = 0.1; the upper one, its axis turned by 45 degrees and
+# $\nu$ = 0.3, $\rho$ = 0.1; the upper one, its axis turned by 45 degrees and
 # 20 off the centre, comes with the velocity 30 (Yang and Laursen 2008;
 # any consistent units).
 #
 # ## Equations
 #
-# Without supports, loads and friction, with momenta p_a of the nodes,
+# Without supports, loads and friction, with momenta $p_a$ of the nodes,
 #
 # $$ \sum p_a, \quad \sum x_a \times p_a, \quad T + U \quad
 #    \text{are constant.} \tag{1} $$

@@ -87,7 +87,8 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
     rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
     ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top")]
-    stepper = scheme([ball, plate], [nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))], dt=0.01)
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))
+    stepper = scheme([ball, plate], [pair], dt=0.01)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     return stepper
 

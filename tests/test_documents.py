@@ -139,8 +139,10 @@ def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
     assert numbers(computed) == pytest.approx(numbers(told), rel=0.02, abs=ROUND_OFF)
 
 
-def test_citation_has_the_version_of_the_package():
+def test_version_is_the_same_everywhere():
     assert f"version: {nts.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f"version: {nts.__version__}" in (ROOT / "packaging/conda/recipe.yaml").read_text()
+    assert f"## [{nts.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_shell_blocks_of_the_cluster_page_are_scripts():

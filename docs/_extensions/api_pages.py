@@ -82,7 +82,9 @@ def _page(name: str) -> str:
             f".. currentmodule:: dolfinx_nts.{name}\n{functions}"
         )
     kind = "class" if inspect.isclass(item) else "function"
-    options = "   :members:\n   :inherited-members: RuntimeError, tuple\n" if kind == "class" else ""
+    options = (
+        "   :members:\n   :inherited-members: RuntimeError, tuple\n" if kind == "class" else ""
+    )
     return f"{title}.. currentmodule:: dolfinx_nts\n\n.. auto{kind}:: {name}\n{options}"
 
 

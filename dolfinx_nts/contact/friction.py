@@ -130,10 +130,10 @@ class Coulomb(Declaration):
         """Model stick and slip without a spring, for one semismooth Newton iteration. Local.
 
         The condition ``t - min(1, mu p/|t + c g|) (t + c g) = 0`` has the solutions ``g = 0``
-        with ``|t| <= mu p`` (stick) and ``t = mu p g/|g|`` (slip); the weight c changes the path, not the
-        solution. For a sliding node it is linearised and solved for t, so that a slip whose
-        direction is not yet that of the traction turns it. The direction stays where there is
-        no such slip, because it points backwards or nothing presses the node.
+        with ``|t| <= mu p`` (stick) and ``t = mu p g/|g|`` (slip); the weight c changes the
+        path, not the solution. For a sliding node it is linearised and solved for t, so that a
+        slip whose direction is not yet that of the traction turns it. The direction stays where
+        there is no such slip, because it points backwards or nothing presses the node.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].

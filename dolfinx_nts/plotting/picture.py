@@ -79,5 +79,6 @@ class Picture:
             return {}
         text = b64encode(self.data).decode()
         if self.kind == "video/mp4":
-            return {"text/html": f'<video controls loop src="data:video/mp4;base64,{text}"></video>'}
+            source = f"data:{self.kind};base64,{text}"
+            return {"text/html": f'<video controls loop src="{source}"></video>'}
         return {self.kind: text}
