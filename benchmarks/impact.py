@@ -19,6 +19,7 @@ import dolfinx_nts as nts
 __all__ = ["main", "run", "table"]
 
 ROOT = Path(__file__).parents[1]
+ROUND_OFF = 1e-9  # J
 CAUSES = ("bulk", "persistent_contact", "activation", "facet_change", "friction")
 VARIANTS: dict[str, tuple[type[nts.EnergyMomentum], Any, Any]] = {
     "`EnergyMomentum`, elastic": (nts.EnergyMomentum, nts.LagrangeMultiplier(), None),
@@ -77,16 +78,21 @@ def table(runs: dict[str, list[dict[str, float]]]) -> str:
     Returns:
         The table.
     """
-    heads = ["variant", "energy at the end [J]", "change [-]"]
-    heads += [f"{cause.replace('_', ' ')} [J]" for cause in CAUSES]
+    heads = ["variant", "energy at the end", "change [-]"]
+    heads += [cause.replace("_", " ") for cause in CAUSES]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, rows in runs.items():
         start, end = rows[0], rows[-1]
         change = end["total_energy"] / start["total_energy"] - 1
-        cells = [name, f"{end['total_energy']:.2f}", f"{change:.1e}"]
-        cells += [f"{end[f'energy_{cause}']:+.3g}" for cause in CAUSES]
+        cells = [name, f"{end['total_energy']:.2f}", _told(change, ".1e")]
+        cells += [_told(end[f"energy_{cause}"], "+.3g") for cause in CAUSES]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + f"\n\nEnergies in joules; 0 is less than {ROUND_OFF:g}.\n"
+
+
+def _told(value: float, form: str) -> str:
+    """Tell a number, or 0 where it is round-off."""
+    return "0" if abs(value) < ROUND_OFF else f"{value:{form}}"
 
 
 def main() -> None:

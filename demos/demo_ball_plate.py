@@ -24,11 +24,10 @@
 # In a step from $t_n$ to $t_{n+1} = t_n + \Delta t$, with the mass matrix $M$,
 # the positions $x$, the multipliers $\lambda_N \le 0$ of the active nodes:
 #
-# $$ \begin{aligned}
-#    \frac{2}{\Delta t} M \left( \frac{x_{n+1} - x_n}{\Delta t} - v_n \right)
-#    + f_{int} + \sum \lambda_N F &= 0, \\
-#    v_{n+1} = 2 \frac{x_{n+1} - x_n}{\Delta t} - v_n &.
-#    \end{aligned} \tag{1} $$
+# $$ \frac{2}{\Delta t} M \left( \frac{x_{n+1} - x_n}{\Delta t} - v_n \right)
+#    + f_{int} + \sum \lambda_N F = 0, \tag{1} $$
+#
+# and the velocity follows from $v_{n+1} = 2 (x_{n+1} - x_n) / \Delta t - v_n$.
 #
 # `Midpoint` takes the stress and the contact force F at the mean of both
 # states, and its nodes lose their impact energy: they must have no gap at

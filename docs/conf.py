@@ -1,11 +1,21 @@
 """Settings of the documentation site, which ``make docs`` builds."""
 
+import hashlib
 import sys
 from pathlib import Path
 
 import dolfinx_nts
 
-sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+_ROOT = Path(__file__).parents[1]
+_PACKAGE = _ROOT / "dolfinx_nts"
+sys.path.insert(0, str(_ROOT / "docs" / "_extensions"))
+
+
+def _digest(folder: Path) -> str:
+    """Digest of the sources in a folder: demos run again when the package is another."""
+    sources = sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".h", ".cpp"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+
 
 project = "dolfinx_nts"
 author = "The dolfinx_nts developers"
@@ -30,7 +40,7 @@ exclude_patterns = ["_extensions", "conf.py", "figures.py", "tables"]
 # Demos are scripts, which become notebooks.
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:light"}]}
 nb_execution_mode = "cache"
-nb_execution_cache_path = str(Path(__file__).parents[1] / "build" / "docs" / "notebooks")
+nb_execution_cache_path = str(_ROOT / "build" / "docs" / "notebooks" / _digest(_PACKAGE))
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300

@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import prefixed, rounded
 
-__all__ = ["CELLS", "FACETS", "Unit", "aim", "canvas", "grid_of", "paint", "shot"]
+__all__ = ["CELLS", "FACETS", "Unit", "add_obstacle", "aim", "canvas", "grid_of", "paint", "shot"]
 
 Kinds = dict[int, tuple[int, list[int]]]
 
@@ -158,7 +158,7 @@ def paint(
         limits: Range of the colours; by default that of the values, rounded. Values above it have
             a colour of their own.
     """
-    values = grid[name]
+    values = np.asarray(grid[name], dtype=np.float64)
     least, largest = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
     low, high = limits or ((least, largest) if least <= largest else (0.0, 1.0))
     scale, prefix = unit.scale(max(abs(low), abs(high)))
@@ -179,6 +179,20 @@ def paint(
     second, prefix = unit.seconds(end)
     text = f"t = {t / second:.3g} {prefix}".rstrip()
     plotter.add_text(text, font_size=_TEXT, color="black", name="text")
+
+
+def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
+    """Draw the surface of an obstacle, which one can look through.
+
+    Args:
+        plotter: PyVista plotter.
+        surface: Its surface, which may have no points.
+        number: Number of the obstacle.
+    """
+    if surface.n_points:
+        plotter.add_mesh(
+            surface, name=f"obstacle {number}", color="grey", opacity=0.15, reset_camera=False
+        )
 
 
 def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = None) -> None:

@@ -19,8 +19,8 @@ __all__ = ["energies", "energy_error", "forces", "momenta"]
 
 # Relative error [-] below which curves are drawn flat, as they would be round-off.
 _EPSILON = float(np.finfo(np.float64).eps)
-# Size of one diagram and of the margin around all [inch], and their resolution [1/inch].
-_WIDTH, _HEIGHT, _MARGIN, _DPI = 5.2, 2.4, 1.0, 110
+# Size of one diagram and of the margin around all [inch], and the width of the picture [pixels].
+_WIDTH, _HEIGHT, _MARGIN, _PIXELS = 6.4, 2.8, 1.0, 1600
 
 P = ParamSpec("P")
 
@@ -164,7 +164,7 @@ def _figure(rows: int, columns: int) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
     size = (_WIDTH * columns, _MARGIN + _HEIGHT * rows)
-    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=size, dpi=_PIXELS / size[0], layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
     for panel in axes.flat:
         panel.grid(alpha=0.3)

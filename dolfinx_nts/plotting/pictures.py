@@ -16,11 +16,23 @@ from dolfinx import fem
 
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.plotting.canvas import CELLS, FACETS, Unit, aim, canvas, grid_of, paint, shot
+from dolfinx_nts.plotting.canvas import (
+    CELLS,
+    FACETS,
+    Unit,
+    add_obstacle,
+    aim,
+    canvas,
+    grid_of,
+    paint,
+    shot,
+)
 from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.plotting.movie import Movie
+from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import rounded
 from dolfinx_nts.plotting.stress import von_mises
@@ -265,9 +277,9 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
         grid = reader.read().copy()
         if colour not in grid.array_names:
             raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
+        grid.points = grid.points + grid["displacement"]
         values = grid[colour]
         grid[name] = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
-        grid.points = grid.points + grid["displacement"]
         grids.append(grid)
     return reader.time_values, grids
 
@@ -286,6 +298,8 @@ def _bodies(
     u = stepper.u.x.array.reshape(-1, 3)
     parts = comm.gather((ids, stepper.x[cells], u[cells], von_mises(stepper)))
     shown = _unit("Pa" if colour == "stress" else "m", unit)
+    sides = dict.fromkeys(pair.segments for pair in stepper.pairs)
+    obstacles = [side for side in sides if isinstance(side, Obstacle)]
 
     def put(plotter: Any) -> None:
         assert parts is not None
@@ -294,7 +308,10 @@ def _bodies(
         name = "von Mises stress" if colour == "stress" else "displacement"
         grid = grid_of(CELLS, ids, x, values, name)
         paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
-        aim(plotter, np.concatenate([x, x - u]).reshape(-1, 3), camera)
+        points = np.concatenate([x, x - u]).reshape(-1, 3)
+        for number, obstacle in enumerate(obstacles):
+            add_obstacle(plotter, surface_near(obstacle, points), number)
+        aim(plotter, points, camera)
 
     return put
 
