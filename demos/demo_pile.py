@@ -32,6 +32,7 @@
 # +
 import logging
 import os
+import sys
 
 from mpi4py import MPI
 
@@ -57,7 +58,7 @@ def build(model):
         parts.add_solid_ball(model, f"ball {i}", centre=centre, **shape)
 
 
-logging.basicConfig(format="%(message)s")
+logging.basicConfig(format="%(message)s", stream=sys.stdout)
 logging.getLogger("dolfinx_nts").setLevel(logging.INFO if num_steps == 0 else logging.WARNING)
 mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))

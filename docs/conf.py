@@ -1,6 +1,7 @@
 """Settings of the documentation site, which ``make docs`` builds."""
 
 import hashlib
+import os
 import sys
 from pathlib import Path
 
@@ -45,6 +46,9 @@ nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+nb_output_stderr = "remove"
+# Of tqdm, which misses widgets in notebooks.
+os.environ["PYTHONWARNINGS"] = "ignore"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]
