@@ -49,7 +49,7 @@ def energies(table: str | Path, filename: str | Path | None = None) -> Picture:
         The picture, which a notebook displays.
 
     Example:
-        >>> plotting.energies("run.csv", "energies.png")
+        >>> picture = plotting.energies("run.csv", "energies.png")
     """
     rows = _read(table)
     figure, axes = _figure(1, 1)
@@ -75,7 +75,7 @@ def momenta(table: str | Path, filename: str | Path | None = None) -> Picture:
         The picture, which a notebook displays.
 
     Example:
-        >>> plotting.momenta("run.csv", "momenta.png")
+        >>> picture = plotting.momenta("run.csv", "momenta.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 2)
@@ -112,7 +112,7 @@ def energy_error(
         The picture, which a notebook displays.
 
     Example:
-        >>> plotting.energy_error("run.csv", "error.png")
+        >>> picture = plotting.energy_error("run.csv", "error.png")
         >>> runs = {"energy-momentum scheme": "run.csv"}
         >>> picture = plotting.energy_error(runs)
     """
@@ -141,7 +141,7 @@ def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
         The picture, which a notebook displays.
 
     Example:
-        >>> plotting.forces("run.csv", "forces.png")
+        >>> picture = plotting.forces("run.csv", "forces.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 1)

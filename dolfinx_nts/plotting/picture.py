@@ -62,6 +62,10 @@ class Picture:
         figure.savefig(buffer, format="png")
         return cls(buffer.getvalue())
 
+    def __repr__(self) -> str:
+        """Kind and size in one line. Local."""
+        return f"Picture({self.kind}, {len(self.data)} bytes)"
+
     def save(self, filename: str | Path) -> None:
         """Write the content to a file, unless there is none. Local.
 

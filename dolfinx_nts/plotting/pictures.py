@@ -89,7 +89,7 @@ def snapshot(
         ValueError: ``colour`` is unknown.
 
     Example:
-        >>> plotting.snapshot(stepper, "start.png", colour="displacement")
+        >>> picture = plotting.snapshot(stepper, "start.png", colour="displacement")
     """
     put = _bodies(stepper, colour, limits, camera, unit)
 
@@ -174,7 +174,7 @@ def contact(
         ValueError: ``colour`` is unknown.
 
     Example:
-        >>> plotting.contact(stepper, "gap.png", colour="gap")
+        >>> picture = plotting.contact(stepper, "gap.png", colour="gap")
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
@@ -246,7 +246,7 @@ def animate(
         ValueError: The suffix is another, or there is no such field.
 
     Example:
-        >>> plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
+        >>> picture = plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
     """
     if MPI.COMM_WORLD.rank != 0:
         return Picture(b"")
