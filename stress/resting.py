@@ -62,7 +62,7 @@ def stack(comm: MPI.Comm, law: str, blocks: int = 5, until: float = 10.0) -> Set
     """Blocks upon each other, of different width, without motion. Collective."""
     parts, touches, below = {}, [], None
     for number in range(blocks):
-        width, name = 0.4 - 0.03 * number, f"block {number}"
+        width, name = 0.4 * (1 - 0.075 * number * 5 / max(blocks, 5)), f"block {number}"
         block = box((width, width, 0.2), (2, 2, 1)).at(-width / 2, -width / 2, 0.2 * number)
         parts[name] = block.made(_STONE)
         under: Any = _FLOOR if below is None else f"{below}.top"
@@ -160,6 +160,10 @@ CASES = [
     *(
         Case("stack of five blocks, 10 s", "friction", law, partial(stack, law=law))
         for law in _LAWS
+    ),
+    *(
+        Case("stack of blocks, 5 s", "blocks", n, partial(stack, law="exact", blocks=n, until=5.0))
+        for n in (8, 15)
     ),
     *(Case("card house", "mu", mu, partial(cards, mu=mu)) for mu in (0.1, 0.6)),
     *(Case("block on a slope", "mu / tan", p, partial(slope, part=p)) for p in (0.9, 1.0, 1.1)),

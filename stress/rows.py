@@ -67,6 +67,8 @@ class Setup:
         ledger: Whether loads, supports, springs or friction change the
             energy, so that the ledger is judged and not the energy.
         supported: Whether reactions at supports change the momenta.
+        kink: Depth to which nodes may be below the facet next to theirs, as they slide over
+            the edge between them in a dent [m].
     """
 
     stepper: Any
@@ -74,6 +76,7 @@ class Setup:
     check: Callable[[], str] = lambda: ""
     ledger: bool = False
     supported: bool = False
+    kink: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ class Case:
             has to finish.
         warns: Pattern of the warning that it has to log.
         may_stop: Whether it may stop with an error, and have overlaps that it tells.
+        energy_error: Largest error of the energy, relative to the largest energy or work.
         cuts: How often a step may be halved; None: steps are as they are,
             as the row shows what is refused.
     """
@@ -101,6 +105,7 @@ class Case:
     warns: str = ""
     cuts: int | None = 6
     may_stop: bool = False
+    energy_error: float = ENERGY_TOLERANCE
 
     @property
     def name(self) -> str:
@@ -167,7 +172,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         row |= _errors(values, setup, np.max(scales, axis=0))
         row["steps"] = len(values["step"]) - 1
         row["rejected_steps"] = int(values["rejected"].sum())
-        wrong = wrong or _too_large(row, values)
+        wrong = wrong or _too_large(row, values, case)
         if setup.stepper.pairs:
             deep = _depth(row, values, _allowed(setup, values, approaches))
             # A run that stops, or has to tell of an overlap, may have nodes that are too deep.
@@ -253,7 +258,8 @@ def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> A
     weakest = min((eps_N.min(initial=np.inf) for eps_N in springs), default=np.inf)
     weakest = comm.allreduce(weakest, op=MPI.MIN)
     energy = np.maximum.accumulate(np.maximum(values["contact_energy"], 0.0))
-    return start - _ROUNDING * abs(start) - np.maximum(depth, np.sqrt(2 * energy / weakest))
+    depth = np.maximum(depth, np.sqrt(2 * energy / weakest)) + setup.kink
+    return start - _ROUNDING * abs(start) - depth
 
 
 def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
@@ -351,12 +357,12 @@ def _relative(change: Any, scale: float) -> float:
     return float(np.max(size)) / scale if scale > 0 else float(np.max(size))
 
 
-def _too_large(row: dict[str, Any], values: dict[str, Any]) -> str:
+def _too_large(row: dict[str, Any], values: dict[str, Any], case: Case) -> str:
     must = {name: column for name, column in values.items() if name != "min_gap"}
     if bad := [name for name, column in must.items() if not np.isfinite(column).all()]:
         return f"not finite: {', '.join(bad)}"
     limits = {
-        "energy_error": ENERGY_TOLERANCE,
+        "energy_error": case.energy_error,
         "momentum_error": MOMENTUM_TOLERANCE,
         "angular_momentum_error": MOMENTUM_TOLERANCE,
     }

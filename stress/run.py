@@ -18,7 +18,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from stress import boundaries, degenerate, impact, meetings, repeated, resting, variants
+from stress import boundaries, degenerate, impact, meetings, repeated, resting, statics, variants
 from stress.rows import COLUMNS, Case, Outcome, run
 from stress.table import write_table
 
@@ -32,6 +32,7 @@ CASES: list[Case] = [
     *degenerate.CASES,
     *variants.CASES,
     *boundaries.CASES,
+    *statics.CASES,
 ]
 
 # Tests run the others and a few of the random scenes.

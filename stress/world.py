@@ -138,17 +138,22 @@ class World:
     def stepper(
         self,
         touches: Sequence[Touch],
-        dt: float,
+        dt: float | None,
         scheme: Any = nts.EnergyMomentum,
         gravity: Any = None,
         pairs: Sequence[nts.ContactPair] = (),
         **options: Any,
     ) -> Any:
-        """Stepper of all bodies, with the velocities of the parts; dt as it is seen."""
+        """Stepper of all bodies, with the velocities of the parts; dt as it is seen.
+
+        Without dt the scheme chooses it.
+        """
         pairs = [*pairs, *(pair for touch in touches for pair in self._pairs(touch))]
         bodies = list(self.bodies.values())
         loads = [] if gravity is None else [nts.Gravity(bodies, gravity)]
-        stepper = scheme(bodies, pairs, dt=self.frame.length * dt, loads=loads, **options)
+        if dt is not None:
+            options["dt"] = self.frame.length * dt
+        stepper = scheme(bodies, pairs, loads=loads, **options)
         for name, body in self.bodies.items():
             velocity = self.parts[name].velocity
             if callable(velocity) or np.any(velocity):

@@ -6,13 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
 
 __all__ = ["OverlapWatch"]
@@ -22,8 +20,10 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Way between two looks while boxes around bodies overlap, relative to the smallest cell [-].
-_WAY = 1.0
+# By how much two bodies may come nearer between two looks while boxes around them overlap,
+# relative to the smallest cell [-]: even if each is one cell thick, they need as much to pass
+# through each other.
+_WAY = 2.0
 
 
 class OverlapWatch:
@@ -45,7 +45,8 @@ class OverlapWatch:
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
-        # Bound on the way since the last look, that up to which none is due, and where it was.
+        # By how much any two may have come nearer since the last look, up to which that none is
+        # due, and where it was.
         self._way, self._free_way = 0.0, 0.0
         self._x: Floats = np.empty((0, 3))
 
@@ -75,15 +76,15 @@ class OverlapWatch:
         """Look if bodies have moved so far since the last look that they may overlap.
 
         Args:
-            way: Bound on the way of all nodes in the last step, the same on all ranks [m].
+            way: Bound on the way of any node in the last step, the same on all ranks [m].
             x: Function that returns the positions, see `look`.
             t: Time [s].
         """
-        self._way += way
+        self._way += 2 * way
         if self._way <= self._free_way:
             return
-        comm, here = self._bodies[0].V.mesh.comm, x()
-        self._way = reductions.largest(comm, _kernels.farthest(here, self._x))
+        here = x()
+        self._way = self.search.approach(here, self._x)
         if self._way > self._free_way:
             self.look(here, t)
 
@@ -105,8 +106,7 @@ class OverlapWatch:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         shortest, new = self.search.shortest, []
         overlaps, clearance = self.search.find(x, part * shortest)
-        # Both of two bodies may move.
-        self._way, self._free_way, self._x = 0.0, max(_WAY * shortest, clearance / 2), x
+        self._way, self._free_way, self._x = 0.0, max(_WAY * shortest, clearance), x
         for overlap in overlaps:
             names = frozenset(overlap.names)
             deepest = self.deepest.setdefault(names, overlap)

@@ -21,7 +21,13 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 
-__all__ = ["Passage", "passing_message", "passing_nodes_message", "shortest_passage_of"]
+__all__ = [
+    "Passage",
+    "passing_message",
+    "passing_nodes_message",
+    "shortest_passage_of",
+    "through_to_another_side",
+]
 
 # Ways relative to a segment [-]: below the surface to a place from which a point must be found
 # again, and past a place where another segment is found for it.
@@ -73,22 +79,29 @@ class Passage(NamedTuple):
         passes[stays] = _is_lost(candidates, points.take(stays), ends[1], ways.take(stays), reach)
         return cls(number[passes], _possible_part(candidates, ways, way, passes))
 
-    @classmethod
-    def to_another_side(
-        cls, candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats]
-    ) -> "Passage":
-        """Find the points that come out on another side, wherever they have been inside.
 
-        Arguments are as of `through`.
-        """
-        way, longest = _relative_ways(candidates, points, *ends)
-        number = candidates.near(points, ends[0], float(way.max(initial=0.0)) + longest)
-        points, way = points.take(number), way[number] + longest
-        segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), np.inf)
-        inside = np.where(gap < 0, segment, -1).astype(np.int32)
-        ways = candidates.follow(points, *ends, inside)
-        passes: Flags = ways.leaves & (ways.cosine < -_kernels.WALL)
-        return cls(number[passes], _possible_part(candidates, ways, way, passes))
+def through_to_another_side(
+    candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats], reach: float
+) -> Ints:
+    """Find the points that come out on another side, wherever they have been inside. Local.
+
+    Args:
+        candidates: What they may pass.
+        points: The points.
+        ends: Positions at both ends of straight ways, see `Candidates`.
+        reach: Bound on how much any point comes nearer to a candidate [m].
+
+    Returns:
+        Their numbers, shape ``(m,)``.
+    """
+    number = candidates.near(points, ends[0], reach)
+    if not len(number):
+        return number
+    points = points.take(number)
+    segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), np.inf)
+    inside = np.where(gap < 0, segment, -1).astype(np.int32)
+    ways = candidates.follow(points, *ends, inside)
+    return number[ways.leaves & (ways.cosine < -_kernels.WALL)]
 
 
 def shortest_passage_of(pair: ContactPair) -> float:

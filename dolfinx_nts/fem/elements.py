@@ -49,6 +49,8 @@ class Element:
         stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2 points in a
             hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron.
             Every deformation of a cell has energy.
+        locks: Whether one point for volumetric terms keeps cells from locking, as it does
+            hexahedra of degree 1.
     """
 
     def __init__(self, cell: str, degree: int) -> None:
@@ -60,6 +62,7 @@ class Element:
         self.points: Floats = self.basix.points
         self.mass_degree = 2 * degree
         self.stress_degree = 2 if cell == "tetrahedron" else 2 * degree
+        self.locks = cell == "hexahedron" and degree == 1
 
     @classmethod
     def of(cls, V: fem.FunctionSpace) -> "Element":

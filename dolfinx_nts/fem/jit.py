@@ -19,6 +19,9 @@ _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD
 # With this macro, which nothing else reads, glibc declares vector versions of log, exp and
 # pow. GCC vectorises no kernel that calls them without: those of NeoHookean take a third.
 _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
+# The loop over points is vectorised if those in it are unrolled, which recent GCC does only with
+# a greater limit than its own, of 200 instructions.
+_UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
 _OPTIONS = {
@@ -32,8 +35,12 @@ _OPTIONS = {
         "-fassociative-math",
         "-freciprocal-math",
         _VECTOR_FUNCTIONS,
+        *_UNROLLED,
         *_WIDEST,
-    ]
+    ],
+    # How long to wait for another process that compiles the same form [s]: 10, as FFCx has it, is
+    # too short on a busy machine.
+    "timeout": 40,
 }
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)

@@ -332,7 +332,7 @@ class CentralDifference(Stepper):
         reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:
             self._refuse(reason)
-        self.watch.vertices.accept(x_n, x, moved)
+        self.watch.vertices.accept()
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""

@@ -154,7 +154,7 @@ class ImplicitStepper(Stepper):
                 self._way = reductions.largest(self._comm, way)
                 reason = self._wrong(steps, x[0])
                 if not reason:
-                    self.watch.vertices.accept(x[0], self.x, self._way)
+                    self.watch.vertices.accept()
                     self._last.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)

@@ -6,7 +6,7 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 `library`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
 from types import MappingProxyType
@@ -21,7 +21,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
 
-__all__ = ["Hyperelastic", "MassOnly", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "right_cauchy_green"]
 
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -59,16 +59,19 @@ class Hyperelastic(Declaration):
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: Names of parameters whose terms of ``psi`` are integrated with one point a
-            cell. If these are the volumetric terms, hexahedra of nearly incompressible
-            materials do not lock. ``psi`` must be linear in its parameters. Energy is conserved
-            as well as without, because every point has an energy and a conserving stress of its
+        one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
+            change of volume, in hexahedra of degree 1, which then do not lock in nearly
+            incompressible materials. Or names of parameters whose
+            terms of ``psi``, in which it must be linear, have one point. Energy is conserved
+            with every choice, because every point has an energy and a conserving stress of its
             own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
-        one_point: Names as given, a frozen set.
+        one_point: Names as given, a frozen set, or those of the volumetric terms.
+        splits_volume: Whether ``"volumetric"`` was given. Without names the energy of an equal
+            change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -94,7 +97,7 @@ class Hyperelastic(Declaration):
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
-        one_point: Sequence[str] = (),
+        one_point: str | Sequence[str] = (),
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -111,20 +114,25 @@ class Hyperelastic(Declaration):
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
         numbers = {name: float(value) for name, value in parameters.items()}
         self.parameters = MappingProxyType(numbers)
-        self.one_point = frozenset(one_point)
+        self._psi = psi
+        self.splits_volume = one_point == "volumetric"
+        self.one_point = (
+            self._volumetric_parameters() if self.splits_volume else frozenset(one_point)
+        )
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
-                f"expected one_point out of {sorted(parameters)}, but not all, given {one_point}"
+                f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
+                f"given {one_point!r}"
             )
-        self._psi = psi
         self._check_energy()
 
     def __repr__(self) -> str:
         """Numbers in SI units, and the options that are set, in one line. Local."""
+        names = tuple(sorted(self.one_point))
         options = {
             "mass_damping": self.mass_damping,
             "stiffness_damping": self.stiffness_damping,
-            "one_point": tuple(sorted(self.one_point)),
+            "one_point": "volumetric" if self.splits_volume else names,
         }
         options = {name: value for name, value in options.items() if value}
         return as_call(self, **self._described(), rho=self.rho, **options)
@@ -248,16 +256,17 @@ class Hyperelastic(Declaration):
             return
         C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
-        parts = [
-            float(ufl.as_ufl(self.psi(C, **self.parameters | dict.fromkeys(without, 0.0)))(()))
-            for without in (self.one_point, names - self.one_point)
-        ]
-        total = float(self.psi(C, **self.parameters)(()))
+        parts = [self._number(C, without) for without in (self.one_point, names - self.one_point)]
+        total = self._number(C)
         if not abs(total - sum(parts)) <= _ROUND_OFF * (abs(total) + np.abs(parts).sum()):
             raise ValueError(
                 "expected an energy that is linear in its parameters for one_point, "
                 f"given {total:g} J/m^3 and parts of {parts}"
             )
+
+    def _number(self, C: Any, without: Iterable[str] = ()) -> float:
+        """Energy [J/m^3] of a constant tensor with some parameters zero."""
+        return float(ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))(()))
 
     @cached_property
     def _curve(self) -> EnergyCurve:
@@ -285,14 +294,39 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
+    def _volumetric_parameters(self) -> frozenset[str]:
+        """Names of parameters whose terms of the energy resist changes of volume.
+
+        Of an energy that is linear in its parameters, all whose terms depend on det C only.
+        """
+        names = self.parameters.keys()
+        shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
+        as_large = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
+        try:
+            terms = {n: [self._number(C, names - {n}) for C in (shape, as_large)] for n in names}
+            total = self._number(shape)
+        except ArithmeticError:
+            return frozenset()
+        size = sum(abs(energy) for energy, _ in terms.values())
+        if not abs(total - sum(energy for energy, _ in terms.values())) <= _ROUND_OFF * size:
+            return frozenset()
+        return frozenset(
+            name
+            for name, (energy, of_volume) in terms.items()
+            if abs(energy - of_volume) <= _ROUND_OFF * abs(energy) != 0
+        )
+
+    @property
+    def _has_fields(self) -> bool:
+        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
+
     @property
     def least_modulus(self) -> float:
         """Least eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
 
         For an isotropic material it is twice the shear modulus.
         """
-        value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
-        if extract_domains(value):
+        if self._has_fields:
             return np.nan
         return max(float(np.linalg.eigvalsh(self.moduli)[0]), 0.0)
 
@@ -308,6 +342,23 @@ class Hyperelastic(Declaration):
             return True
         smaller, small = (float(value(())) for value in values)
         return smaller > _GROWTH * small
+
+
+class PartOfEnergy(Hyperelastic):
+    """Damping of a material and an energy that is a part of its own. Local.
+
+    Args:
+        material: The material, which has been checked.
+        psi: Strain energy density of the part, see `Hyperelastic`.
+    """
+
+    def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
+        """Take over all numbers."""
+        self.rho, self.parameters = material.rho, material.parameters
+        self.one_point, self.splits_volume = frozenset(), False
+        self.mass_damping = material.mass_damping
+        self.stiffness_damping = material.stiffness_damping
+        self._psi = psi
 
 
 class MassOnly(Hyperelastic):

@@ -10,6 +10,7 @@ import ufl
 
 from dolfinx_nts.common.arguments import positive, real
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.volume_increment import VolumeIncrement
 
 __all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 
@@ -38,6 +39,9 @@ class SaintVenantKirchhoff(Hyperelastic):
     def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
         """Check the numbers and convert them to Lame's parameters."""
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
+
+    def _volumetric_parameters(self) -> frozenset[str]:
+        return frozenset(["lmbda"])
 
     def _described(self) -> dict[str, Any]:
         return _young(**self.parameters)
@@ -78,8 +82,8 @@ class NeoHookean(Hyperelastic):
             ``volumetric`` is unknown.
 
     Example:
-        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point=["lmbda"])
-        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point=('lmbda',))
+        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point="volumetric")
+        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point='volumetric')
     """
 
     def __init__(
@@ -94,6 +98,21 @@ class NeoHookean(Hyperelastic):
 
     def _described(self) -> dict[str, Any]:
         return {**_young(**self.parameters), "volumetric": self.volumetric}
+
+    def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
+        """Closed form, as the energy is a sum of tr C and a function of det C.
+
+        See `Hyperelastic.conserving_stress`.
+        """
+        numbers = self.parameters | parameters
+        lmbda, mu = numbers["lmbda"], numbers["mu"]
+        volume = VolumeIncrement(C_n, C)
+        if self.volumetric == "log":
+            ln_J_twice = ufl.ln(volume.square_n * volume.square) / 2
+            quotient = volume.logarithm * (lmbda * ln_J_twice / 4 - mu / 2)
+        else:
+            quotient = lmbda * (1 - 2 / volume.sum) / 2 - mu / 2 * volume.logarithm
+        return mu * ufl.Identity(3) + 2 * quotient * volume.gradient
 
 
 class MooneyRivlin(Hyperelastic):
@@ -126,6 +145,26 @@ class MooneyRivlin(Hyperelastic):
 
     def _described(self) -> dict[str, Any]:
         return dict(self.parameters)
+
+    def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
+        """Closed form by products of means and quotients of invariants.
+
+        See `Hyperelastic.conserving_stress`.
+        """
+        numbers = self.parameters | parameters
+        volume, mean = VolumeIncrement(C_n, C), (C_n + C) / 2
+        (a_n, a), one = volume.roots, ufl.Identity(3)
+        first, first_slope = (a_n + a) / 2, volume.root * ufl.tr(mean)
+        second = (a_n**2 + a**2) / 2
+        second_slope = (a_n + a) * volume.root * (_second(C_n) + _second(C)) / 2
+        quotient = (
+            numbers["c10"] * first_slope
+            + numbers["c01"] * second_slope
+            + numbers["kappa"] / 2 * (1 - 2 / volume.sum)
+        )
+        S = numbers["c10"] * first * one
+        S += numbers["c01"] * second * (ufl.tr(mean) * one - mean)
+        return 2 * (S + quotient * volume.gradient)
 
 
 class Yeoh(Hyperelastic):
@@ -161,6 +200,21 @@ class Yeoh(Hyperelastic):
     def _described(self) -> dict[str, Any]:
         return dict(self.parameters)
 
+    def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
+        """Closed form by the quotient of the first invariant.
+
+        See `Hyperelastic.conserving_stress`.
+        """
+        numbers = self.parameters | parameters
+        volume = VolumeIncrement(C_n, C)
+        a_n, a = volume.roots
+        x_n, x = a_n * ufl.tr(C_n) - 3, a * ufl.tr(C) - 3
+        slope = numbers["c10"] + numbers["c20"] * (x_n + x)
+        slope += numbers["c30"] * (x_n**2 + x_n * x + x**2)
+        quotient = slope * volume.root * ufl.tr(C_n + C) / 2
+        quotient += numbers["kappa"] / 2 * (1 - 2 / volume.sum)
+        return 2 * (slope * (a_n + a) / 2 * ufl.Identity(3) + quotient * volume.gradient)
+
 
 def _lame(E: float, nu: float) -> dict[str, float]:
     """Lame's parameters [Pa] of Young's modulus and Poisson's ratio."""
@@ -191,10 +245,15 @@ def _neo_hookean_quadratic(C: Any, lmbda: Any, mu: Any) -> Any:
 
 
 def _mooney_rivlin(C: Any, c10: Any, c01: Any, kappa: Any) -> Any:
-    J2, tr = ufl.det(C), ufl.tr(C)
-    I1 = J2 ** (-1 / 3) * tr
-    I2 = J2 ** (-2 / 3) * (tr**2 - ufl.tr(C * C)) / 2
+    J2 = ufl.det(C)
+    I1 = J2 ** (-1 / 3) * ufl.tr(C)
+    I2 = J2 ** (-2 / 3) * _second(C)
     return c10 * (I1 - 3) + c01 * (I2 - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def _second(C: Any) -> Any:
+    """Second invariant."""
+    return (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2
 
 
 def _yeoh(C: Any, c10: Any, c20: Any, c30: Any, kappa: Any) -> Any:

@@ -1,8 +1,8 @@
 """Bodies, which are regions of the mesh with a material, and forms over their cells.
 
 Bodies of one material share their forms. Inertia and strain energy have quadratures of their
-own, which `Element` tells; terms of the energy that a material names in ``one_point`` have one
-with a single point.
+own, which `Element` tells; terms of the energy that make cells lock have one with a single
+point, see `volumetric_split`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,6 +19,7 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
+from dolfinx_nts.materials.volumetric_split import parts
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
@@ -62,7 +63,8 @@ class Body(Declaration):
         check_tag(V, cells, tag, tdim, "cells")
         if not isinstance(material, Hyperelastic):
             raise TypeError(f"expected a material, given {type(material).__name__}")
-        if material.one_point and V.ufl_element().degree > 1:
+        named = material.one_point and not material.splits_volume
+        if named and V.ufl_element().degree > 1:
             raise ValueError(
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
@@ -109,11 +111,12 @@ def bulk_form(
         }
         density = fem.Constant(mesh, material.rho)
         # Degree of the quadrature, material, parameters that are left out, density.
+        most, volumetric = parts(material, element.locks)
         rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
-            (full, material, material.one_point, density if mass == full else 0.0)
+            (full, *most, density if mass == full else 0.0)
         ]
-        if material.one_point:
-            rules.append((1, material, parameters.keys() - material.one_point, 0.0))
+        if volumetric is not None:
+            rules.append((1, *volumetric, 0.0))
         if mass != full:
             rules.append((mass, MassOnly(material), (), density))
         for degree, law, without, rho in rules:

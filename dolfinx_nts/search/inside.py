@@ -16,7 +16,7 @@ __all__ = ["Insides"]
 
 
 class Insides:
-    """The insides of closed boundaries at one place.
+    """The insides of closed boundaries that move.
 
     Every rank has some triangles of a boundary, and all ranks ask for the same points. Rays are
     counted, and solid angles summed, over the triangles of all ranks. Collective.
@@ -24,13 +24,16 @@ class Insides:
     Args:
         comm: Communicator.
         boundaries: The boundaries.
-        x: Positions of the local nodes, shape ``(l, 3)`` [m].
     """
 
-    def __init__(self, comm: MPI.Comm, boundaries: Sequence[ClosedBoundary], x: Floats) -> None:
+    def __init__(self, comm: MPI.Comm, boundaries: Sequence[ClosedBoundary]) -> None:
         """Begin without trees, which are built where points are asked for."""
-        self._comm, self._boundaries, self._x = comm, boundaries, x
+        self._comm, self._boundaries = comm, boundaries
         self._trees: dict[int, _kernels.Boundary] = {}
+
+    def move(self, x: Floats) -> None:
+        """Go on at other positions of the local nodes, shape ``(l, 3)`` [m]. Local."""
+        self._x, self._moved = x, set(self._trees)
 
     def depth(self, points: Floats, where: Ints, least: Floats) -> Floats:
         """Tell how deep points are inside. Collective.
@@ -94,9 +97,12 @@ class Insides:
     def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
         """Boundaries of some points, and which of these belong to each."""
         for number in map(int, np.flatnonzero(np.bincount(where[some]))):
+            triangles = self._boundaries[number].triangles
             if number not in self._trees:
-                triangles = self._boundaries[number].triangles
                 self._trees[number] = _kernels.Boundary(self._x[triangles])
+            elif number in self._moved:
+                self._moved.remove(number)
+                self._trees[number].move(self._x[triangles])
             yield self._trees[number], some[where[some] == number]
 
 

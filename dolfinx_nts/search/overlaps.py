@@ -74,6 +74,7 @@ class OverlapSearch:
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
         self._boundaries = closed_boundaries(connected(bodies))
+        self._insides = Insides(self._comm, self._boundaries)
         self._names = [
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
@@ -89,6 +90,16 @@ class OverlapSearch:
         mine = [bool(np.isin(surface.nodes, b.nodes).any()) for b in self._boundaries]
         belongs = reductions.anywhere(self._comm, mine)
         return frozenset(name for name, yes in zip(self._names, belongs, strict=True) if yes)
+
+    def approach(self, x: Floats, before: Floats) -> float:
+        """Bound on how much any two, of which one may be an obstacle, have come nearer [m].
+
+        ``before`` are the positions from which the motion counts, ``x`` is as of `find`.
+        Collective.
+        """
+        nodes = [boundary.nodes for boundary in self._boundaries]
+        moved = [_kernels.farthest(x.take(n, axis=0), before.take(n, axis=0)) for n in nodes]
+        return float(np.sort(reductions.largest(self._comm, moved))[-2:].sum())
 
     def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], float]:
         """Find all overlaps that are more than a touch. Collective.
@@ -139,16 +150,16 @@ class OverlapSearch:
             begin, end = (x.take(rows, axis=0) for rows in boundary.edges.T)
             near = _meets(region, np.minimum(begin, end), np.maximum(begin, end))
             edges.add(np.hstack([begin[near], end[near]]), number)
-        insides = Insides(self._comm, self._boundaries, x)
+        self._insides.move(x)
 
         def depth(points: Floats, pair: Ints) -> Floats:
-            return insides.depth(points, pairs[pair, 1], touching[pair])
+            return self._insides.depth(points, pairs[pair, 1], touching[pair])
 
         points, at_nodes = nodes.joined(self._comm)
         ways, crossed = edges.joined(self._comm)
         if not len(points) + len(ways):
             return  # everywhere, as all ranks have the same
-        middles, way = insides.chords(ways[:, :3], ways[:, 3:], pairs[crossed, 1])
+        middles, way = self._insides.chords(ways[:, :3], ways[:, 3:], pairs[crossed, 1])
         pair = np.concatenate([at_nodes, crossed[way]])
         deep = depth(np.concatenate([points, middles]), pair)
         deepest = np.zeros(len(pairs))

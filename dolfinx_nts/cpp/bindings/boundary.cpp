@@ -14,6 +14,13 @@ void make(Boundary* place, const Doubles& x)
   new (place) Boundary(view(x));
 }
 
+void move(Boundary& boundary, const Doubles& x)
+{
+  check("x", x, {boundary.size(), 3, 3});
+  const nb::gil_scoped_release release;
+  boundary.move(view(x));
+}
+
 /// @brief Evaluate a function of each point.
 template <class T, class Function>
 Out<T> each(const Doubles& points, const Function& function)
@@ -63,6 +70,8 @@ void boundary(nb::module_& m)
                        "them, and what is inside")
       .def("__init__", &make, nb::arg("x"),
            "(t, 3, 3) vertices in outward sense, which are copied")
+      .def("move", &move, nb::arg("x"),
+           "(t, 3, 3) other positions of the same vertices, which are copied")
       .def("crossings", &crossings, nb::arg("points"),
            "(n, 3) -> how often a ray leaves less how often it enters (n,), "
            "whether it hits an edge, so that the count may be wrong (n,)")

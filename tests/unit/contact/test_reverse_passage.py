@@ -36,22 +36,20 @@ class Bullet:
         return x
 
 
-@pytest.mark.parametrize("num_steps", [1, 10])
-def test_vertices_that_come_out_below_are_named_in_the_step_in_which_they_do(
-    comm, agree, num_steps
-):
+@pytest.mark.parametrize("num_steps", [1, 15])
+def test_vertices_that_come_out_below_are_named_before_they_are_a_cell_away(comm, agree, num_steps):
     bullet = Bullet(comm)
-    places = [bullet.at(0, 0, -z) for z in np.linspace(0, 0.9, num_steps + 1)]
-    moved, reasons = 0.9 / num_steps, []
+    places = [bullet.at(0, 0, -z) for z in np.linspace(0, 1.35, num_steps + 1)]
+    moved, reasons = 1.35 / num_steps, []
     for x_n, x in pairwise(places):
         reasons.append(bullet.watch.check(x_n, x, moved))
-        bullet.watch.accept(x_n, x, moved)
+        bullet.watch.accept()
     assert agree(reasons == comm.bcast(reasons))
     # Four of them lie 0.1 above the plate, at the start, and have to travel 0.6.
-    first = int(np.floor(0.6 / moved))
+    first, last = (int(np.floor(way / moved)) for way in (0.6, 0.6 + 0.5))
     assert not any(reasons[:first])
     assert any(
-        "4 vertices of segments pass through" in reason for reason in reasons[first : first + 3]
+        "4 vertices of segments pass through" in reason for reason in reasons[first : last + 1]
     )
     assert all("let the finer surface give the nodes" in reason for reason in reasons if reason)
 

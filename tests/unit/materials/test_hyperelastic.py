@@ -39,6 +39,10 @@ def young(lmbda: float, mu: float) -> tuple[float, float]:
 MATERIALS = {
     "svk": nts.SaintVenantKirchhoff(*young(LMBDA, MU), rho=1.0),
     "neo-hookean": nts.Hyperelastic(neo_hookean, rho=1.0, mu=MU, lmbda=LMBDA),
+    "log": nts.NeoHookean(*young(LMBDA, MU), rho=1.0),
+    "quadratic": nts.NeoHookean(*young(LMBDA, MU), rho=1.0, volumetric="quadratic"),
+    "mooney-rivlin": nts.MooneyRivlin(0.3 * MU, 0.2 * MU, LMBDA, rho=1.0),
+    "yeoh": nts.Yeoh(0.5 * MU, -0.05 * MU, 0.01 * MU, LMBDA, rho=1.0),
 }
 materials = pytest.mark.parametrize("name", MATERIALS)
 

@@ -1,12 +1,16 @@
-"""Terms of the energy that are integrated with one point a cell."""
+"""Terms of the energy that are integrated with one point a cell, so that cells do not lock."""
 
 import re
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
 
 # Of the total energy at any step, relative to the start.
@@ -120,7 +124,7 @@ def test_defect_of_the_bulk_takes_the_same_points(comm, scheme):
 
 def test_names_that_are_no_parameters_are_refused(refused):
     for names in (["kappa"], ["lmbda", "mu"]):
-        with refused(ValueError, re.escape("expected one_point out of ['lmbda', 'mu']")):
+        with refused(ValueError, re.escape("out of ['lmbda', 'mu'] but not all")):
             nts.SaintVenantKirchhoff(E, NU, RHO, one_point=names)
 
 
@@ -141,3 +145,112 @@ def test_body_force_acts_once(comm):
         loaded.advance()
         found.append(nts.Diagnostics(loaded).linear_momentum())
     np.testing.assert_allclose(found, [[0, 0, 7.0 * 1.5 * 0.01]] * 2, atol=1e-9)
+
+
+def not_linear(C, c, b, kappa):
+    """Energy of Fung's kind: not linear in its parameters, so that it has no volumetric one."""
+    J2 = ufl.det(C)
+    isochoric = c / b * (ufl.exp(b * (J2 ** (-1 / 3) * ufl.tr(C) - 3)) - 1)
+    return isochoric + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+
+
+def fung(kappa):
+    """Material of that energy, with the shear modulus 2 c."""
+    numbers = {"c": 0.5 * MU, "b": 2.0, "kappa": kappa}
+    return nts.Hyperelastic(not_linear, rho=RHO, one_point="volumetric", **numbers)
+
+
+def stored(comm, material, displacement, degree=1, cell="hexahedron"):
+    """Strain energy of a displacement of the box."""
+    data = scenes.boxes([(6, 2, 1)], [(3.0, 1.0, 0.5)], cell=cell)
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], material)
+    stepper = nts.EnergyMomentum([body], dt=0.01)
+    stepper.set_displacement(body, displacement)
+    return nts.Diagnostics(stepper).strain_energy()
+
+
+def bent(x):
+    """Bending of the box, which changes the volume of no cell in its middle."""
+    x, z = x[0] - 1.5, x[2] - 0.25
+    return 1e-6 * np.array([x * z, 0 * x, -(x**2) / 2])
+
+
+@pytest.mark.parametrize("law", [nts.SaintVenantKirchhoff, nts.NeoHookean])
+def test_volumetric_terms_have_one_point_where_cells_would_lock(comm, law):
+    full, named, value = (
+        stored(comm, law(E, 0.49, RHO, one_point=one_point), bent)
+        for one_point in ((), ["lmbda"], "volumetric")
+    )
+    assert value == pytest.approx(named, rel=ROUNDING)
+    assert value < 0.1 * full
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 2), ("tetrahedron", 1)])
+def test_other_elements_have_all_points(comm, cell, degree):
+    expected, value = (
+        stored(comm, nts.NeoHookean(E, 0.49, RHO, one_point=one_point), bent, degree, cell)
+        for one_point in ((), "volumetric")
+    )
+    assert value == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_parameters_of_the_volume_alone_are_found():
+    rubber = nts.Hyperelastic(
+        lambda C, mu, kappa: (
+            mu / 2 * (ufl.tr(C) - 3 - ufl.ln(ufl.det(C))) + kappa / 8 * ufl.ln(ufl.det(C)) ** 2
+        ),
+        **{"rho": RHO, "mu": MU, "kappa": LMBDA, "one_point": "volumetric"},
+    )
+    assert rubber.one_point == {"kappa"}
+    assert fung(1e6).one_point == frozenset()
+
+
+def test_any_energy_is_divided_into_change_of_shape_and_of_volume(comm):
+    # The whole energy where cells deform uniformly, and no resistance to bending by kappa.
+    A = np.array([[0.1, 0.05, -0.02], [0.0, -0.08, 0.03], [0.04, 0.0, 0.06]])
+    C = ufl.as_matrix(((np.eye(3) + A).T @ (np.eye(3) + A)).tolist())
+    exact = 1.5 * float(fung(1e6).psi(C)(()))
+    assert stored(comm, fung(1e6), lambda x: A @ x) == pytest.approx(exact, rel=1e-10)
+    bending = [stored(comm, fung(kappa), bent) for kappa in (1e6, 1e8)]
+    assert bending[1] == pytest.approx(bending[0], rel=1e-5)
+
+
+def test_energy_of_a_divided_material_is_conserved(comm):
+    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], fung(1e6))
+    stepper = nts.EnergyMomentum([body], dt=0.01)
+    stepper.set_velocity(body, lambda x: np.array([10 * x[2] ** 2, 5 * x[0], -8 * x[1]]))
+    diagnostics = nts.Diagnostics(stepper)
+    energies = [diagnostics.balance().total_energy]
+    for _ in stepper.run(until=0.1):
+        energies.append(diagnostics.balance().total_energy)
+    np.testing.assert_allclose(energies, energies[0], rtol=ENERGY_TOLERANCE)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
+    """Of the 24 motions of a distorted cell, six are rigid; hourglasses would be more."""
+    rng = np.random.default_rng(3)
+    data = scenes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
+    data.X[:] += 0.1 * rng.uniform(-1, 1, data.X.shape)
+    mesh, cells, _, tag = scenes.distribute(MPI.COMM_SELF, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E, nu, RHO, one_point="volumetric"))
+    u, eta = fem.Function(V), ufl.TestFunction(V)
+    F = ufl.Identity(3) + ufl.grad(u)
+
+    def work(material, parameters, rho):
+        return ufl.inner(F * material.stress(F.T * F, **parameters), ufl.grad(eta))
+
+    Q = scenes.rotation((1, 2, 3), turned)
+    u.interpolate(lambda x: Q @ x - x)
+    K = fem.assemble_matrix(fem.form(ufl.derivative(bulk_form([body], work), u))).to_dense()
+    values = np.linalg.eigvalsh((K + K.T) / 2)
+    assert np.abs(values[:6]).max() < 1e-9 * MU
+    assert values[6] > 0.05 * MU

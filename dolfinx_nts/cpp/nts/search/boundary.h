@@ -34,6 +34,12 @@ public:
   {
   }
 
+  /// @brief Number of triangles.
+  std::size_t size() const noexcept { return _triangles.size(); }
+
+  /// @brief Go on with other positions of the same vertices, (t, 3, 3) [m].
+  void move(std::span<const double> x) { _tree.refit(boxes(x, _triangles)); }
+
   /// @brief Crossings of a ray that begins at a point.
   Crossings crossings(const Vec3& point) const noexcept
   {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <numeric>
+#include <ranges>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,12 @@ struct Box
       lower[i] = std::min(lower[i], point[i]);
       upper[i] = std::max(upper[i], point[i]);
     }
+  }
+
+  void include(const Box& box) noexcept
+  {
+    include(box.lower);
+    include(box.upper);
   }
 
   void widen(double margin) noexcept
@@ -108,6 +115,25 @@ public:
       build(0, static_cast<std::int32_t>(_order.size()));
   }
 
+  /// @brief Go on with other boxes of the same segments, in O(n).
+  ///
+  /// The tree serves as well while neighbours stay neighbours.
+  void refit(std::vector<Box> boxes)
+  {
+    _boxes = std::move(boxes);
+    // Children come after their branch.
+    for (Branch& branch : std::views::reverse(_branches))
+    {
+      branch.box = {};
+      if (branch.left < 0)
+        for (std::int32_t i = branch.begin; i < branch.end; ++i)
+          branch.box.include(_boxes[_order[i]]);
+      else
+        for (const std::int32_t child : {branch.left, branch.right})
+          branch.box.include(_branches[child].box);
+    }
+  }
+
   /// @brief Visit the segments whose box is nearer than the bound.
   /// @param[in] point Where to look from [m].
   /// @param[in] bound Distance beyond which nothing is of interest [m].
@@ -147,10 +173,7 @@ private:
     constexpr std::int32_t leaf = 4; // largest number of segments in a leaf
     Branch branch{.begin = begin, .end = end};
     for (std::int32_t i = begin; i < end; ++i)
-    {
-      branch.box.include(_boxes[_order[i]].lower);
-      branch.box.include(_boxes[_order[i]].upper);
-    }
+      branch.box.include(_boxes[_order[i]]);
     const auto index = static_cast<std::int32_t>(_branches.size());
     _branches.push_back(branch);
     if (end - begin > leaf)
