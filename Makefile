@@ -15,7 +15,7 @@ bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
 	@echo "The results lie in $(CURDIR)/results/bench"
 
-bench-publish: ## put figures and tables of the last bench into README and docs
+bench-publish: ## put figures and tables of the last bench into the documentation
 	$(RUN) python3 -m benchmarks.publish
 
 test: ## all tests, on 1, 2 and 3 ranks
@@ -27,7 +27,7 @@ test: ## all tests, on 1, 2 and 3 ranks
 test-latest: export DOLFINX_NTS_SUITE := sid
 test-latest: test ## the same on the newest DOLFINx, that of Debian unstable
 
-stress: ## scenes that try to break a run, table in results/stress.csv and README.md; 10 000 steps
+stress: ## scenes that try to break a run, tables results/stress.csv and docs/tables/stress.md; 10 000 steps
 	$(RUN) python3 -m stress.run
 	$(RUN) python3 -m stress.endurance
 
@@ -44,6 +44,10 @@ lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts/cpp -name '*.h' -o -name '*.cpp')
 	$(RUN) shellcheck environment/run environment/ranks environment/sanitize .ci/run
 
+docs: ## the documentation site with executed demos, in build/docs/html
+	$(RUN) python3 -m sphinx --fail-on-warning --keep-going --quiet -d build/docs/doctrees docs build/docs/html
+	@echo "The site begins with $(CURDIR)/build/docs/html/index.html"
+
 shell: ## a prompt in the environment
 	@$(RUN) env PS1='(dolfinx_nts) \w\$$ ' bash --norc
 
@@ -52,4 +56,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo bench bench-publish test test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs bench bench-publish test test-latest stress sanitize traps lint shell clean

@@ -1,15 +1,15 @@
-"""Put the figures and tables of the last run into README and docs."""
+"""Put the figures and tables of the last run into the documentation."""
 
 import shutil
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+__all__ = ["publish"]
 
-BEGIN, END = "<!-- make bench-publish writes from here -->", "<!-- to here -->"
+ROOT = Path(__file__).parents[1]
 
 
 def publish(folder: Path, root: Path = ROOT) -> None:
-    """Copy figures and tables; the README gets the first two tables.
+    """Copy figures and tables, which ``docs/benchmarks.md`` shows.
 
     Args:
         folder: Where the benchmark wrote its results.
@@ -17,13 +17,7 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     """
     for figure in sorted(folder.glob("bench_*.png")):
         shutil.copy(figure, root / "docs" / "figures" / figure.name)
-    tables = (folder / "tables.md").read_text()
-    (root / "docs" / "benchmarks.md").write_text(f"# Benchmarks\n\n{tables}")
-    readme = root / "README.md"
-    before, remainder = readme.read_text().split(BEGIN)
-    _, after = remainder.split(END)
-    summary = "\n\n".join(tables.split("\n\n")[:2])
-    readme.write_text(f"{before}{BEGIN}\n\n{summary}\n\n{END}{after}")
+    shutil.copy(folder / "tables.md", root / "docs" / "tables" / "benchmarks.md")
 
 
 if __name__ == "__main__":

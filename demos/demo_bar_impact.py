@@ -14,11 +14,11 @@
 # ## Problem
 #
 # Steel bar, length L = 1 m, cross-section A = 0.01 m x 0.01 m, E = 210 GPa,
-# rho = 7850 kg/m^3, nu = 0, velocity v = 1 m/s towards the wall x = 0.
+# $\rho$ = 7850 kg/m³, $\nu$ = 0, velocity v = 1 m/s towards the wall x = 0.
 #
 # ## Equations
 #
-# A wave of the stress -rho c v, c = sqrt(E/rho), runs to the free end and
+# A wave of the stress $-\rho c v$, $c = \sqrt{E/\rho}$, runs to the free end and
 # comes back as one of release. In between the wall feels the force
 #
 # $$ F = \rho c v A, \qquad 0 < t < 2 L / c, \tag{1} $$
@@ -30,6 +30,7 @@ import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 
@@ -77,16 +78,16 @@ after = diagnostics.balance()
 
 # ## Pictures
 #
+# The kinetic energy becomes strain energy and comes back.
+
+plotting.energies("bar_impact.csv", "bar_impact_energies.png")
+
 # Multipliers of elastic impact alternate from step to step, as the node at
 # the wall does; the force shown is the mean of two steps.
 
 # +
-plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     mean = np.convolve(force, [0.5, 0.5], mode="valid") / 1e3
     axes.plot((np.array(t[1:]) - dt / 2) * 1e3, mean, label="computed")
     exact = rho * c * v * width**2 / 1e3
@@ -99,7 +100,7 @@ if mesh.comm.rank == 0:
 # ## Checks
 #
 # The energy is constant in any case. After the impact the impulse is
-# 2 rho L A v, and the force was (1) for 2 L/c, each within 2 %.
+# $2 \rho L A v$, and the force was (1) for $2 L/c$, each within 2 %.
 
 # +
 assert abs(after.total_energy / before.total_energy - 1) < 1e-10

@@ -4,8 +4,6 @@
 #
 # A rubber ball slides without friction in a rubber bowl: a pendulum.
 #
-# ![The ball in the bowl](../docs/figures/bowl.png)
-#
 # You will learn
 #
 # - how to hold a body by boundary conditions,
@@ -15,13 +13,13 @@
 # ## Problem
 #
 # Bowl: radius 1 m inside, 1.1 m outside, held at the outer surface. Ball:
-# r = 0.3 m, released 30 degrees beside the bottom; g = 9.81 m/s^2, both
-# E = 1 MPa, nu = 0.3, rho = 1000 kg/m^3.
+# r = 0.3 m, released 30 degrees beside the bottom; g = 9.81 m/s², both
+# E = 1 MPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³.
 #
 # ## Equations
 #
 # The centre moves as a pendulum of the length l = 1 m - r; with the
-# amplitude alpha it passes the bottom after
+# amplitude $\alpha$ it passes the bottom after
 #
 # $$ \frac{T}{4} = \frac{\pi}{2} \sqrt{\frac{l}{g}}
 #    \left( 1 + \frac{\alpha^2}{16} + \dots \right). \tag{1} $$
@@ -37,7 +35,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts, plotting
 
-full, dt = 200, 0.005  # s
+full, dt = 100, 0.01  # s
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
 r, alpha, g = 0.3, np.pi / 6, 9.81  # m, -, m/s^2
 length = 1.0 - r - 0.006  # m; the facets of both bodies leave that much room
@@ -68,12 +66,17 @@ gravity = nts.Gravity([ball], (0, 0, -g))
 stepper = nts.EnergyMomentum([ball, bowl], [contact], dt=dt, bcs=[bc], loads=[gravity])
 diagnostics = nts.Diagnostics(stepper)
 t, x, work = [0.0], [diagnostics.centre_of_mass(ball)[0]], 0.0
-with nts.Recorder("bowl", stepper, every=10) as record:
+with nts.Recorder("bowl", stepper, every=5) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         t.append(step.t)
         x.append(diagnostics.centre_of_mass(ball)[0])
         work += step.load_work
+# -
+
+# ## Picture
+
+# +
 camera = [(0, -4.2, 2.6), (0, 0, -0.5), (0, 0, 1)]
 plotting.snapshot(stepper, "bowl.png", camera=camera)
 # -

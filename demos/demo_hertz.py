@@ -4,8 +4,6 @@
 #
 # Half a ball is pressed on a rigid plane; by symmetry a quarter of it will do.
 #
-# ![The contact pressure](../docs/figures/hertz_pressure.png)
-#
 # You will learn
 #
 # - how to step loads without inertia (`QuasiStatic`),
@@ -14,25 +12,27 @@
 #
 # ## Problem
 #
-# Ball: R = 1 m, E = 1 Pa, nu = 0.3; its middle plane goes down by
+# Ball: R = 1 m, E = 1 Pa, $\nu$ = 0.3; its middle plane goes down by
 # d = 1e-4 m. Tetrahedra, six in the radius of contact.
 #
 # ## Equations
 #
-# With 1/E* = (1 - nu^2)/E and the force F (Johnson, Contact Mechanics, ch. 4)
+# With $1/E^* = (1 - \nu^2)/E$ and the force $F$ (Johnson, Contact Mechanics,
+# ch. 4)
 #
 # $$ a = \left( \frac{3 F R}{4 E^*} \right)^{1/3}, \qquad
 #    p = p_0 \sqrt{1 - r^2/a^2}, \qquad
 #    p_0 = \left( \frac{6 F E^{*2}}{\pi^3 R^2} \right)^{1/3}. \tag{1} $$
 #
-# Moments of the nodal forces f give a and p_0 without a search for the
-# edge: sum f r^2 = 2/5 F a^2, sum f p = 3/4 F p_0.
+# Moments of the nodal forces f give a and $p_0$ without a search for the
+# edge: $\sum f r^2 = \tfrac{2}{5} F a^2$, $\sum f p = \tfrac{3}{4} F p_0$.
 
 # +
 import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary
@@ -122,10 +122,7 @@ assert abs(pressure / p_0 - 1) < 0.04
 # +
 points = mesh.comm.gather(np.column_stack([r, p]))
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     axes.plot(*(np.concatenate(points).T / [[a], [p_0]]), ".", label="nodes")
     line = np.linspace(0, 1, 200)
     axes.plot(line, np.sqrt(1 - line**2), label="Hertz")

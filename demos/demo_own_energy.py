@@ -14,7 +14,7 @@
 # ## Problem
 #
 # Bars of 1 m x 0.02 m x 0.02 m fly at v = 0.1 m/s towards the wall x = 0.
-# Rubber: mu = 0.5 MPa, rho = 1000 kg/m^3; fibres: k = 3 MPa, in the
+# Rubber: $\mu$ = 0.5 MPa, $\rho$ = 1000 kg/m³; fibres: k = 3 MPa, in the
 # direction x in the one bar and y in the other.
 #
 # ## Equations
@@ -24,7 +24,7 @@
 # $$ \psi = \tfrac{\mu}{2} (\mathrm{tr}\, C - 3 - \ln \det C)
 #         + \tfrac{k}{8} (a \cdot C a - 1)^2. \tag{1} $$
 #
-# For small strain Young's modulus is 2 mu + k along the fibres, 2 mu across
+# For small strain Young's modulus is $2 \mu + k$ along the fibres, $2 \mu$ across
 # them, without lateral strain. A bar of the modulus E touches the wall for
 #
 # $$ 2 L / c, \qquad c = \sqrt{E / \rho}. \tag{2} $$
@@ -83,7 +83,7 @@ for bar in bars:
 
 # ## Run
 #
-# A snapshot when the wave has just turned in the bar along the fibres.
+# A snapshot is taken when the wave has just turned in the bar along the fibres.
 
 # +
 diagnostics = nts.Diagnostics(stepper)
@@ -95,8 +95,10 @@ with nts.Recorder("own_energy", stepper, every=10) as record:
         record.write(step)
         touching.append([mesh.comm.allreduce(p.history.active.sum()) > 0 for p in pairs])
         if step.step == min(num_cells, num_steps):
-            plotting.snapshot(stepper, "own_energy.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_energy.png", camera=camera)
 # -
+
+picture
 
 # ## Checks
 #

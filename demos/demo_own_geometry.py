@@ -4,8 +4,6 @@
 #
 # A plastic bracket with a rubber pad under its foot drops on the floor.
 #
-# ![The bracket after the impact](../docs/figures/own_geometry.png)
-#
 # You will learn
 #
 # - how to go from the operations of a CAD kernel to bodies,
@@ -15,8 +13,8 @@
 # ## Problem
 #
 # Bracket: foot 100 x 50 x 10 mm, upright 10 x 50 x 70 mm, fillet of 15 mm
-# between them, E = 2 GPa, nu = 0.35, rho = 1200 kg/m^3. Pad: 100 x 50 x 10 mm,
-# E = 5 MPa, nu = 0.4, rho = 1000 kg/m^3. Velocity 1 m/s downwards.
+# between them, E = 2 GPa, $\nu$ = 0.35, $\rho$ = 1200 kg/m³. Pad: 100 x 50 x 10 mm,
+# E = 5 MPa, $\nu$ = 0.4, $\rho$ = 1000 kg/m³. Velocity 1 m/s downwards.
 #
 # ## Equations
 #
@@ -92,10 +90,15 @@ with nts.Recorder("own_geometry", stepper, every=5) as record:
         record.write(step)
         impulse += dt * diagnostics.contact_force()
         if step.step == min(12, num_steps):
-            plotting.snapshot(stepper, "own_geometry.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_geometry.png", camera=camera)
 after = diagnostics.balance()
-plotting.energies("own_geometry.csv", "own_geometry_energies.png")
 # -
+
+# The bracket after the impact, and the energies of the run.
+
+picture
+
+plotting.energies("own_geometry.csv", "own_geometry_energies.png")
 
 # ## Checks
 #

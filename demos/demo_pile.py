@@ -1,10 +1,8 @@
-"""Twenty-seven rubber balls fall into a box."""
+"""Twelve rubber balls fall into a box."""
 
 # # A pile of balls
 #
-# Twenty-seven rubber balls sink in a box of liquid and rest as a pile.
-#
-# ![The pile](../docs/figures/pile.png)
+# Twelve soft rubber balls sink in a box of liquid and rest as a pile.
 #
 # You will learn
 #
@@ -15,16 +13,16 @@
 #
 # ## Problem
 #
-# Balls of radius 0.1 m in three layers, the rows shifted against each other;
-# E = 100 kPa, nu = 0.3, rho = 1000 kg/m^3. Box 0.7 m x 0.7 m, friction 0.3
-# everywhere, g = 9.81 m/s^2, drag alpha = 4/s times the momentum, without
+# Balls of radius 0.1 m in two layers, the rows shifted against each other;
+# E = 30 kPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³. Box 0.7 m x 0.48 m, friction 0.3
+# everywhere, g = 9.81 m/s², drag $\alpha$ = 6/s times the momentum, without
 # which rubber would bounce for a long time, and stiffness damping 0.2 ms
 # against the noise of contact by springs.
 #
 # ## Equations
 #
-# Whatever the balls do, the vertical force F_z of floor and walls has the
-# impulse, with the total mass m and momentum p_z,
+# Whatever the balls do, the vertical force $F_z$ of floor and walls has the
+# impulse, with the total mass m and momentum $p_z$,
 #
 # $$ \int_0^\tau F_z \, dt = m g \tau + p_z(\tau)
 #    + \alpha \int_0^\tau p_z \, dt, \tag{1} $$
@@ -34,6 +32,7 @@
 # +
 import logging
 import os
+import sys
 
 from mpi4py import MPI
 
@@ -42,13 +41,13 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts, plotting
 
-r, half, g, alpha, end = 0.1, 0.35, 9.81, 4.0, 1.6  # m, m, m/s^2, 1/s, s
+r, half_x, half_y, g, alpha, end = 0.1, 0.35, 0.24, 9.81, 6.0, 1.2  # m, m, m, m/s^2, 1/s, s
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", "0"))  # The tests shorten it.
 centres = [
     (0.22 * i + 0.01 * k, 0.22 * j - 0.01 * k + 0.01 * i, 0.105 + 0.215 * k)
     for i in (-1, 0, 1)
-    for j in (-1, 0, 1)
-    for k in (0, 1, 2)
+    for j in (-0.5, 0.5)
+    for k in (0, 1)
 ]
 
 
@@ -59,35 +58,37 @@ def build(model):
         parts.add_solid_ball(model, f"ball {i}", centre=centre, **shape)
 
 
-logging.basicConfig(format="%(message)s")
+logging.basicConfig(format="%(message)s", stream=sys.stdout)
 logging.getLogger("dolfinx_nts").setLevel(logging.INFO if num_steps == 0 else logging.WARNING)
 mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 damping = {"mass_damping": alpha, "stiffness_damping": 2e-4}  # 1/s, s
-rubber = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3, **damping)
+rubber = nts.NeoHookean(E=3e4, nu=0.3, rho=1e3, **damping)
 balls = [nts.Body(V, cells, tag[f"ball {i}"], rubber) for i in range(len(centres))]
 # -
 
 # ## Contact
 #
-# `all_pairs` logs what it builds: 26 pairs in which each two balls meet once,
-# and one for each wall.
+# `all_pairs` logs what it builds: 11 pairs in which each two balls meet once,
+# and one for each wall. The springs let some balls sink into each other by a
+# tenth of a facet, which the log would tell for each two of them; it is silent
+# from there on.
 
 # +
 walls = [
-    nts.RigidPlane((-half * x, -half * y, 0), (x, y, z))
+    nts.RigidPlane((-half_x * x, -half_y * y, 0), (x, y, z))
     for x, y, z in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 ]
 laws = {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)}
 pairs = nts.all_pairs(balls, obstacles=walls, **laws)
-logging.getLogger("dolfinx_nts").setLevel(logging.WARNING)
+logging.getLogger("dolfinx_nts").setLevel(logging.ERROR)
 # -
 
 # ## Run
 
 # +
 gravity = nts.Gravity(balls, (0, 0, -g))
-stepper = nts.CentralDifference(balls, pairs, dt=7e-4, loads=[gravity])  # s
+stepper = nts.CentralDifference(balls, pairs, dt=1.2e-3, loads=[gravity])  # s
 diagnostics = nts.Diagnostics(stepper)
 until = num_steps * stepper.dt or end
 camera = [(1.5, -1.2, 0.9), (0, 0, 0.25), (0, 0, 1)]
@@ -99,8 +100,11 @@ with nts.Recorder("pile", stepper, every=100) as record:
         forces = diagnostics.pair_resultants()[-len(walls) :, 0]
         impulse += forces[:, 2].sum() * step.dt
         drag += alpha * diagnostics.linear_momentum()[2] * step.dt
-plotting.snapshot(stepper, "pile.png", camera=camera)
 # -
+
+# The balls at rest.
+
+plotting.snapshot(stepper, "pile.png", camera=camera)
 
 # ## Checks
 #
@@ -123,6 +127,6 @@ if num_steps == 0:
     assert abs(forces[:, 2].sum() / (mass * g) - 1) < 0.05
     for ball in balls:
         x, y, z = diagnostics.centre_of_mass(ball)
-        assert max(abs(x), abs(y)) < half and z > 0.8 * r
+        assert abs(x) < half_x and abs(y) < half_y and z > 0.5 * r
     if mesh.comm.rank == 0:
         print(record.summary())

@@ -13,8 +13,8 @@
 #
 # ## Problem
 #
-# Solid ball, R = 0.1 m, E = 0.1 MPa, nu = 0.4, 1000 kg/m^3, its lowest
-# point at z = 5 mm; it falls with v_0 = 0.5 m/s and g = 9.81 m/s^2 on the
+# Solid ball, R = 0.1 m, E = 0.1 MPa, $\nu$ = 0.4, 1000 kg/m³, its lowest
+# point at z = 5 mm; it falls with $v_0$ = 0.5 m/s and g = 9.81 m/s² on the
 # plane z = 0.
 #
 # ## Equations
@@ -93,11 +93,12 @@ resumed, first = run("resume", resume=True)
 # -
 
 # ## Pictures
+#
+# The ball at the end, and the force of the floor, without a gap at the interruption.
 
-# +
 plotting.snapshot(resumed, "resume.png")
+
 plotting.forces("resume.csv", "resume_forces.png")
-# -
 
 # ## Checks
 #

@@ -13,18 +13,18 @@
 #
 # ## Problem
 #
-# Solid ball, R = 1 m, on the plane z = 0, thrown with v_0 = 0.3 m/s and
-# without spin; mu = 0.3, g = 10 m/s^2. It is stiff (E = 100 GPa), and
+# Solid ball, R = 1 m, on the plane z = 0, thrown with $v_0$ = 0.3 m/s and
+# without spin; $\mu$ = 0.3, g = 10 m/s². It is stiff (E = 100 GPa), and
 # gravity grows within 5 ms, so that it hardly vibrates.
 #
 # ## Equations
 #
-# While it slides, friction mu m g slows it down and turns it; with the
-# moment of inertia I = 2/5 m R^2
+# While it slides, friction $\mu m g$ slows it down and turns it; with the
+# moment of inertia $I = \tfrac{2}{5} m R^2$
 #
 # $$ v = v_0 - \mu g t, \qquad R \omega = \tfrac{5}{2} \mu g t, \tag{1} $$
 #
-# until v = R omega: it rolls with v = 5/7 v_0 from t = 2 v_0/(7 mu g) on.
+# until $v = R \omega$: it rolls with $v = \tfrac{5}{7} v_0$ from $t = 2 v_0/(7 \mu g)$ on.
 # Two sevenths of its energy are gone then.
 
 # +
@@ -32,6 +32,7 @@ import os
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem
 
@@ -83,14 +84,15 @@ end = diagnostics.balance().total_energy
 # -
 
 # ## Pictures
+#
+# The displacements tell that the ball rolls; its speed falls to that of a
+# rigid ball.
+
+plotting.snapshot(stepper, "rolling.png", colour="displacement")
 
 # +
-plotting.snapshot(stepper, "rolling.png", colour="displacement")
 if mesh.comm.rank == 0:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.4), dpi=110, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
     axes.plot(np.array(t) * 1e3, v, label="computed")
     exact = np.maximum(speed - mu * g * np.maximum(np.array(t) - rise / 2, 0), 5 / 7 * speed)
     axes.plot(np.array(t) * 1e3, exact, "--", label="rigid ball")

@@ -4,8 +4,6 @@
 #
 # A soft tube under outer pressure buckles, flattens, and touches itself.
 #
-# ![The collapsed tube](../docs/figures/self_contact.png)
-#
 # You will learn
 #
 # - how a surface touches itself: it is both sides of a contact pair,
@@ -16,7 +14,7 @@
 # ## Problem
 #
 # A slice of a tube, radius R = 1 m, wall t = 0.1 m, in plane strain with
-# nu = 0, E = 1 MPa. It is out of round by 1 %, so that it buckles in a known
+# $\nu$ = 0, E = 1 MPa. It is out of round by 1 %, so that it buckles in a known
 # direction. The pressure p on the outside follows the wall.
 #
 # ## Equations
@@ -96,15 +94,22 @@ stepper = nts.QuasiStatic([tube], [contact], dt=dt, bcs=bcs, loads=[load], updat
 # -
 
 # ## Run
+#
+# With a control, a step in which the walls meet may be cut.
 
 # +
 path = []  # pressure, distance of the walls, contact force
 diagnostics = nts.Diagnostics(stepper)
 with nts.Recorder("self_contact", stepper, every=4) as record:
-    for step in stepper.run(until=num_steps * dt):
+    for step in stepper.run(until=num_steps * dt, control=nts.StepControl()):
         record.write(step)
         force = mesh.comm.allreduce(np.abs(contact.history.force[:, 1]).sum())
         path.append((step.t, diagnostics.min_gap(), force))
+# -
+
+# ## Picture
+
+# +
 camera = [(0, 0, 5), (0, 0, 0), (0, 1, 0)]
 plotting.snapshot(stepper, "self_contact.png", camera=camera)
 # -

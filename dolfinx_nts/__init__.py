@@ -30,7 +30,7 @@ from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.search.overlaps import Overlap
 from dolfinx_nts.solvers.newton import ConvergenceError
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # From here on, so that no call of the package lets ranks wait for one that has failed.
 end_together()

@@ -3,7 +3,7 @@
     python3 -m stress.run [--jobs N] [PATTERN]
 
 Writes ``results/stress.csv`` and, where all is as it has to be in a whole
-run, the table in README.md. Fails otherwise. PATTERN selects rows by name; N
+run, ``docs/tables/stress.md``. Fails otherwise. PATTERN selects rows by name; N
 rows run at a time, each in a process of its own.
 """
 
@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from stress import boundaries, degenerate, impact, meetings, repeated, resting, statics, variants
 from stress.rows import COLUMNS, Case, Outcome, run
-from stress.table import replace_table
+from stress.table import write_table
 
 __all__ = ["ALL_CASES", "CASES"]
 
@@ -78,7 +78,7 @@ def main() -> int:
         pool.close()
         pool.join()
     if not pattern and not wrong:
-        replace_table(_ROOT / "README.md", rows)
+        write_table(rows)
     _logger.info("%d rows, %d not as they have to be", len(rows), wrong)
     return wrong
 

@@ -1,13 +1,19 @@
-"""The table of the stress suite in README.md: one line for each scene and parameter."""
+"""The table of the stress suite in the documentation: one line for each scene and parameter.
 
+    python3 -m stress.table
+
+writes it again from ``results/stress.csv``.
+"""
+
+import csv
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-__all__ = ["replace_table", "summary"]
+__all__ = ["read", "summary", "write_table"]
 
-_BEGIN, _END = "<!-- stress: begin -->", "<!-- stress: end -->"
+_ROOT = Path(__file__).parents[1]
 _REASONS = {
     "inverted": "an element inverts",
     "pass through": "nodes would pass through",
@@ -37,13 +43,26 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def replace_table(readme: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Put the table between its marks in a file."""
-    text = readme.read_text(encoding="utf-8")
-    before, remainder = text.split(_BEGIN)
-    _, after = remainder.split(_END)
-    table = f"{before}{_BEGIN}\n{summary(rows)}\n{_END}{after}"
-    readme.write_text(table, encoding="utf-8")
+def write_table(rows: Sequence[dict[str, Any]], root: Path = _ROOT) -> None:
+    """Write the table for ``docs/stress.md``, which includes it.
+
+    Args:
+        rows: Rows of the whole suite.
+        root: Of the repository.
+    """
+    path = root / "docs" / "tables" / "stress.md"
+    path.write_text(f"{summary(rows)}\n", encoding="utf-8")
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Read rows that the suite wrote, with numbers where there are any."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    for row in rows:
+        for name in row.keys() - {"scene", "parameter", "value", "outcome", "message"}:
+            number = float(row[name]) if row[name] else ""
+            row[name] = int(number) if name == "rejected_steps" and row[name] else number
+    return rows
 
 
 def _reason(row: dict[str, Any]) -> str:
@@ -63,3 +82,7 @@ def _depth(cases: Sequence[dict[str, Any]]) -> str:
     pairs = [(gap, allowed) for gap, allowed in pairs if "" not in (gap, allowed)]
     parts = [gap / allowed if allowed < 0 else 0.0 for gap, allowed in pairs]
     return f"{max(0.0, *parts):.2f}" if parts else "-"
+
+
+if __name__ == "__main__":
+    write_table(read(_ROOT / "results" / "stress.csv"))

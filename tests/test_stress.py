@@ -1,5 +1,6 @@
 """Rows of the stress suite that take a second, and how it judges."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from stress.boundaries import RANDOM
 from stress.impact import impact
 from stress.rows import Case, run
 from stress.run import CASES
-from stress.table import summary
+from stress.table import read, summary, write_table
 from stress.world import Touch, World
 
 CHEAP = [
@@ -119,6 +120,21 @@ def test_table_has_a_line_for_each_sweep():
     assert summary(table).splitlines()[2:] == [
         "| s | p | 1, 2 | 3: an element inverts | 3e-14 | - | 0.30 | 6 |"
     ]
+
+
+@pytest.mark.serial
+def test_table_is_written_again_from_the_rows_in_a_file(comm, tmp_path):
+    (case,) = (case for case in CASES if case.name == "cubes on both sides: plate = 0.02")
+    outcome = run(case, comm).row
+    with (tmp_path / "stress.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows.COLUMNS)
+        writer.writeheader()
+        writer.writerow(outcome)
+    assert summary(read(tmp_path / "stress.csv")) == summary([outcome])
+    (tmp_path / "docs" / "tables").mkdir(parents=True)
+    write_table([outcome], tmp_path)
+    written = (tmp_path / "docs" / "tables" / "stress.md").read_text()
+    assert written == summary([outcome]) + "\n"
 
 
 @pytest.mark.serial

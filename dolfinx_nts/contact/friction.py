@@ -49,7 +49,7 @@ class Coulomb(Declaration):
             (multipliers); but normal contact by penalty needs a spring, which then has the
             stiffness of the node itself.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
-            positions, so that dissipation is exact (`cpp/nts/contact/slip.h`).
+            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
             ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
             Betsch 2011, eqs. 60-64); for comparison, with `Midpoint`, `Penalty` and a
             deformable counterpart only.
@@ -129,11 +129,11 @@ class Coulomb(Declaration):
     ) -> TractionModel:
         """Model stick and slip without a spring, for one semismooth Newton iteration. Local.
 
-        The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 has the solutions g = 0 with |t|
-        <= mu p (stick) and t = mu p g/|g| (slip); the weight c changes the path, not the
-        solution. For a sliding node it is linearised and solved for t, so that a slip whose
-        direction is not yet that of the traction turns it. The direction stays where there is
-        no such slip, because it points backwards or nothing presses the node.
+        The condition ``t - min(1, mu p/|t + c g|) (t + c g) = 0`` has the solutions ``g = 0``
+        with ``|t| <= mu p`` (stick) and ``t = mu p g/|g|`` (slip); the weight c changes the
+        path, not the solution. For a sliding node it is linearised and solved for t, so that a
+        slip whose direction is not yet that of the traction turns it. The direction stays where
+        there is no such slip, because it points backwards or nothing presses the node.
 
         Args:
             t: Traction of the last iteration, shape ``(m, 2)`` [N].

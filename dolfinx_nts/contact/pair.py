@@ -48,7 +48,7 @@ class ContactPair(Declaration):
 
     Collective. A surface may be both: then it touches itself. A node then touches segments that
     face it, but neither neighbours on the mesh nor the other side of its own wall
-    (`cpp/nts/search/self_contact.h`), and must not move by more than a cell of the wall in a
+    (``cpp/nts/search/self_contact.h``), and must not move by more than a cell of the wall in a
     step. Springs act from both sides; multipliers go to nodes of which none is a vertex of the
     segment of another.
 

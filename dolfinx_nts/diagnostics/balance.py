@@ -165,7 +165,7 @@ class Diagnostics:
         """Energy that bulk and inertia added to the total energy in the last step [J].
 
         It is the integral of psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the
-        scheme, plus `State.inertia_defect`.
+        scheme, plus ``inertia_defect`` of the stepper.
         """
         defect = self._sum(fem.assemble_scalar(self._bulk_defect))
         return float(defect + self._stepper.inertia_defect)

@@ -78,7 +78,7 @@ class CentralDifference(Stepper):
 
     It conserves linear and angular momentum to round-off. The energy error is bounded and of
     second order in the step. A step has one assembly of the internal forces and no linear
-    system, but must be shorter than `stable_step`, about the time in which a wave crosses the
+    system, but must be shorter than ``stable_step``, about the time in which a wave crosses the
     smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
     behind, so that it is accurate to first order. Further attributes are those of
     `EnergyMomentum`. Collective, as are all its methods.

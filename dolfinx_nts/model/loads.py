@@ -315,7 +315,7 @@ class FormLoad(Load):
         work: Form that is linear in the test function of V; or a function ``work(u, eta, t)``
             that returns it. It gets the displacement in the middle of a step (at its end in
             `QuasiStatic` and `CentralDifference`), a test function, and the time of the load, a
-            `fem.Constant` [s]. UFL derives the tangent.
+            ``fem.Constant`` [s]. UFL derives the tangent.
 
     Attributes:
         V: The space.

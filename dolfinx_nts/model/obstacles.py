@@ -86,7 +86,7 @@ class Obstacle(Declaration):
             x: Positions, shape ``(m, 3)`` [m].
             current: Facet that each node had last, or -1, shape ``(m,)``.
             slack: How far a node may be beside its last facet and still have it, see
-                `Candidates.pair`.
+                ``Candidates.pair``.
             reach: Largest gap of interest [m].
             facing: What the nodes face.
 
@@ -243,7 +243,7 @@ class RigidPlane(_Exact):
         return as_call(self, point=self._point, normal=self._normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points and normal, see `_Exact.distance`."""
+        """Signed distance of points and normal, positive on the free side."""
         return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -281,7 +281,7 @@ class _Round(_Exact):
         return r, np.linalg.norm(r, axis=1)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points and normal, see `_Exact.distance`."""
+        """Signed distance of points and normal, positive on the free side."""
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal

@@ -28,6 +28,7 @@ class RigidSurface(Obstacle):
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
+        corners: Positions of the vertices of each facet, shape ``(s, k, 3)`` [m].
 
     Raises:
         ValueError: Shapes or indices do not fit, or ``outside`` lies in the plane of a facet.
@@ -47,9 +48,9 @@ class RigidSurface(Obstacle):
             raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
         if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
             raise ValueError(f"expected facets of vertices below {len(points)}")
-        self._points, self._x = points, points[facets]
-        centre = self._x.mean(axis=1)
-        edges = self._x[:, 1:3] - self._x[:, :1]
+        self._points, self.corners = points, points[facets]
+        centre = self.corners.mean(axis=1)
+        edges = self.corners[:, 1:3] - self.corners[:, :1]
         side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
         if np.any(side == 0):
             raise ValueError("expected facets that turn a side to outside, given edges")
@@ -61,8 +62,8 @@ class RigidSurface(Obstacle):
 
     def _shortest_passage(self) -> float:
         """Motion below which no node passes, by the thickness below the centres of facets [m]."""
-        size, centre = diameters(self._x), self._x.mean(axis=1)
-        inward = -area_vectors(self._x, self._orientation)
+        size, centre = diameters(self.corners), self.corners.mean(axis=1)
+        inward = -area_vectors(self.corners, self._orientation)
         inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
         everywhere = Facing.everywhere(len(size))
         ways = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
@@ -70,7 +71,7 @@ class RigidSurface(Obstacle):
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""
-        pairs = np.concatenate([x[:, None], self._x[segment]], axis=1)
+        pairs = np.concatenate([x[:, None], self.corners[segment]], axis=1)
         return pairs, self._orientation[segment]
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
@@ -112,7 +113,7 @@ class RigidSurface(Obstacle):
         As far as nodes touch them: not deeper than half a facet.
         """
         none = np.full(len(x), -1, dtype=np.int32)
-        reach = float(diameters(self._x).max(initial=0.0))
+        reach = float(diameters(self.corners).max(initial=0.0))
         found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
         return np.where(found >= 0, -gap, 0.0)
 

@@ -1,5 +1,6 @@
 """Pictures, diagrams and movies of a run, one call each."""
 
+from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.pictures import (
     animate,
     contact,
@@ -12,6 +13,7 @@ from dolfinx_nts.plotting.pictures import (
 )
 
 __all__ = [
+    "Picture",
     "animate",
     "contact",
     "energies",

@@ -7,13 +7,16 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.plotting.picture import Picture
+from dolfinx_nts.plotting.scales import prefixed, rounded
 
-__all__ = ["CELLS", "FACETS", "aim", "canvas", "grid_of", "paint"]
+__all__ = ["CELLS", "FACETS", "Unit", "add_obstacle", "aim", "canvas", "grid_of", "paint", "shot"]
 
 Kinds = dict[int, tuple[int, list[int]]]
 
@@ -21,26 +24,58 @@ Kinds = dict[int, tuple[int, list[int]]]
 CELLS: Kinds = {4: (10, [0, 1, 2, 3]), 8: (12, [0, 1, 3, 2, 4, 5, 7, 6])}
 FACETS: Kinds = {3: (5, [0, 1, 2]), 4: (9, [0, 1, 3, 2])}
 
-_SIZE = [960, 560]  # of pictures [pixels]
+_SIZE = [1600, 900]  # of pictures [pixels]
 # From the bodies to the camera [-]: from +x, a little from above and aside.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
 # Cosine of the angle between that direction and z [-] above which z cannot point upwards.
 _STEEP = 0.9
 # Magnification [-] after the camera is set, as PyVista leaves a wide margin.
-_ZOOM = 1.2
+_ZOOM = 1.35
 # Options of PyVista for bodies and for the bar of colours; places and sizes of the bar are
 # relative to the picture [-].
-_STYLE = {"cmap": "YlOrRd", "ambient": 0.25, "show_edges": True, "edge_opacity": 0.5}
+_STYLE = {
+    "cmap": "YlGnBu",
+    "ambient": 0.45,
+    "show_edges": True,
+    "edge_opacity": 0.3,
+    "nan_color": "lightgrey",
+}
 _BAR = {
     "vertical": True,
-    "position_x": 0.865,
+    "position_x": 0.86,
     "position_y": 0.15,
     "height": 0.7,
-    "width": 0.06,
-    "fmt": "%.5g",
+    "width": 0.05,
+    "fmt": "%.4g",
     "color": "black",
-    "n_labels": 5,
+    "title_font_size": 24,
+    "label_font_size": 24,
 }
+_TEXT = 14  # size of the text in a corner
+_LABELS = 5  # of the bar, where the range is given
+_ABOVE = "magenta"  # colour of what is above the range
+
+
+class Unit(NamedTuple):
+    """Unit of what is drawn.
+
+    Attributes:
+        symbol: Its symbol, ``""`` for numbers without one.
+        free: Whether the user has named it: then no prefix is put before it, and times have no
+            unit, as it is not known.
+    """
+
+    symbol: str
+    free: bool = False
+
+    def scale(self, size: float) -> tuple[float, str]:
+        """Divisor and prefix for numbers up to a size."""
+        return (1.0, "") if self.free or not self.symbol else prefixed(size)
+
+    def seconds(self, end: float) -> tuple[float, str]:
+        """Divisor and unit for times up to an end."""
+        scale, prefix = prefixed(end)
+        return (1.0, "") if self.free else (scale, f"{prefix}s")
 
 
 @contextmanager
@@ -68,7 +103,8 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
         plotter = pyvista.Plotter(off_screen=not interactive, notebook=notebook, window_size=_SIZE)
         try:
             plotter.set_background("white")
-            plotter.add_axes(color="black")
+            plotter.add_axes(color="black", viewport=(0.0, 0.0, 0.14, 0.2))
+            plotter.enable_anti_aliasing("ssaa")
             yield plotter
         finally:
             # A notebook needs the plotter after the context.
@@ -104,7 +140,12 @@ def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
 
 
 def paint(
-    plotter: Any, grid: Any, name: str, text: str, limits: tuple[float, float] | None = None
+    plotter: Any,
+    grid: Any,
+    name: str,
+    unit: Unit,
+    time: tuple[float, float],
+    limits: tuple[float, float] | None = None,
 ) -> None:
     """Draw a grid, in the place of the one that was drawn before.
 
@@ -112,21 +153,46 @@ def paint(
         plotter: PyVista plotter.
         grid: Grid at its current positions.
         name: Name of the values that colour it; it is grey where they are NaN.
-        text: Text in a corner of the picture.
-        limits: Range of the colours; by default that of the values.
+        unit: Unit of the values.
+        time: Time of the picture, and the largest one of all pictures [s], which gives the prefix.
+        limits: Range of the colours; by default that of the values, rounded. Values above it have
+            a colour of their own.
     """
-    bar = _BAR | {"title": f"{name}\n"}
+    values = np.asarray(grid[name], dtype=np.float64)
+    least, largest = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+    low, high = limits or ((least, largest) if least <= largest else (0.0, 1.0))
+    scale, prefix = unit.scale(max(abs(low), abs(high)))
+    ticks = (low / scale, high / scale, _LABELS) if limits else rounded(low / scale, high / scale)
+    title = f"{name} [{prefix}{unit.symbol}]" if unit.symbol else name
+    grid[title] = values / scale
     plotter.add_mesh(
         grid,
         name="bodies",
-        scalars=name,
-        clim=limits,
-        nan_color="lightgrey",
-        scalar_bar_args=bar,
+        scalars=title,
+        clim=ticks[:2],
+        above_color=_ABOVE if limits and largest > high else None,
+        scalar_bar_args=_BAR | {"title": f"{title}\n", "n_labels": ticks[2]},
         reset_camera=False,
         **_STYLE,
     )
-    plotter.add_text(text, font_size=12, color="black", name="text")
+    t, end = time
+    second, prefix = unit.seconds(end)
+    text = f"t = {t / second:.3g} {prefix}".rstrip()
+    plotter.add_text(text, font_size=_TEXT, color="black", name="text")
+
+
+def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
+    """Draw the surface of an obstacle, which one can look through.
+
+    Args:
+        plotter: PyVista plotter.
+        surface: Its surface, which may have no points.
+        number: Number of the obstacle.
+    """
+    if surface.n_points:
+        plotter.add_mesh(
+            surface, name=f"obstacle {number}", color="grey", opacity=0.15, reset_camera=False
+        )
 
 
 def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = None) -> None:
@@ -148,6 +214,19 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     plotter.view_vector(tuple(towards), viewup=(0.0, 1.0, 0.0) if steep else (0.0, 0.0, 1.0))
     plotter.reset_camera(bounds=np.ravel([points.min(axis=0), points.max(axis=0)], order="F"))
     plotter.camera.zoom(_ZOOM)
+
+
+def shot(plotter: Any, filename: str | Path | None) -> Picture:
+    """Make a picture of what is drawn, and write it if that is wanted.
+
+    Args:
+        plotter: PyVista plotter.
+        filename: PNG file to write, or None.
+
+    Returns:
+        The picture.
+    """
+    return Picture.of_pixels(plotter.screenshot(filename, return_img=True))
 
 
 def _has_display() -> bool:

@@ -13,39 +13,43 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts.plotting.picture import Picture
+
 __all__ = ["energies", "energy_error", "forces", "momenta"]
 
 # Relative error [-] below which curves are drawn flat, as they would be round-off.
 _EPSILON = float(np.finfo(np.float64).eps)
-# Size of one diagram and of the margin around all [inch], and their resolution [1/inch].
-_WIDTH, _HEIGHT, _MARGIN, _DPI = 5.2, 2.4, 1.0, 110
+# Size of one diagram and of the margin around all [inch], and the width of the picture [pixels].
+_WIDTH, _HEIGHT, _MARGIN, _PIXELS = 6.4, 2.8, 1.0, 1600
 
 P = ParamSpec("P")
 
 
-def _on_first_rank(draw: Callable[P, None]) -> Callable[P, None]:
-    """Make a function do nothing on all ranks but the first."""
+def _on_first_rank(draw: Callable[P, Picture]) -> Callable[P, Picture]:
+    """Make a function draw nothing on all ranks but the first."""
 
     @wraps(draw)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
-        if MPI.COMM_WORLD.rank == 0:
-            draw(*args, **kwargs)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Picture:
+        return draw(*args, **kwargs) if MPI.COMM_WORLD.rank == 0 else Picture(b"")
 
     return wrapper
 
 
 @_on_first_rank
-def energies(table: str | Path, filename: str | Path) -> None:
+def energies(table: str | Path, filename: str | Path | None = None) -> Picture:
     """Draw total, kinetic, strain and contact energy over time. Local.
 
     Energies that are always zero are left out.
 
     Args:
         table: CSV file of a `Recorder`.
-        filename: Picture to write.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Example:
-        >>> plotting.energies("run.csv", "energies.png")
+        >>> picture = plotting.energies("run.csv", "energies.png")
     """
     rows = _read(table)
     figure, axes = _figure(1, 1)
@@ -54,21 +58,24 @@ def energies(table: str | Path, filename: str | Path) -> None:
             axes[0, 0].plot(rows["time"], energy, label=name)
     axes[0, 0].set(xlabel="time [s]", ylabel="energy [J]", ylim=(0, None))
     axes[0, 0].legend()
-    figure.savefig(filename)
+    return _finished(figure, filename)
 
 
 @_on_first_rank
-def momenta(table: str | Path, filename: str | Path) -> None:
+def momenta(table: str | Path, filename: str | Path | None = None) -> Picture:
     """Draw linear and angular momentum, and their drift, over time. Local.
 
     A relative drift below the machine epsilon is drawn as the epsilon.
 
     Args:
         table: CSV file of a `Recorder`.
-        filename: Picture to write.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Example:
-        >>> plotting.momenta("run.csv", "momenta.png")
+        >>> picture = plotting.momenta("run.csv", "momenta.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 2)
@@ -83,44 +90,58 @@ def momenta(table: str | Path, filename: str | Path) -> None:
         floor = _EPSILON * np.linalg.norm(parts[:, 0])
         below.semilogy(rows["time"], np.maximum(drift, floor), color="black")
         below.set(xlabel="time [s]", ylabel=f"|{symbol}(t) - {symbol}(0)| [{unit}]")
-    figure.savefig(filename)
+    return _finished(figure, filename)
 
 
 @_on_first_rank
-def energy_error(tables: Mapping[str, str | Path], filename: str | Path) -> None:
-    """Draw the relative error of the total energy in several runs. Local.
+def energy_error(
+    tables: str | Path | Mapping[str, str | Path], filename: str | Path | None = None
+) -> Picture:
+    """Draw the energy that a run gains or loses without a reason. Local.
 
-    An error below the machine epsilon is drawn as the epsilon.
+    That is the change of the total energy without the work of loads, supports, damping and
+    friction, relative to the largest total energy or work of the run. It is zero where a scheme
+    conserves, also with loads and from rest; what is below the machine epsilon is drawn as the
+    epsilon.
 
     Args:
-        tables: CSV file of a `Recorder` by label of its curve.
-        filename: Picture to write.
+        tables: CSV file of a `Recorder`, or several by the labels of their curves.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Example:
-        >>> plotting.energy_error({"energy-momentum scheme": "run.csv"}, "error.png")
+        >>> picture = plotting.energy_error("run.csv", "error.png")
+        >>> runs = {"energy-momentum scheme": "run.csv"}
+        >>> picture = plotting.energy_error(runs)
     """
     figure, axes = _figure(1, 1)
-    for label, table in tables.items():
-        rows = _read(table)
-        error = np.abs(rows["total_energy"] / rows["total_energy"][0] - 1)
-        axes[0, 0].semilogy(rows["time"], np.maximum(error, _EPSILON), label=label)
-    axes[0, 0].set(xlabel="time [s]", ylabel="energy error |E(t) - E(0)| / E(0)")
-    axes[0, 0].legend()
-    figure.savefig(filename)
+    runs = tables if isinstance(tables, Mapping) else {"": tables}
+    for label, table in runs.items():
+        time, error = _unexplained(_read(table))
+        axes[0, 0].semilogy(time, np.maximum(error, _EPSILON), label=label)
+    axes[0, 0].set(xlabel="time [s]", ylabel="energy error, relative [-]")
+    if any(runs):
+        axes[0, 0].legend()
+    return _finished(figure, filename)
 
 
 @_on_first_rank
-def forces(table: str | Path, filename: str | Path) -> None:
+def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
     """Draw contact forces, and the number of nodes in contact, over time. Local.
 
     The force of a pair is the magnitude of the resultant on its nodes.
 
     Args:
         table: CSV file of a `Recorder`.
-        filename: Picture to write.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Example:
-        >>> plotting.forces("run.csv", "forces.png")
+        >>> picture = plotting.forces("run.csv", "forces.png")
     """
     rows = _read(table)
     figure, axes = _figure(2, 1)
@@ -135,7 +156,7 @@ def forces(table: str | Path, filename: str | Path) -> None:
     below.step(rows["time"], rows["active_nodes"], color="black")
     below.set(xlabel="time [s]", ylabel="nodes in contact", ylim=(0, None))
     below.yaxis.get_major_locator().set_params(integer=True)
-    figure.savefig(filename)
+    return _finished(figure, filename)
 
 
 def _figure(rows: int, columns: int) -> tuple[Any, Any]:
@@ -143,11 +164,26 @@ def _figure(rows: int, columns: int) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
     size = (_WIDTH * columns, _MARGIN + _HEIGHT * rows)
-    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=size, dpi=_PIXELS / size[0], layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
     for panel in axes.flat:
         panel.grid(alpha=0.3)
     return figure, axes
+
+
+def _unexplained(rows: Any) -> tuple[Any, Any]:
+    """Times, and the change of energy that no work explains, relative [-]."""
+    energy = rows["total_energy"]
+    work = sum(rows[f"energy_{cause}"] for cause in ("loads", "supports", "damping", "friction"))
+    scale = max(np.abs(energy).max(), np.abs(work).max())
+    return rows["time"], np.abs(energy - energy[0] - work) / (scale or 1.0)
+
+
+def _finished(figure: Any, filename: str | Path | None) -> Picture:
+    """Write a figure, if that is wanted, and make a picture of it."""
+    if filename is not None:
+        figure.savefig(filename)
+    return Picture.of_figure(figure)
 
 
 def _read(table: str | Path) -> Any:

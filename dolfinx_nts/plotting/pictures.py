@@ -6,26 +6,36 @@ display.
 """
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 from mpi4py import MPI
 
 import numpy as np
-import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.plotting.canvas import CELLS, FACETS, aim, canvas, grid_of, paint
+from dolfinx_nts.plotting.canvas import (
+    CELLS,
+    FACETS,
+    Unit,
+    add_obstacle,
+    aim,
+    canvas,
+    grid_of,
+    paint,
+    shot,
+)
 from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
 from dolfinx_nts.plotting.movie import Movie
+from dolfinx_nts.plotting.obstacles import surface_near
+from dolfinx_nts.plotting.picture import Picture
+from dolfinx_nts.plotting.scales import rounded
+from dolfinx_nts.plotting.stress import von_mises
 
 __all__ = [
     "animate",
@@ -51,38 +61,44 @@ _UNITS = {
 
 def snapshot(
     stepper: Stepper,
-    filename: str | Path,
+    filename: str | Path | None = None,
     *,
     colour: Literal["stress", "displacement"] = "stress",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
-) -> None:
+) -> Picture:
     """Draw the deformed bodies in their present state. Collective.
 
     Args:
         stepper: Stepper with the state.
-        filename: PNG file to write.
+        filename: PNG file to write, if one is wanted.
         colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
             their eight pieces), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default that of the state.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from +x, with the
             reference state in the picture as well.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Raises:
         OSError: The file cannot be written.
         ValueError: ``colour`` is unknown.
 
     Example:
-        >>> plotting.snapshot(stepper, "start.png", colour="displacement")
+        >>> picture = plotting.snapshot(stepper, "start.png", colour="displacement")
     """
-    put = _bodies(stepper, colour, limits, camera)
+    put = _bodies(stepper, colour, limits, camera, unit)
 
-    def draw() -> None:
+    def draw() -> Picture:
         with canvas() as plotter:
             put(plotter)
-            plotter.screenshot(str(filename))
+            return shot(plotter, filename)
 
-    on_root(stepper.u.function_space.mesh.comm, draw)
+    return on_root(stepper.u.function_space.mesh.comm, draw)
 
 
 def show(
@@ -90,6 +106,7 @@ def show(
     *,
     colour: Literal["stress", "displacement"] = "stress",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
 ) -> None:
     """Show the deformed bodies, to turn and to zoom them. Collective.
@@ -102,6 +119,7 @@ def show(
         stepper: Stepper with the state.
         colour: What to draw, as for `snapshot`.
         limits: Range of the colours [Pa or m], as for `snapshot`.
+        unit: Symbol of the unit, as for `snapshot`.
         camera: Camera, as for `snapshot`.
 
     Raises:
@@ -111,7 +129,7 @@ def show(
     Example:
         >>> plotting.show(stepper)
     """
-    put = _bodies(stepper, colour, limits, camera)
+    put = _bodies(stepper, colour, limits, camera, unit)
 
     def draw() -> None:
         with canvas(interactive=True) as plotter:
@@ -123,26 +141,32 @@ def show(
 
 def contact(
     stepper: Stepper,
-    filename: str | Path,
+    filename: str | Path | None = None,
     *,
     colour: Literal["pressure", "gap"] = "pressure",
     pair: int = 0,
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
-) -> None:
+) -> Picture:
     """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
 
     A gap is grey where a node faces no segment.
 
     Args:
         stepper: Stepper with the state.
-        filename: PNG file to write.
+        filename: PNG file to write, if one is wanted.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
         limits: Range of the colours [Pa or m]; by default that of the state, but of gaps only
             up to the size of a segment.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from where the
             contact force comes, or from the side with the least gap.
+
+    Returns:
+        The picture, which a notebook displays.
 
     Raises:
         IndexError: There is no such pair.
@@ -150,7 +174,7 @@ def contact(
         ValueError: ``colour`` is unknown.
 
     Example:
-        >>> plotting.contact(stepper, "gap.png", colour="gap")
+        >>> picture = plotting.contact(stepper, "gap.png", colour="gap")
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
@@ -174,18 +198,20 @@ def contact(
     at = surface.nodes[np.nanargmin(gap)] if least < np.inf else 0
     _, nearest = min(comm.allgather((least, tuple(stepper.x[at]))))
 
-    def draw() -> None:
+    shown = _unit("Pa" if colour == "pressure" else "m", unit)
+
+    def draw() -> Picture:
         assert parts is not None
         ids, x, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-        name = "contact pressure [Pa]" if colour == "pressure" else "gap [m]"
+        name = "contact pressure" if colour == "pressure" else "gap"
         grid = grid_of(FACETS, ids, x, values, name)
         direction = -force if force.any() else np.array(nearest) - grid.points.mean(axis=0)
         with canvas() as plotter:
-            paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
+            paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
             aim(plotter, grid.points, camera, direction)
-            plotter.screenshot(str(filename))
+            return shot(plotter, filename)
 
-    on_root(comm, draw)
+    return on_root(comm, draw)
 
 
 def animate(
@@ -194,9 +220,10 @@ def animate(
     *,
     colour: str = "displacement",
     limits: tuple[float, float] | None = None,
+    unit: str | None = None,
     camera: Any = None,
     fps: float = 20.0,
-) -> None:
+) -> Picture:
     """Draw all states that a `Recorder` wrote as a movie. Local: only rank 0 draws.
 
     Args:
@@ -204,9 +231,14 @@ def animate(
         filename: File to write, ``.gif``, or ``.mp4`` with the package ``imageio-ffmpeg``.
         colour: Name of a field in the file; of vectors the magnitude is drawn.
         limits: Range of the colours in the unit of the field; by default that of all states.
+        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
+            By default that of SI with a prefix which suits the numbers.
         camera: Position, focus and upward direction as in PyVista; by default from +x, with all
             states in the picture.
         fps: States per second of the movie [1/s].
+
+    Returns:
+        The movie, which a notebook displays.
 
     Raises:
         FileNotFoundError: There is no file of fields.
@@ -214,20 +246,23 @@ def animate(
         ValueError: The suffix is another, or there is no such field.
 
     Example:
-        >>> plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
+        >>> picture = plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
     """
     if MPI.COMM_WORLD.rank != 0:
-        return
-    name = f"{colour.replace('_', ' ')} [{_UNITS.get(colour, '-')}]"
+        return Picture(b"")
+    name = colour.replace("_", " ")
+    shown = _unit(_UNITS.get(colour, ""), unit)
     with Movie(filename, fps) as movie, canvas() as plotter:
         times, grids = _states(fields, colour, name)
         values = [grid[name] for grid in grids]
-        given = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+        ends = rounded(float(np.nanmin(values)), float(np.nanmax(values)))
         for t, grid in zip(times, grids, strict=True):
-            paint(plotter, grid, name, f"t = {t:.2f} s", given)
+            paint(plotter, grid, name, shown, (t, times[-1]), limits or ends[:2])
             if grid is grids[0]:
                 aim(plotter, np.concatenate([other.points for other in grids]), camera)
             movie.write(plotter.screenshot(return_img=True))
+    kind = "image/gif" if Path(filename).suffix == ".gif" else "video/mp4"
+    return Picture(Path(filename).read_bytes(), kind)
 
 
 def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], list[Any]]:
@@ -242,14 +277,16 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
         grid = reader.read().copy()
         if colour not in grid.array_names:
             raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
+        grid.points = grid.points + grid["displacement"]
         values = grid[colour]
         grid[name] = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
-        grid.points = grid.points + grid["displacement"]
         grids.append(grid)
     return reader.time_values, grids
 
 
-def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable[[Any], None]:
+def _bodies(
+    stepper: Stepper, colour: str, limits: Any, camera: Any, unit: str | None
+) -> Callable[[Any], None]:
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
@@ -259,33 +296,26 @@ def _bodies(stepper: Stepper, colour: str, limits: Any, camera: Any) -> Callable
     cells = cells[:, pieces].reshape(-1, pieces.shape[1])
     ids = dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape)
     u = stepper.u.x.array.reshape(-1, 3)
-    parts = comm.gather((ids, stepper.x[cells], u[cells], _von_mises(stepper)))
+    parts = comm.gather((ids, stepper.x[cells], u[cells], von_mises(stepper)))
+    shown = _unit("Pa" if colour == "stress" else "m", unit)
+    sides = dict.fromkeys(pair.segments for pair in stepper.pairs)
+    obstacles = [side for side in sides if isinstance(side, Obstacle)]
 
     def put(plotter: Any) -> None:
         assert parts is not None
         ids, x, u, stress = (np.concatenate(part) for part in zip(*parts, strict=True))
         values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
-        name = "von Mises stress [Pa]" if colour == "stress" else "displacement [m]"
+        name = "von Mises stress" if colour == "stress" else "displacement"
         grid = grid_of(CELLS, ids, x, values, name)
-        paint(plotter, grid, name, f"t = {stepper.t:.2f} s", limits)
-        aim(plotter, np.concatenate([x, x - u]).reshape(-1, 3), camera)
+        paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
+        points = np.concatenate([x, x - u]).reshape(-1, 3)
+        for number, obstacle in enumerate(obstacles):
+            add_obstacle(plotter, surface_near(obstacle, points), number)
+        aim(plotter, points, camera)
 
     return put
 
 
-def _von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress in the middle of the owned cells' pieces, body by body [Pa]. Local."""
-    mesh, element = stepper.u.function_space.mesh, Element.of(stepper.u.function_space)
-    middles = element.points[element.pieces].mean(axis=1)
-    F = ufl.Identity(3) + ufl.grad(stepper.u)
-
-    @cache
-    def of(material: Hyperelastic) -> fem.Expression:
-        # Constants, as numbers would become part of the compiled code.
-        parameters = {k: fem.Constant(mesh, v) for k, v in material.parameters.items()}
-        sigma = F * material.stress(F.T * F, **parameters) * F.T / ufl.det(F)
-        stress = ufl.sqrt(1.5 * ufl.inner(ufl.dev(sigma), ufl.dev(sigma)))
-        return compile_expression(stress, middles)
-
-    values = [of(body.material).eval(mesh, body.cells).reshape(-1) for body in stepper.bodies]
-    return np.concatenate(values)
+def _unit(symbol: str, given: str | None) -> Unit:
+    """Unit of SI, or the one that is given."""
+    return Unit(symbol) if given is None else Unit(given, free=True)

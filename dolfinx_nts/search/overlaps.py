@@ -33,9 +33,9 @@ class Overlap:
     """Two bodies that are inside each other, or a body in an obstacle.
 
     Attributes:
-        names: The two, as ``"cube"`` by `Body.name`, or ``"cube and plate"`` that share nodes,
-            and ``"RigidPlane"``; the first is the one of which a point lies deepest inside the
-            second.
+        names: The two, as ``"cube"`` by the name of the `Body`, or ``"cube and plate"`` that
+            share nodes, and ``"RigidPlane"``; the first is the one of which a point lies deepest
+            inside the second.
         depth: Distance of that point from the boundary of the second [m].
         reverse_depth: Depth of the deepest point of the second inside the first [m].
         nodes: Number of nodes on the boundary of either that are inside the other; 0 where only

@@ -86,7 +86,7 @@ def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 if WANTED:
     BulkPreconditioner.build = untrapped(BulkPreconditioner.build)
-    for name in plotting.__all__:
+    for name in set(plotting.__all__) - {"Picture"}:
         setattr(plotting, name, untrapped(getattr(plotting, name)))
     for name in dir(_kernels):
         if not isinstance(kernel := getattr(_kernels, name), type) and callable(kernel):

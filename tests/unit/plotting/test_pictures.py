@@ -1,13 +1,18 @@
 """Pictures: written once, not empty; what they show in closed form."""
 
+import re
 from unittest import mock
 
 import numpy as np
 import pytest
 
+import dolfinx_nts as nts
 from dolfinx_nts import plotting
 from dolfinx_nts.io.recorder import Recorder
-from dolfinx_nts.plotting import pictures
+from dolfinx_nts.plotting import diagrams, pictures
+from dolfinx_nts.plotting.obstacles import surface_near
+from dolfinx_nts.plotting.scales import prefixed, rounded
+from dolfinx_nts.plotting.stress import von_mises
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytest.importorskip("pyvista")
@@ -55,7 +60,7 @@ def test_von_mises_stress_of_a_stretched_bar(comm):
     strain = (stretch**2 - 1) / 2
     axial = stretch * (lmbda + 2 * mu) * strain  # sigma_11 = F^2 S_11 / J
     lateral = lmbda * strain / stretch
-    stress = pictures._von_mises(stepper)
+    stress = von_mises(stepper)
     error = np.abs(stress - (axial - lateral)).max(initial=0.0)
     assert comm.allreduce(error) < 1e-12 * axial
 
@@ -71,6 +76,107 @@ def test_diagrams_of_a_run(comm, folder, agree):
     plotting.forces(folder / "run.csv", folder / "forces.png")
     for name in ("energies", "momenta", "error", "forces"):
         assert agree(colours(comm, folder / f"{name}.png") > 50)
+
+
+@pytest.mark.serial
+def test_surface_of_an_obstacle_is_where_its_depth_is_zero():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (50, 3))
+    for obstacle, distance in (
+        (nts.RigidPlane((0, 0, 0.2), (0, 0, 1)), lambda x: x[:, 2] - 0.2),
+        (nts.RigidSphere((0, 0, 0), 0.7), lambda x: np.linalg.norm(x, axis=1) - 0.7),
+        (nts.RigidCylinder((0, 0, 0), (1, 0, 0), 0.5), lambda x: np.hypot(*x[:, 1:].T) - 0.5),
+    ):
+        surface = surface_near(obstacle, points)
+        assert surface.n_points > 500
+        assert np.abs(distance(surface.points)).max() < 2e-3
+    assert surface_near(nts.RigidPlane((0, 0, 9), (0, 0, 1)), points).n_points == 0
+    corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 1], [2, 2, 1]])
+    drawn = surface_near(nts.RigidSurface(corners, [[0, 1, 2, 3]], (1, 1, 9)), points)
+    assert np.array_equal(drawn.points, corners) and drawn.n_cells == 1
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("value", "scale", "prefix"),
+    [
+        *((8e3, 1e3, "k"), (0.0024, 1e-3, "m"), (0.5, 1.0, ""), (99.0, 1.0, "")),
+        *((-2.5e6, 1e6, "M"), (0.0, 1.0, ""), (1e-30, 1e-9, "n"), (np.inf, 1.0, "")),
+    ],
+)
+def test_prefix_suits_the_number(value, scale, prefix):
+    assert prefixed(value) == (pytest.approx(scale), prefix)
+
+
+@pytest.mark.serial
+def test_range_is_widened_to_labels_that_are_easy_to_read():
+    assert rounded(0.07, 9.98) == (0.0, 10.0, 5)
+    assert rounded(-1.3, 10.7) == (-5.0, 15.0, 5)
+    assert rounded(0.0, 8.0) == (0.0, 8.0, 5)
+    assert rounded(3.0, 3.0) == (3.0, 3.0, 2)
+
+
+@pytest.mark.serial
+def test_colour_bar_has_the_unit_and_time_the_prefix(comm, folder):
+    stepper = blocks(comm).stepper
+    for _ in range(3):
+        stepper.advance()
+
+    def drawn(**options):
+        with (
+            mock.patch.object(plotting.Picture, "of_pixels", return_value=plotting.Picture(b"")),
+            mock.patch("pyvista.Plotter") as plotter,
+        ):
+            plotting.snapshot(stepper, **options)
+        bar = plotter.return_value.add_mesh.call_args.kwargs["scalar_bar_args"]["title"]
+        return bar.strip(), plotter.return_value.add_text.call_args.args[0]
+
+    title, time = drawn()
+    assert re.fullmatch(r"von Mises stress \[[kM]?Pa\]", title)
+    assert re.fullmatch(r"t = [\d.]+ m?s", time)
+    title, time = drawn(unit="MPa", limits=(0.0, 1.0))
+    assert title == "von Mises stress [MPa]" and re.fullmatch(r"t = [\d.e-]+", time)
+
+
+def test_pictures_are_displayed_by_a_notebook_and_need_no_file(comm, folder, agree):
+    stepper = blocks(comm).stepper
+    with Recorder(folder / "run", stepper) as record:
+        for step in stepper.run(until=0.02):
+            record.write(step)
+    pictures = [plotting.snapshot(stepper), plotting.contact(stepper)]
+    pictures += [draw(folder / "run.csv") for draw in (plotting.energies, plotting.energy_error)]
+    pictures.append(plotting.animate(folder / "run.xdmf", folder / "run.gif"))
+    if comm.rank == 0:
+        kinds = [next(iter(picture._repr_mimebundle_())) for picture in pictures]
+        assert kinds == ["image/png"] * 4 + ["image/gif"]
+        pictures[0].save(folder / "a.png")
+    assert agree(colours(comm, folder / "a.png") > 500)
+    comm.barrier()
+    assert {path.suffix for path in folder.iterdir() if path.is_file()} == {
+        *(".csv", ".xdmf", ".gif", ".png")
+    }
+
+
+def test_picture_that_was_not_drawn_here_shows_and_writes_nothing(tmp_path):
+    picture = plotting.Picture(b"")
+    picture.save(tmp_path / "a.png")
+    assert picture._repr_mimebundle_() == {} and not any(tmp_path.iterdir())
+    movie = plotting.Picture(b"123", "video/mp4")._repr_mimebundle_()
+    assert "<video" in movie["text/html"] and "MTIz" in movie["text/html"]
+
+
+@pytest.mark.serial
+def test_energy_error_is_what_no_work_explains(tmp_path):
+    names = ["time", "total_energy"]
+    names += [f"energy_{cause}" for cause in ("loads", "supports", "damping", "friction")]
+    # From rest: gravity gives 4 J, a support takes 1 J and friction 0.5 J, 0.1 J are lost.
+    rows = [[0.0] * 6, [1.0, 2.4, 4.0, -1.0, 0.0, -0.5]]
+    text = "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)])
+    (tmp_path / "run.csv").write_text(text)
+    time, error = diagrams._unexplained(diagrams._read(tmp_path / "run.csv"))
+    assert time.tolist() == [0.0, 1.0]
+    assert error == pytest.approx([0.0, 0.1 / 2.5])
+    assert plotting.energy_error(tmp_path / "run.csv").data
 
 
 def test_an_unknown_colour_is_refused(comm, folder, refused):

@@ -1,0 +1,154 @@
+"""Make the figures of the documentation.
+
+    python3 docs/figures.py [NAME...]
+
+runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``impact``
+is the animation of the README. Takes a few minutes.
+"""
+
+import os
+import runpy
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.plotting.movie import Movie
+
+ROOT = Path(__file__).parents[1]
+FIGURES = ROOT / "docs" / "figures"
+
+# Pictures of the demos.
+DEMOS = {
+    "ball_plate": ["ball_plate.png", "ball_plate_pressure.png"],
+    "bar_impact": ["bar_impact_force.png"],
+    "bowl": ["bowl.png"],
+    "hertz": ["hertz_pressure.png"],
+    "own_energy": ["own_energy.png"],
+    "own_geometry": ["own_geometry.png"],
+    "pile": ["pile.png"],
+    "resume": ["resume_forces.png"],
+    "rings": ["rings.png"],
+    "rolling": ["rolling_speed.png"],
+    "self_contact": ["self_contact.png"],
+    "tori": ["tori.png"],
+}
+# Runs side by side: title, scheme, law of impact, colour of the curve.
+RUNS = (
+    ("midpoint rule, plastic impact", nts.Midpoint, "plastic", "tab:red"),
+    ("energy-momentum scheme, elastic impact", nts.EnergyMomentum, "elastic", "tab:blue"),
+)
+SIZE = (500, 360)  # of each body picture [pixels]
+RANGE = (0.0, 10.0)  # of the stress [kPa]
+
+
+def demo(name: str) -> None:
+    """Run a demo in a folder of its own and copy its pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        runpy.run_path(str(ROOT / "demos" / f"demo_{name}.py"), run_name="__main__")
+        for picture in DEMOS[name]:
+            shutil.copy(picture, FIGURES / picture)
+        os.chdir(ROOT)
+
+
+def impact() -> None:
+    """Cut through the ball with both schemes, and below the energy that each has lost."""
+    steppers = [scene(scheme, law) for _, scheme, law, _ in RUNS]
+    diagnostics = [nts.Diagnostics(stepper) for stepper in steppers]
+    energies = [[d.balance().total_energy] for d in diagnostics]
+    bodies, times = [[half(s) for s in steppers]], [0.0]
+    for step in range(1, 101):
+        for stepper, d, energy in zip(steppers, diagnostics, energies, strict=True):
+            stepper.advance()
+            energy.append(d.balance().total_energy)
+        if step % 4 == 0:
+            bodies.append([half(s) for s in steppers])
+            times.append(steppers[0].t)
+    t = np.linspace(0.0, 1.0, 101)
+    lost = [np.array(energy) - energy[0] for energy in energies]
+    with Movie(FIGURES / "impact.gif", 10.0) as movie:
+        for now, pair in zip(times, bodies, strict=True):
+            movie.write(frame(pair, t[t <= now + 1e-9], lost))
+
+
+def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
+    """Stepper of the first impact."""
+    mesh, cells, facets, tag = nts.read_mesh(ROOT / "meshes" / "ball_plate.msh", MPI.COMM_SELF)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
+    ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
+    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top")]
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))
+    stepper = scheme([ball, plate], [pair], dt=0.01)
+    stepper.set_velocity(ball, (0.0, 1.0, -1.0))
+    return stepper
+
+
+def half(stepper: nts.EnergyMomentum) -> Any:
+    """Deformed half x < 0 of the bodies with the von Mises stress [kPa]."""
+    from dolfinx_nts.plotting.canvas import CELLS, grid_of
+    from dolfinx_nts.plotting.stress import von_mises
+
+    V = stepper.u.function_space
+    cells = V.dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
+    grid = grid_of(CELLS, cells, stepper.x[cells], von_mises(stepper) / 1e3, "stress")
+    _, first = np.unique(cells, return_index=True)
+    reference = V.tabulate_dof_coordinates()[cells.ravel()[first]]
+    middle = reference[grid_connections(grid)].mean(axis=1)
+    return grid.extract_cells(np.flatnonzero(middle[:, 0] < 0))
+
+
+def grid_connections(grid: Any) -> npt.NDArray[np.int64]:
+    """Numbers of the points of each cell of a grid of hexahedra."""
+    return np.asarray(grid.cell_connectivity).reshape(grid.n_cells, -1)
+
+
+def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
+    """Both bodies beside each other, above the curves until now."""
+    import pyvista
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    pictures = []
+    for body in pair:
+        plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
+        plotter.set_background("white")
+        style = {"cmap": "YlGnBu", "clim": RANGE, "show_edges": True, "edge_opacity": 0.3}
+        plotter.add_mesh(body, scalars="stress", ambient=0.45, show_scalar_bar=False, **style)
+        plotter.camera_position = [(9.0, -2.4, 3.0), (0.0, 0.2, 0.55), (0.0, 0.0, 1.0)]
+        plotter.camera.parallel_projection = True
+        plotter.camera.parallel_scale = 1.8
+        plotter.enable_anti_aliasing("ssaa")
+        pictures.append(plotter.screenshot(return_img=True))
+        plotter.close()
+    figure = Figure(figsize=(2 * SIZE[0] / 100, 6.0), dpi=100, layout="constrained")
+    axes = figure.subplot_mosaic([["left", "right"], ["energy", "energy"]], height_ratios=[1.6, 1])
+    for side, picture, (title, _, _, colour) in zip(("left", "right"), pictures, RUNS, strict=True):
+        image = axes[side].imshow(picture)
+        axes[side].set_title(title, color=colour)
+        axes[side].axis("off")
+    image.set(cmap="YlGnBu", clim=RANGE)
+    bar = figure.colorbar(image, ax=axes["right"], shrink=0.8)
+    bar.set_label("von Mises stress [kPa]")
+    for (title, _, _, colour), change in zip(RUNS, lost, strict=True):
+        axes["energy"].plot(t, change[: len(t)], color=colour, label=title, linewidth=2)
+    axes["energy"].set(xlim=(0, 1), ylim=(-3, 0.5), xlabel="time [s]", ylabel="E(t) - E(0) [J]")
+    axes["energy"].grid(alpha=0.3)
+    axes["energy"].legend(loc="lower left")
+    drawing = FigureCanvasAgg(figure)
+    drawing.draw()
+    return np.asarray(drawing.buffer_rgba())[:, :, :3].copy()
+
+
+if __name__ == "__main__":
+    for wanted in sys.argv[1:] or [*DEMOS, "impact"]:
+        impact() if wanted == "impact" else demo(wanted)

@@ -1,0 +1,45 @@
+"""Prefixes of units and rounded ranges, so that numbers in pictures are easy to read."""
+
+import math
+
+__all__ = ["prefixed", "rounded"]
+
+# Prefixes by the power of ten that they stand for.
+_PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# Steps between labels [-] that are easy to read, times a power of ten.
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+_INTERVALS = 4  # between labels, about
+
+
+def prefixed(value: float) -> tuple[float, str]:
+    """Find the prefix of a unit with which a number is between 0.1 and 100, if there is one.
+
+    Args:
+        value: The number, of which the size counts.
+
+    Returns:
+        What a number has to be divided by, and the prefix, as ``(1e3, "k")`` for 8000.
+    """
+    size = abs(value)
+    power = 3 * math.floor((math.log10(size) + 1) / 3) if 0 < size < math.inf else 0
+    power = max(min(power, max(_PREFIXES)), min(_PREFIXES))
+    return 10.0**power, _PREFIXES[power]
+
+
+def rounded(low: float, high: float) -> tuple[float, float, int]:
+    """Widen a range to multiples of a step that is easy to read.
+
+    Args:
+        low: Least value.
+        high: Largest value.
+
+    Returns:
+        Ends of the wider range, and the number of labels on it.
+    """
+    if not high > low:
+        return low, high, 2
+    width = (high - low) / _INTERVALS
+    unit = 10.0 ** math.floor(math.log10(width))
+    step = unit * min(s for s in _STEPS if s * unit >= width * (1 - 1e-9))
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return first * step, last * step, last - first + 1

@@ -1,0 +1,151 @@
+"""README and pages tell the truth: commands and edits run, numbers are those that come out."""
+
+import ast
+import csv
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import dolfinx_nts as nts
+from benchmarks import impact
+from helpers.scenes import blocks
+
+pytestmark = pytest.mark.serial
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+DOCS = ROOT / "docs"
+PAGES = sorted({*DOCS.rglob("*.md"), *ROOT.glob("*.md")} - {*DOCS.glob("api/*")})
+
+# What is as small comes from round-off, of which only the size is the same everywhere.
+ROUND_OFF = 1e-9
+
+
+def block(kind: str) -> str:
+    """The first block of a kind in the README."""
+    found = re.search(rf"```{kind}\n(.*?)```", README, re.DOTALL)
+    assert found
+    return found[1]
+
+
+SCRIPT = block("python")
+
+
+def variants() -> list[tuple[list[str], list[str]]]:
+    """Edits in the table of variants: old texts and new texts of each row."""
+    lines = (DOCS / "howto" / "variants.md").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(" | ") for line in lines if line.startswith("| `")]
+    return [(re.findall(r"`([^`]+)`", old), re.findall(r"`([^`]+)`", new)) for old, new, _ in rows]
+
+
+def execute(script: str, monkeypatch, folder: Path) -> dict[str, object]:
+    """Run a script where the mesh is, with results in a folder; the names it leaves."""
+    (folder / "meshes").symlink_to(ROOT / "meshes")
+    monkeypatch.chdir(folder)
+    names: dict[str, object] = {}
+    exec(compile(script, "README.md", "exec"), names)
+    return names
+
+
+def numbers(text: str) -> list[float]:
+    return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", text)]
+
+
+def test_readme_is_short():
+    assert len(README.splitlines()) <= 110
+    assert len(README.split()) <= 800
+
+
+def test_readme_script_prints_what_the_readme_says(tmp_path, monkeypatch, capsys):
+    execute(SCRIPT, monkeypatch, tmp_path)
+    printed = capsys.readouterr().out.splitlines()
+    for line in block("text").splitlines():
+        (same,) = (p for p in printed if p.split(":")[0] == line.split(":")[0])
+        for computed, told in zip(numbers(same), numbers(line), strict=True):
+            if abs(told) < ROUND_OFF:
+                assert abs(computed) < ROUND_OFF
+            else:
+                assert computed == pytest.approx(told, rel=1e-5)
+    files = re.search(r"as record:  # (.+) and (.+)", SCRIPT)
+    assert files and all((tmp_path / name).stat().st_size > 0 for name in files.groups())
+
+
+@pytest.mark.parametrize(("old", "new"), variants(), ids=lambda texts: " and ".join(texts))
+def test_variant_of_the_script_runs_until_bodies_touch(old, new, tmp_path, monkeypatch):
+    script = SCRIPT.replace("until=1.0", "until=0.08")
+    for before, after in zip(old, new, strict=True):
+        assert before in script, f"the script has no {before}"
+        script = script.replace(before, after)
+    names = execute(script, monkeypatch, tmp_path)
+    assert names["step"].num_active > 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_to_files_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        path = link.split("#")[0]
+        if path and "://" not in path:
+            targets = [page.parent / path, page.parent / f"{path}.md", page.parent / f"{path}.py"]
+            assert any(target.exists() for target in targets), link
+
+
+def test_make_targets_in_readme_and_pages_exist():
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        named = re.findall(r"`make ([a-z-]+)|^    make ([a-z-]+)", text, re.MULTILINE)
+        assert {first or second for first, second in named} <= targets, page
+
+
+def test_each_demo_is_a_tutorial():
+    listed = re.findall(r"^demos/(\w+)$", (DOCS / "tutorials.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(path.stem for path in (ROOT / "demos").glob("*.py"))
+
+
+def test_each_column_of_a_table_is_explained(comm, tmp_path):
+    page = (DOCS / "howto" / "columns.md").read_text(encoding="utf-8")
+    explained = re.findall(r"`([a-z_0-9]+)`", page)
+    stepper = blocks(comm).stepper
+    with nts.Recorder(tmp_path / "run", stepper) as record:
+        record.write(stepper.advance())
+    with (tmp_path / "run.csv").open(newline="") as file:
+        columns = next(csv.reader(file))
+    assert not set(columns) - set(explained)
+
+
+def test_messages_that_are_explained_are_those_of_the_package():
+    page = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = re.findall(r'^"(.+)"$', page, re.MULTILINE)
+    texts = []
+    for path in (ROOT / "dolfinx_nts").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        texts += [str(n.value) for n in ast.walk(tree) if isinstance(n, ast.Constant)]
+    assert len(quoted) > 10
+    for message in quoted:
+        parts = message.split("...")
+        assert any(all(part in text for part in parts) for text in texts), message
+
+
+def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
+    lines = (DOCS / "tables" / "impact.md").read_text(encoding="utf-8").splitlines()
+    names = [line.split(" | ")[0].removeprefix("| ") for line in lines[2:] if line.startswith("|")]
+    assert names == list(impact.VARIANTS)
+    name = "`Midpoint`, plastic"
+    computed = impact.table({name: impact.run(name, 1.0, tmp_path)}).splitlines()[2]
+    (told,) = (line for line in lines if line.startswith(f"| {name} "))
+    assert numbers(computed) == pytest.approx(numbers(told), rel=0.02, abs=ROUND_OFF)
+
+
+def test_version_is_the_same_everywhere():
+    assert f"version: {nts.__version__}" in (ROOT / "CITATION.cff").read_text()
+    assert f"version: {nts.__version__}" in (ROOT / "packaging/conda/recipe.yaml").read_text()
+    assert f"## [{nts.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_shell_blocks_of_the_cluster_page_are_scripts():
+    text = (DOCS / "howto" / "cluster.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"```bash\n(.*?)```", text, re.DOTALL)
+    subprocess.run(["bash", "-n"], input=script, text=True, check=True)
