@@ -19,6 +19,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
@@ -229,12 +230,17 @@ class PairState:
 
 def _pressure_by(contact: Pass) -> Floats:
     """Pressure by the springs or multipliers of a pair alone, shape ``(n,)`` [Pa]. Collective."""
-    return contact.pair.nodes.per_area(-contact.history.lambda_N)
+    nodes, history = contact.pair.nodes, contact.history
+    # A multiplier may act on a part of the area of its node.
+    part = np.where(history.area > 0, history.area / nodes.area, 1.0)
+    return nodes.per_area(-history.lambda_N / part)
 
 
 def _search(pair: ContactPair) -> Search:
     """Make the search for what the nodes of a pair may touch. Collective."""
     if isinstance(pair.segments, Obstacle):
         return ObstacleSearch(pair.segments, pair.nodes)
-    search = SelfContactSearch if pair.touches_itself else GlobalSearch
+    if pair.touches_itself:
+        return SelfContactSearch(pair.nodes, pair.segments)
+    search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
     return search(pair.nodes, pair.segments)

@@ -55,7 +55,9 @@ void elimination(nb::module_& m)
            nb::arg("x").noconvert(),
            "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")
       .def("act", &BoundElimination::act, nb::arg("x"),
-           nb::arg("y").noconvert(), "y <- Z~^T (y + C x): (n, 3), (n, 3)");
+           nb::arg("y").noconvert(), "y <- Z~^T (y + C x): (n, 3), (n, 3)")
+      .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
+           nb::arg("y").noconvert(), "y <- y + C x: (n, 3), (n, 3)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
         nb::arg("columns"),
         "lambda (m,) with n . (force + lambda F) = 0, 0 where n . F is small: "
