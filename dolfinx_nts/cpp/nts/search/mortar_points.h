@@ -24,6 +24,8 @@ struct MortarRule
   static constexpr double facing = -0.1;
   /// Area in the reference cell below which a polygon is left out.
   static constexpr double least_area = 1e-10;
+  /// Distance in the reference cell that is none.
+  static constexpr double round_off = 1e-12;
   /// Covered part of a facet from which on it counts as a whole.
   static constexpr double whole = 0.999;
   /// By how much segments may cover a facet more than once: but for round-off
@@ -75,7 +77,10 @@ Polygon clipped(Polygon polygon)
     for (std::size_t i = 0; i < polygon.size(); ++i)
     {
       const Vec2 &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-      const double at_a = inside(a), at_b = inside(b);
+      // Round-off must not cut slivers from sides that lie on each other.
+      const auto rounded = [](double distance)
+      { return std::abs(distance) < MortarRule::round_off ? 0 : distance; };
+      const double at_a = rounded(inside(a)), at_b = rounded(inside(b));
       if (at_a >= 0)
         part.push_back(a);
       if ((at_a > 0 && at_b < 0) || (at_a < 0 && at_b > 0))
@@ -157,9 +162,14 @@ void integrate(const Polygon& p, Add&& add)
       }
     return;
   }
-  for (std::size_t i = 1; i + 1 < p.size(); ++i)
+  // From the mean of the vertices, so that it does not matter which is the
+  // first.
+  Vec2 mean = {};
+  for (const Vec2& vertex : p)
+    for (std::size_t d = 0; d < 2; ++d)
+      mean[d] += vertex[d] / static_cast<double>(p.size());
+  const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
   {
-    const std::array<Vec2, 3> corner = {p[0], p[i], p[i + 1]};
     const double weight = std::abs(area({corner[0], corner[1], corner[2]})) / 3;
     for (std::size_t q = 0; q < 3; ++q)
     {
@@ -169,7 +179,12 @@ void integrate(const Polygon& p, Add&& add)
                 / 6;
       add(xi, weight);
     }
-  }
+  };
+  if (p.size() == 3)
+    add_triangle({p[0], p[1], p[2]});
+  else
+    for (std::size_t i = 0; i < p.size(); ++i)
+      add_triangle({mean, p[i], p[(i + 1) % p.size()]});
 }
 
 /// @brief Contact points, in the order of their facets.
