@@ -6,9 +6,10 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["KINDS", "Method", "check_method"]
+__all__ = ["KINDS", "NODES", "Method", "check_method"]
 
 Method = Literal["node-to-segment", "mortar"]
+NODES: Method = "node-to-segment"
 
 # What texts call contact by each method.
 KINDS = {"node-to-segment": "contact", "mortar": "surface-to-surface contact"}
@@ -22,7 +23,7 @@ def check_method(pair: Any) -> None:
     if pair.method not in KINDS:
         names = " or ".join(map(repr, KINDS))
         raise ValueError(f"expected method {names}, given {pair.method!r}")
-    if pair.method == "node-to-segment":
+    if pair.method == NODES:
         return
     law = pair.enforcement
     wrong = ""
@@ -32,8 +33,8 @@ def check_method(pair: Any) -> None:
         wrong = "two surfaces, given one that touches itself"
     elif Element.of(pair.nodes.V).degree != 1:
         wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
-    elif not isinstance(law, LagrangeMultiplier) or law.impact != "elastic":
-        wrong = f"LagrangeMultiplier(impact='elastic'), given {law!r}"
+    elif not isinstance(law, LagrangeMultiplier):
+        wrong = f"LagrangeMultiplier, given {law!r}"
     elif pair.friction is not None:
         wrong = f"no friction, given {pair.friction!r}"
     if wrong:

@@ -42,6 +42,10 @@ class MultiplierContact(NormalContact):
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
         self._holds, self._law = law.impact == "elastic" and not is_static, law
+        # Contact points are others in each step: the mean gap of a node that stays in contact
+        # would do work if it had to become 0 again.
+        stays = not (search.pairing.follows or is_static)
+        self._stays: Flags = state.history.active & stays
         super().__init__(state, search)
         if is_static:
             self._begin_in_touch()
@@ -71,14 +75,19 @@ class MultiplierContact(NormalContact):
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
             return super().needs(node)
-        return self.active[node] | (self._search.gap[node] < 0)
+        return self.active[node] | self._stays[node] | (self._search.gap[node] < 0)
+
+    def _target(self, pairs: PairKinematics) -> Floats:
+        """Gaps that multipliers hold, shape ``(m,)`` [m]."""
+        held = self._holds | self._stays[pairs.node]
+        return np.where(held, pairs.contact.gap_n, 0.0)
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
         """Decide which nodes are held, and compute multipliers from the balance at the nodes."""
         gap = pairs.contact.gap
-        pairs.excess[:, 0] = gap - pairs.contact.gap_n if self._holds else gap
+        pairs.excess[:, 0] = gap - self._target(pairs)
         R = None if R is None else R[pairs.dofs[:, 0]]
         node, before = pairs.node, self.active[pairs.node]
         # Decisions follow from multipliers, multipliers from decisions.
@@ -120,8 +129,7 @@ class MultiplierContact(NormalContact):
         held &= ~friction.sticks(pairs.node, held)
         x = self._search.candidates.scatter.forward(x)
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
-        if self._holds:
-            gap -= pairs.contact.gap_n
+        gap -= self._target(pairs)
         # Nodes far from where the normals were computed are left to the linear system.
         farthest = _CLOSE * self._state.pair.segment_size
         pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)

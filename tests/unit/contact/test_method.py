@@ -25,7 +25,6 @@ def test_unknown_method_is_refused(surfaces):
     ("arguments", "given"),
     [
         ({"enforcement": nts.Penalty(1.0)}, r"given Penalty"),
-        ({"enforcement": nts.LagrangeMultiplier("plastic")}, "given LagrangeMultiplier"),
         ({"friction": nts.Coulomb(0.3)}, "expected, with method 'mortar', no friction, given"),
     ],
 )
@@ -55,3 +54,10 @@ def test_printed_pair_tells_its_method(surfaces):
     pair = nts.ContactPair(*surfaces, method="mortar")
     assert "method='mortar'" in repr(pair)
     assert str(pair) == "surface-to-surface contact by LagrangeMultiplier"
+
+
+def test_all_pairs_use_it_between_bodies_only():
+    bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
+    floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
+    pairs = nts.all_pairs(bodies, obstacles=[floor], self_contact=bodies[:1], method="mortar")
+    assert [pair.method for pair in pairs] == ["mortar", "node-to-segment", "node-to-segment"]
