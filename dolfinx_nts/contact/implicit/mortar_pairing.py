@@ -42,17 +42,25 @@ class MortarPairing(Pairing):
             [candidates.facets.vertices.ravel(), candidates.segments.ravel()]
         )
         self._candidates, self._points, self._x_n = candidates, points, x_n
+        # Nodes of the last call, and their points.
+        self._last = np.empty(0, dtype=np.int32), points.take(np.empty(0, dtype=np.int32))
+
+    def _of(self, node: Ints) -> MortarPoints:
+        """Points of nodes, which are mostly those of the last call."""
+        if not np.array_equal(node, self._last[0]):
+            self._last = node.copy(), self._points.take(node)
+        return self._last[1]
 
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         """Mean distances of the points, see `Pairing.gaps`."""
-        points = self._points.take(node)
+        points = self._of(node)
         return points.shares.mean(self._candidates.gap(points, x, points.segment))
 
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
         """Evaluate the points of the nodes, see `Pairing.kinematics`."""
-        points, candidates = self._points.take(node), self._candidates
+        points, candidates = self._of(node), self._candidates
         contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
         blocks = PointBlocks(points, candidates.scatter, free, contact.tangent)
         mean = _of_nodes(points, contact)
@@ -73,7 +81,7 @@ class MortarPairing(Pairing):
 
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
-        points = self._points.take(node)
+        points = self._of(node)
         pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
         return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
 
