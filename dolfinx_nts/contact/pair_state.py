@@ -12,6 +12,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Pass, Passes
 from dolfinx_nts.model.obstacles import Obstacle
@@ -180,10 +181,12 @@ class PairState:
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
-        gap = self.gap(x)
+        gap, history = self.gap(x), self.history
+        if self.pair.method != NODES:  # multipliers hold mean gaps
+            gap = np.where(history.active, history.gap, gap)
         # A node deeper than that belongs to another side of the body.
         inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
-        flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
+        flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
