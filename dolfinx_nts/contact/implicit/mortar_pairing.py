@@ -43,7 +43,8 @@ class MortarPairing(Pairing):
         )
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Nodes of the last call, and their points.
-        self._last = np.empty(0, dtype=np.int32), points.take(np.empty(0, dtype=np.int32))
+        none = np.empty(0, dtype=np.int32)
+        self._last: tuple[Ints, MortarPoints] = none, points.take(none)
 
     def _of(self, node: Ints) -> MortarPoints:
         """Points of nodes, which are mostly those of the last call."""
