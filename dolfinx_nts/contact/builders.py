@@ -12,6 +12,7 @@ from dolfinx.mesh import exterior_facet_indices
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.method import NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected
@@ -71,6 +72,7 @@ def all_pairs(
     self_contact: Sequence[Body] = (),
     enforcement: LagrangeMultiplier | Penalty | None = None,
     friction: Coulomb | None = None,
+    method: Method = "node-to-segment",
 ) -> list[ContactPair]:
     """Make the contact pairs by which any body may touch any other. Collective.
 
@@ -88,6 +90,8 @@ def all_pairs(
         self_contact: Those of the bodies that may touch themselves.
         enforcement: How contact is enforced, as in `ContactPair`.
         friction: Law of friction; None: none.
+        method: Method of contact between bodies, as in `ContactPair`. Pairs with obstacles and
+            of self contact are node-to-segment in any case.
 
     Returns:
         The pairs.
@@ -125,13 +129,14 @@ def all_pairs(
 
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
         target: Surface | Obstacle
+        by = NODES
         if isinstance(segments, Obstacle):
             target, text = segments, type(segments).__name__
         elif segments is nodes:
             target, text = surface(*segments), "their own segments"
         else:
-            target, text = surface(*segments), f"the segments of {names(segments)}"
-        pairs.append(ContactPair(surface(*nodes), target, enforcement, friction))
+            target, text, by = surface(*segments), f"the segments of {names(segments)}", method
+        pairs.append(ContactPair(surface(*nodes), target, enforcement, friction, by))
         if bodies[0].V.mesh.comm.rank == 0:
             _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
 

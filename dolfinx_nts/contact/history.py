@@ -29,6 +29,7 @@ class ContactHistory:
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
+        area: Area on which the multiplier acts, shape ``(n,)`` [m^2].
     """
 
     key: GlobalInts
@@ -43,6 +44,7 @@ class ContactHistory:
     slip: Floats
     energy: Floats
     dissipation: Floats
+    area: Floats
 
     @classmethod
     def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
@@ -72,6 +74,7 @@ class ContactHistory:
             slip=np.zeros(n),
             energy=np.zeros(n),
             dissipation=np.zeros(n),
+            area=np.zeros(n),
         )
 
 

@@ -16,6 +16,7 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.method import KINDS, Method, check_method
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -63,16 +64,21 @@ class ContactPair(Declaration):
         segments: Surface whose segments are touched, or a rigid obstacle.
         enforcement: How contact is enforced; None: by multipliers with elastic impact.
         friction: Law of friction; None: none.
+        method: ``"node-to-segment"``: each node holds its distance from the segment that it
+            faces. ``"mortar"``: surface to surface, each node holds the mean distance of the
+            facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
+            a uniform pressure exactly, wherever nodes of the two surfaces lie.
 
     Attributes:
-        nodes, segments, enforcement: The arguments.
+        nodes, segments, enforcement, method: The arguments.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
 
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share some of their nodes;
-            convective friction without what it needs.
+            convective friction without what it needs; another ``method``, or one that does not
+            suit the other arguments.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -87,6 +93,7 @@ class ContactPair(Declaration):
         segments: Surface | Obstacle,
         enforcement: LagrangeMultiplier | Penalty | None = None,
         friction: Coulomb | None = None,
+        method: Method = "node-to-segment",
     ) -> None:
         """Check types, surfaces and that the laws suit each other."""
         if not isinstance(nodes, Surface):
@@ -113,6 +120,8 @@ class ContactPair(Declaration):
         # With mu = 0 there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
+        self.method = method
+        check_method(self)
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
@@ -187,7 +196,7 @@ class ContactPair(Declaration):
 
     def __repr__(self) -> str:
         """Arguments in one line. Local."""
-        names = ("nodes", "segments", "enforcement", "friction")
+        names = ("nodes", "segments", "enforcement", "friction", "method")
         return as_call(self, **{name: getattr(self, name) for name in names})
 
     def __str__(self) -> str:
@@ -198,7 +207,7 @@ class ContactPair(Declaration):
 
     def describe(self) -> str:
         """Laws of contact and friction in words. Local."""
-        text = f"contact by {type(self.enforcement).__name__}"
+        text = f"{KINDS[self.method]} by {type(self.enforcement).__name__}"
         if self.friction is not None:
             text += f", Coulomb friction with mu = {self.friction.mu:g}"
         return text

@@ -12,6 +12,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Pass, Passes
 from dolfinx_nts.model.obstacles import Obstacle
@@ -19,6 +20,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
@@ -179,10 +181,12 @@ class PairState:
         law = self.pair.enforcement
         if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
-        gap = self.gap(x)
+        gap, history = self.gap(x), self.history
+        if self.pair.method != NODES:  # multipliers hold mean gaps
+            gap = np.where(history.active, history.gap, gap)
         # A node deeper than that belongs to another side of the body.
         inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
-        flags: Flags = (np.abs(gap) > gap_tol) & (inside | self.history.active)
+        flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
@@ -229,12 +233,17 @@ class PairState:
 
 def _pressure_by(contact: Pass) -> Floats:
     """Pressure by the springs or multipliers of a pair alone, shape ``(n,)`` [Pa]. Collective."""
-    return contact.pair.nodes.per_area(-contact.history.lambda_N)
+    nodes, history = contact.pair.nodes, contact.history
+    # A multiplier may act on a part of the area of its node.
+    part = np.where(history.area > 0, history.area / nodes.area, 1.0)
+    return nodes.per_area(-history.lambda_N / part)
 
 
 def _search(pair: ContactPair) -> Search:
     """Make the search for what the nodes of a pair may touch. Collective."""
     if isinstance(pair.segments, Obstacle):
         return ObstacleSearch(pair.segments, pair.nodes)
-    search = SelfContactSearch if pair.touches_itself else GlobalSearch
+    if pair.touches_itself:
+        return SelfContactSearch(pair.nodes, pair.segments)
+    search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
     return search(pair.nodes, pair.segments)

@@ -22,6 +22,7 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.history import ContactWork
@@ -129,6 +130,11 @@ class CentralDifference(Stepper):
         update: Callable[[float], None] | None = None,
     ) -> None:
         """Check the arguments, compile the forms, and estimate the stable step."""
+        if any(pair.method != "node-to-segment" for pair in instances(ContactPair, pairs)):
+            raise ValueError(
+                "expected pairs of method 'node-to-segment' with CentralDifference, given "
+                "'mortar', which the implicit steppers can do"
+            )
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
         V, n = self.u.function_space, len(self.node_ids)

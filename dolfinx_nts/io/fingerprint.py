@@ -98,7 +98,7 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
         text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
     else:
         text += _law(pair.segments)
-    return f"{text}, {_law(pair.enforcement)}, {_law(pair.friction)}"
+    return f"{text}, {pair.method}, {_law(pair.enforcement)}, {_law(pair.friction)}"
 
 
 def _law(law: object) -> str:

@@ -6,21 +6,19 @@ what arrived become ghosts of an index map, which then carries positions to the 
 forces back.
 """
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import common
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
-__all__ = ["GlobalSearch"]
+__all__ = ["GlobalSearch", "owners_of"]
 
 # Reach of a search relative to the one asked for [-]: the margin saves exchanges between
 # ranks and costs a few segments.
@@ -36,6 +34,8 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
+    # Global numbers and owners of nodes whose values are needed beside those of the segments.
+    _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
         """Prepare what is sent of the segments of this rank."""
@@ -43,7 +43,7 @@ class GlobalSearch(Search):
         self._segments = segments
         space, vertices = segments.V.dofmap.index_map, segments.segments
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
-        owners = _owners(space, self._comm)[vertices]
+        owners = owners_of(space)[vertices]
         # What is sent of a segment, but for its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         # Where nodes and vertices were at the last search, and the reach it covered.
@@ -97,7 +97,9 @@ class GlobalSearch(Search):
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )
         order = np.argsort(key)
-        ids, owners = ids[order], owners[order]
+        shape, num_others = ids.shape, len(self._others[0])
+        ids = np.concatenate([ids[order].ravel(), self._others[0]])
+        owners = np.concatenate([owners[order].ravel(), self._others[1]])
 
         first, last = space.local_range
         local = ids - first
@@ -112,11 +114,12 @@ class GlobalSearch(Search):
         orientation, key, size, thickness = (
             values[order] for values in (orientation, key, size, thickness)
         )
-        found = FoundSegments(scatter, local.astype(np.int32), orientation, key, size, thickness)
-        return self._make(found)
+        vertices, others = np.split(local.astype(np.int32), [len(local) - num_others])
+        found = FoundSegments(scatter, vertices.reshape(shape), orientation, key, size, thickness)
+        return self._make(found, others)
 
-    def _make(self, found: FoundSegments) -> SegmentCandidates:
-        """Make the candidates of the segments that were found."""
+    def _make(self, found: FoundSegments, others: Ints) -> SegmentCandidates:
+        """Make the candidates of the segments that were found; ``others`` are local numbers."""
         return SegmentCandidates(found)
 
 
@@ -127,7 +130,7 @@ def _box(x: Floats, reach: float) -> Floats:
     return np.array([x.min(axis=0) - reach, x.max(axis=0) + reach])
 
 
-def _owners(index_map: common.IndexMap, comm: MPI.Comm) -> Ints:
-    """Owning rank of each local index."""
-    own = np.full(index_map.size_local, comm.rank, dtype=np.int32)
+def owners_of(index_map: common.IndexMap) -> Ints:
+    """Owning rank of each local index. Local."""
+    own = np.full(index_map.size_local, index_map.comm.rank, dtype=np.int32)
     return np.concatenate([own, index_map.owners])

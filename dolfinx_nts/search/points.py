@@ -2,8 +2,8 @@
 
 The position of a contact point is a constant linear combination of nodal positions.
 Node-to-segment contact has one point at each node, with weight one. Kernels see points and
-segments only; what they return is then aggregated to the nodes that carry the multipliers.
-Other methods bring points of their own.
+segments only; what they return is then summed up for the nodes that carry the multipliers.
+Mortar contact has points of its own, see `mortar_points`.
 """
 
 from typing import Protocol
@@ -12,7 +12,6 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.facing import Facing
-from dolfinx_nts.model.kinematics import ContactKinematics
 
 __all__ = ["ContactPoints", "NodalPoints"]
 
@@ -20,28 +19,22 @@ __all__ = ["ContactPoints", "NodalPoints"]
 class ContactPoints(Protocol):
     """Material points whose positions are linear in those of the nodes. Local.
 
-    ``p`` is the number of points, ``n`` that of the nodes with multipliers.
-
-    Attributes:
-        facing: What the points may touch.
+    ``p`` is the number of points.
     """
 
-    facing: Facing
+    @property
+    def facing(self) -> Facing:
+        """What the points may touch."""
+
+    @property
+    def nodes(self) -> Ints:
+        """Local node that each point is, -1 within a facet, shape ``(p,)``."""
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
         """Select the points of some nodes, by their positions among those with multipliers."""
-
-    def dofs(self, vertices: Ints) -> Ints:
-        """Local nodes of each constraint, ``(n, ...)``; that with the multiplier comes first.
-
-        ``vertices`` are those of the segments of the points, shape ``(p, k)``.
-        """
-
-    def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
-        """Turn kinematics of the pairs of points into those of the constraints."""
 
 
 class NodalPoints:
@@ -57,8 +50,8 @@ class NodalPoints:
 
     def __init__(self, nodes: Ints, facing: Facing | None = None) -> None:
         """Take the nodes as points."""
-        self.nodes = nodes
-        self.facing = Facing.everywhere(len(nodes)) if facing is None else facing
+        self.nodes: Ints = nodes
+        self.facing: Facing = Facing.everywhere(len(nodes)) if facing is None else facing
 
     def of(self, values: Floats) -> Floats:
         """Take the values at the nodes, see `ContactPoints.of`."""
@@ -69,11 +62,7 @@ class NodalPoints:
         return NodalPoints(self.nodes[nodes], self.facing.take(nodes))
 
     def dofs(self, vertices: Ints) -> Ints:
-        """The node and the vertices of its segment, ``(n, 1+k)``, see `ContactPoints.dofs`."""
+        """Each node and the vertices of its segment, ``(n, k)``, as nodes of pairs ``(n, 1+k)``."""
         dofs = np.empty((len(vertices), 1 + vertices.shape[1]), dtype=np.int32)
         dofs[:, 0], dofs[:, 1:] = self.nodes, vertices
         return dofs
-
-    def aggregate(self, kinematics: ContactKinematics) -> ContactKinematics:
-        """Return the argument, as every node is its own point."""
-        return kinematics

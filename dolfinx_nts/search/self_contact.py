@@ -68,8 +68,7 @@ class SelfContactCandidates(SegmentCandidates):
 
     def _own_rows(self, points: ContactPoints) -> Ints:
         """The nodes themselves, as they are vertices of the surface."""
-        nodes: Ints = points.dofs(np.empty((len(points.facing.numbers), 0), dtype=np.int32))[:, 0]
-        return nodes
+        return points.nodes
 
     def _normals(self, x: Floats) -> Floats:
         """Normals of the surface, of any length; right at owned nodes only, shape ``(l, 3)``."""
@@ -83,6 +82,6 @@ class SelfContactCandidates(SegmentCandidates):
 class SelfContactSearch(GlobalSearch):
     """Finds segments that nodes of the same surface can reach, see `GlobalSearch`. Collective."""
 
-    def _make(self, found: FoundSegments) -> SelfContactCandidates:
+    def _make(self, found: FoundSegments, others: Ints) -> SelfContactCandidates:
         X = self._nodes.V.tabulate_dof_coordinates()[: found.scatter.index_map.size_local]
         return SelfContactCandidates(found, X)

@@ -80,6 +80,7 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     """Whether this rank knows of such a node. Collective."""
     taken: Any = 0
     others: Any = 0
+    allowed: Any = 0
     blocked = False
     for p in pairs:
         constrained, first = p.blocks.rank > 0, p.blocks.start[:-1]
@@ -88,5 +89,7 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
         marks[np.delete(p.blocks.nodes, first[constrained]), 1] = 1
         marks = p.ghosts.reverse(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
-        blocked = blocked or bool(p.fixed[constrained].any())
-    return blocked or bool(((taken > 1) | ((taken > 0) & (others > 0))).any())
+        if p.may_overlap:
+            allowed = allowed + marks[:, 1] * (marks[:, 0] > 0)
+        blocked = not p.is_regular or blocked or bool(p.fixed[constrained].any())
+    return blocked or bool(((taken > 1) | ((taken > 0) & (others > allowed))).any())

@@ -167,11 +167,12 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
             dofs = _dofs(lists[entries])
             for result, rows in ((G, gradients), (F, columns)):
                 dense = np.zeros((rank, n))
-                dense[:, dofs] = rows[entries].reshape(3, -1)[:rank]
+                # Lists may name a node twice.
+                np.add.at(dense, (slice(None), dofs), rows[entries].reshape(3, -1)[:rank])
                 result.append(dense)
         for block, some in zip(blocks.tangent, blocks.tangent_nodes, strict=True):
             dofs = _dofs(np.searchsorted(nodes, some))
-            C[np.ix_(dofs, dofs)] += block
+            np.add.at(C, np.ix_(dofs, dofs), block)
     forces: Floats = np.vstack(F).T
     m = forces.shape[1]
     whole = np.block(

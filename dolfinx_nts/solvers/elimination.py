@@ -10,84 +10,176 @@ normal at the node, the gap gradients G, the forces F, and
 
 the increment is :math:`\Delta u = x_p + Z y` with a particular part
 :math:`x_p` that satisfies the constraints, and the multipliers follow from
-the balance of normal forces at the nodes.
+the balance of normal forces at the nodes. With node-to-segment contact
+:math:`G^T E` is diagonal; with mortar contact it is nearly so, and each rank
+solves with all of it.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Array, Flags, Floats
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.search.candidates import Candidates
-from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.partial_scatter import PartialScatter
 
-__all__ = ["ActivePairs", "Elimination", "active_pairs"]
+__all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 
 
 _NO_VALUES = np.empty(0)  # of constraints: they are to become zero
 
 
-class ActivePairs(NamedTuple):
-    """Active pairs of one contact pair.
+class ActivePairs:
+    """Active pairs of one contact pair, of which no node is constrained by two.
+
+    Vectors are nodal, shape ``(n, 3)``, over the owned nodes; a part of one
+    is over the nodes that pairs of this rank need.
+
+    Args:
+        candidates: What carries the values of their nodes.
+        state: All pairs.
 
     Attributes:
         blocks: Their constraints and tangent, by the nodes of ``ghosts``.
-        kernel: The same with places in the part of a vector that is needed.
-        scatter: Takes this part; None where a rank knows all values: then
-            it is the vector itself.
-        places: Of the constrained nodes in the part.
         ghosts: Carries the values of nodes between ranks.
         fixed: Whether the node cannot give up what constraints determine.
         excess: What the constraints should make zero, shape ``(m, 3)`` [m].
     """
 
-    blocks: ContactBlocks
-    kernel: _kernels.Elimination
-    scatter: PartialScatter | None
-    places: Array
-    ghosts: NodalScatter
-    fixed: Flags
-    excess: Floats
+    # Whether constraints may reach constrained nodes of others.
+    may_overlap = False
 
-    @classmethod
-    def of(cls, candidates: Candidates, state: ContactContribution) -> "ActivePairs":
-        """Take the active ones of all pairs.
-
-        Args:
-            candidates: What carries the values of their nodes.
-            state: The pairs.
-        """
+    def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
+        """Take the active ones."""
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
-            *(pairs.normal, pairs.gradients, state.columns, state.tangent),
+            *(pairs.normal, pairs.gradients, state.columns),
         )
+        tangent_nodes, tangent = pairs.blocks.nodes, state.tangent
         if not state.active.all():
             active = np.flatnonzero(state.active)
             arrays = tuple(array.take(active, axis=0) for array in arrays)
-        fixed, excess, dofs, rank, normal, gradients, columns, tangent = arrays
+            loaded = pairs.blocks.of(state.active)
+            tangent_nodes, tangent = tangent_nodes[loaded], tangent[loaded]
+        self.fixed, self.excess, dofs, rank, normal, gradients, columns = arrays
+        self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        blocks = ContactBlocks(start, nodes, rank, normal, gradients, columns, dofs, tangent)
+        constraints = start, nodes, rank, normal, gradients, columns
+        self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
         needed = blocks
-        scatter = None
+        # Takes the part of a vector; None where that is the vector itself.
+        self._scatter: PartialScatter | None = None
         if not ghosts.is_local:
             nodes = np.union1d(blocks.nodes, blocks.tangent_nodes)
-            scatter = PartialScatter(ghosts, nodes)
+            self._scatter = PartialScatter(ghosts, nodes)
             needed = blocks.renumbered(lambda some: np.searchsorted(nodes, some).astype(np.int32))
-        kernel = needed.kernel()
-        return cls(blocks, kernel, scatter, needed.constrained, ghosts, fixed, excess)
+        self._needed, self._kernel = needed, needed.kernel()
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether the projections exist as far as the pairs alone decide. Collective."""
+        return True
+
+    def constrain(self, values: Floats, x: Floats) -> Floats:
+        """Replace x by Z x + E (G^T E)^-1 values; return the part of it. Collective."""
+        part = self.part(x)
+        self._kernel.constrain(values, part)
+        if part is not x:
+            x[self.blocks.constrained] = part[self._needed.constrained]
+        return part
+
+    def act(self, part: Floats, y: Floats) -> Floats:
+        """Replace y by Z~^T (y + C x), with the part of x. Collective.
+
+        Returns:
+            Multipliers of the forces that this removes, shape ``(m, 3)`` [N].
+        """
+        own = self._own(y)
+        removed = self._kernel.act(part, own)
+        self._put(own, y)
+        return removed
+
+    def part(self, x: Floats) -> Floats:
+        """Part of a nodal vector over the nodes that these pairs need. Collective."""
+        return x if self._scatter is None else self._scatter.take(x)
+
+    def _own(self, y: Floats) -> Floats:
+        return y if self._scatter is None else self._scatter.owned(y)
+
+    def _put(self, own: Floats, y: Floats) -> None:
+        if self._scatter is not None:
+            self._scatter.put(own, y)
 
     def global_blocks(self) -> ContactBlocks:
         """The blocks with global numbers of the nodes."""
         if self.ghosts.index_map.size_local == self.ghosts.index_map.size_global:
             return self.blocks
         return self.blocks.renumbered(self.ghosts.global_nodes)
+
+
+class CoupledPairs(ActivePairs):
+    """Active pairs whose constraints reach constrained nodes of each other, see `ActivePairs`."""
+
+    may_overlap = True
+
+    def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
+        """Multiply constraints and directions."""
+        super().__init__(candidates, state)
+        blocks = self.blocks
+        c = max(1, int(blocks.rank.max(initial=1)))
+        normal = blocks.rank[:, None, None] == 1
+        directions = np.where(normal, blocks.normal[:, None], np.eye(3)[:c])
+        self._directions = directions * (np.arange(c) < blocks.rank[:, None])[:, :, None]
+        self._rows = blocks.gradients[:, :c], blocks.columns[:, :c]
+        self._dofs = self._needed.nodes.reshape(self._pair_dofs.shape)
+        dofs = self._pair_dofs
+        self._gradients, self._forces = (
+            NodalSystem(self.ghosts, dofs, blocks.rank, rows, self._directions, transposed=t)
+            for rows, t in zip(self._rows, (False, True), strict=True)
+        )
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether both systems can be solved, see `ActivePairs.is_regular`."""
+        ones = np.ones(self._directions.shape[:2])
+        parts = [system.solve(ones) for system in (self._gradients, self._forces)]
+        return all(bool(np.isfinite(part).all()) for part in parts)
+
+    def constrain(self, values: Floats, x: Floats) -> Floats:
+        """Solve for all nodes at once, see `ActivePairs.constrain`."""
+        part = self.part(x)
+        there = part[self._dofs].reshape(len(self._dofs), 3 * self._dofs.shape[1])
+        missing = -np.einsum("mcd,md->mc", self._rows[0], there)
+        if len(values):
+            missing += values[:, : missing.shape[1]]
+        way = self._gradients.solve(missing)
+        x[self.blocks.nodes[self.blocks.start[:-1]]] += np.einsum(
+            "mc,mci->mi", way, self._directions
+        )
+        return self.part(x)
+
+    def act(self, part: Floats, y: Floats) -> Floats:
+        """Sum up tangents first, then balance, see `ActivePairs.act`."""
+        own = self._own(y)
+        self._kernel.add_tangent(part, own)
+        self._put(own, y)
+        first = self.blocks.nodes[self.blocks.start[:-1]]
+        force = np.einsum("mi,mci->mc", y[first], self._directions)
+        lambda_N = self._forces.solve(force)
+        forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
+        own = self._own(y)
+        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, 3))
+        self._put(own, y)
+        removed = np.zeros((len(first), 3))
+        removed[:, : lambda_N.shape[1]] = lambda_N
+        return removed
 
 
 def active_pairs(
@@ -101,7 +193,7 @@ def active_pairs(
     """
     # An exchange is collective: what is empty on all ranks is left out.
     return [
-        ActivePairs.of(step.candidates, state)
+        (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(step.candidates, state)
         for step, state in zip(steps, states, strict=True)
         if step.num_active
     ]
@@ -138,12 +230,7 @@ class Elimination:
         return self._constrain(x, [_NO_VALUES] * len(self.pairs))
 
     def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
-        parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]
-        for p, value, part in zip(self.pairs, values, parts, strict=True):
-            p.kernel.constrain(value, part)
-            if part is not x:
-                x[p.blocks.constrained] = part[p.places]
-        return parts
+        return [p.constrain(value, x) for p, value in zip(self.pairs, values, strict=True)]
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
@@ -160,16 +247,9 @@ class Elimination:
         Returns:
             Those of each of `pairs`, constraint by constraint [N].
         """
-        parts = [x if p.scatter is None else p.scatter.take(x) for p in self.pairs]
-        removed = zip(self.pairs, self._act(parts, y), strict=True)
+        removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
         return [-values[np.arange(3) < p.blocks.rank[:, None]] for p, values in removed]
 
     def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
-        """Project y; returns the multipliers of what this removes."""
-        removed = []
-        for p, x in zip(self.pairs, parts, strict=True):
-            part = y if p.scatter is None else p.scatter.owned(y)
-            removed.append(p.kernel.act(x, part))
-            if p.scatter is not None:
-                p.scatter.put(part, y)
-        return removed
+        """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""
+        return [p.act(x, y) for p, x in zip(self.pairs, parts, strict=True)]

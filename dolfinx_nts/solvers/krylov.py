@@ -22,7 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.elimination import Elimination, active_pairs
+from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator, Preconditioner
@@ -156,7 +156,7 @@ class LinearSolver:
         pairs = active_pairs(steps, states)
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
-            return self._solve_direct(R, steps, states)
+            return self._solve_direct(R, steps, pairs)
         preconditioner = self._preconditioner
         cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
         is_new = preconditioner.point is None or self._age.excess > cost
@@ -169,7 +169,7 @@ class LinearSolver:
                 continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
             if is_new and preconditioner.is_strong:
-                return self._solve_direct(R, steps, states)
+                return self._solve_direct(R, steps, pairs)
             if is_new:
                 preconditioner.strengthen()
             self._build()
@@ -265,7 +265,11 @@ class LinearSolver:
         return float(np.sqrt(2 * greatest))
 
     def _solve_direct(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+        self, R: Floats, steps: Sequence[ContactStep], pairs: Sequence[ActivePairs]
     ) -> tuple[Floats, list[Floats]]:
         self.num_direct += 1
-        return self._saddle.solve(R, steps, states)
+        du, parts = self._saddle.solve(R, pairs)
+        # Contact pairs without active nodes on any rank have no item.
+        increments = iter(parts)
+        none: Floats = np.empty(0)
+        return du, [next(increments) if step.num_active else none for step in steps]

@@ -10,16 +10,17 @@ with the contact force F of the step and the gap gradient G at its end, so that
 the matrix is not symmetric.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from petsc4py import PETSc
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SaddlePointSystem"]
@@ -42,19 +43,16 @@ class SaddlePointSystem:
         """Create the solver, which factorises in each `solve`."""
         self._tangent = tangent
 
-    def solve(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
-    ) -> tuple[Floats, list[Floats]]:
+    def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
 
         Args:
             R: Residual on the owned dofs [N].
-            steps: Contact attempts.
-            states: Their pairs.
+            pairs: Active pairs.
 
         Returns:
             du on the owned dofs [m], and the increments of the multipliers
-            of each state, constraint by constraint [N].
+            of each item of pairs, constraint by constraint [N].
         """
         self._tangent.assemble_exact()
         K, comm = self._tangent.matrix(scalar=True), self._tangent.rows.index_map.comm
@@ -62,7 +60,7 @@ class SaddlePointSystem:
         stiffest = float(self._tangent.nodal_stiffness().max(initial=_NO_STIFFNESS))
         compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         first, last = K.getOwnershipRange()
-        counts = [int(state.rank.sum()) for state in states]
+        counts = [int(p.blocks.rank.sum()) for p in pairs]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
         u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
@@ -83,18 +81,18 @@ class SaddlePointSystem:
         multiplier = last + int(shift[comm.rank])
         right = np.empty(n)
         right[: last - first] = -R
-        for step, state in zip(steps, states, strict=True):
-            active = np.flatnonzero(state.active)
-            nodes = step.candidates.scatter.global_nodes(state.pairs.dofs[active]).ravel()
-            dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
-            dofs = dofs.reshape(len(active), state.residual.shape[1])
-            for i, pair_dofs in zip(active, dofs, strict=True):
-                A.setValues(pair_dofs, pair_dofs, state.tangent[i], addv=True)
-                for a in range(state.rank[i]):
-                    A.setValues(pair_dofs, multiplier, state.columns[i, a], addv=True)
-                    A.setValues(multiplier, pair_dofs, state.pairs.gradients[i, a], addv=True)
+        for p in pairs:
+            blocks = p.global_blocks()
+            for nodes, tangent in zip(blocks.tangent_nodes, blocks.tangent, strict=True):
+                dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+                A.setValues(dofs, dofs, tangent, addv=True)
+            for i, (nodes, gradients, columns) in enumerate(_rows(blocks)):
+                dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+                for a in range(blocks.rank[i]):
+                    A.setValues(dofs, multiplier, columns[a], addv=True)
+                    A.setValues(multiplier, dofs, gradients[a], addv=True)
                     A.setValue(multiplier, multiplier, -compliance, addv=True)
-                    right[multiplier - first - shift[comm.rank]] = -state.pairs.excess[i, a]
+                    right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
                     multiplier += 1
         A.assemble()
 
@@ -111,3 +109,12 @@ class SaddlePointSystem:
             item.destroy()
         du, dlambda = np.split(solution, [last - first])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
+
+
+def _rows(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
+    """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
+    gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
+    for first, last in pairwise(map(int, blocks.start)):
+        part = slice(9 * first, 9 * last)
+        rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
+        yield blocks.nodes[first:last], *rows

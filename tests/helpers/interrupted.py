@@ -15,9 +15,10 @@ def layers(middle):
     return (np.argsort(np.argsort(middle[:, 0])) % MPI.COMM_WORLD.size).astype(int)
 
 
-def with_law(scheme, enforcement, friction, bodies, pairs, dt):
+def with_law(scheme, enforcement, friction, bodies, pairs, dt, method="node-to-segment"):
     """Return a stepper whose pairs have another law."""
-    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, friction) for p in pairs]
+    laws = enforcement, friction, method
+    pairs = [nts.ContactPair(p.nodes, p.segments, *laws) for p in pairs]
     return scheme(bodies, pairs, dt=dt)
 
 
@@ -28,6 +29,7 @@ SCHEMES = {
     "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
     "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     "strong": nts.EnergyMomentum,
+    "mortar": partial(with_law, nts.EnergyMomentum, None, None, method="mortar"),
 }
 
 

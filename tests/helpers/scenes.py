@@ -245,6 +245,7 @@ def ball_plate(
     motion: Motion | None = None,
     dt: float = BALL_PLATE_STEP,
     friction: nts.Coulomb | None = None,
+    method: str = "node-to-segment",
 ) -> Scene:
     """Return a hollow ball that flies against a plate, both free. Collective.
 
@@ -256,6 +257,7 @@ def ball_plate(
         motion: Moves everything, velocities too.
         dt: Step.
         friction: Law of friction.
+        method: Method of the contact pair.
     """
     motion = motion or Motion.none()
     mesh, cells, facets, tag = nts.read_mesh(BALL_PLATE, comm)
@@ -270,6 +272,7 @@ def ball_plate(
         nts.Surface(V, facets, tag["plate_top"]),
         enforcement,
         friction,
+        method,
     )
     stepper = scheme(list(bodies.values()), [pair], dt=dt)
     stepper.set_velocity(bodies["ball"], motion.Q @ [0.0, 1.0, -1.0])

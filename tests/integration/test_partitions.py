@@ -7,6 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 from helpers import scenes
+from helpers.interrupted import SCHEMES
 from stress.run import CASES
 
 # Relative, of energies: scenes without ties, so that only rounding and
@@ -16,7 +17,8 @@ ENERGY_TOLERANCE = 1e-10
 POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+MORTAR = SCHEMES["mortar"]
+schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, MORTAR])
 
 
 def compare(one, other, num_steps, numbers=None):
@@ -82,10 +84,11 @@ def scattered(middle):
 
 
 @cells_
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR])
 @pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
-def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, owner):
-    special = scenes.blocks(comm, cell=cell, owner=owner)
-    alone = scenes.blocks(MPI.COMM_SELF, cell=cell)
+def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
+    special = scenes.blocks(comm, scheme, cell=cell, owner=owner)
+    alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell)
     compare(special, alone, 10)
 
 

@@ -15,13 +15,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import meshing
+from helpers.compressed_blocks import compress
 
-E, COMPRESSION = 1.0, 1e-4
+COMPRESSION = 1e-4
 # Strains are of the size of the compression, the theory is linear.
 EXACT = 10 * COMPRESSION
 
@@ -42,45 +40,8 @@ def stress_error(
         the contact pressure on each side with nodes, relative to the force between the blocks.
     """
     comm = MPI.COMM_WORLD
-
-    def build(model: Any) -> None:
-        for name, z, n in (("lower", 0.0, lower), ("upper", 0.5, upper)):
-            box = {"corner": (0, 0, z), "size": (1, 1, 0.5), "cells": (n, n, n // 2)}
-            meshing.add_box(model, name, **box)
-
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E=E, nu=0.3, rho=1.0)
-    bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
-    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
-    way = fem.Constant(mesh, 0.0)
-
-    def support(axis: int, value: Any, *sides: str) -> fem.DirichletBC:
-        held = np.sort(np.concatenate([facets.find(tag[side]) for side in sides]))
-        return fem.dirichletbc(
-            value, fem.locate_dofs_topological(V.sub(axis), 2, held), V.sub(axis)
-        )
-
-    zero = np.float64(0.0)
-    bcs = [
-        support(0, zero, "lower_left", "upper_left"),
-        support(1, zero, "lower_front", "upper_front"),
-        support(2, zero, "lower_bottom"),
-        support(2, way, "upper_top"),
-    ]
-
-    def update(t: float) -> None:
-        way.value = -COMPRESSION * t
-
-    contacts = np.atleast_1d(pairs(*surfaces)).tolist()
-    stepper = nts.QuasiStatic(bodies, contacts, dt=1.0, bcs=bcs, update=update)
-    stepper.advance()
-    F = ufl.Identity(3) + ufl.grad(stepper.u)
-    S = material.stress(F.T * F, **material.parameters)
-    point = np.full((1, 3), 0.5)
-    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-    stress = fem.Expression(S[2, 2], point).eval(mesh, owned)
-    error = stress / (-E * COMPRESSION) - 1
+    blocks = compress(lower, upper, pairs, compression=COMPRESSION)
+    stepper, error = blocks.stepper, blocks.stress - 1
     largest = comm.allreduce(np.abs(error).max(initial=0.0), op=MPI.MAX)
     sums = comm.allreduce(np.array([np.sum(error**2), error.size]))
     pressed = [contact.pressure @ contact.nodes.area for contact in stepper.contacts]

@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
@@ -28,6 +29,14 @@ __all__ = ["ContactStep", "contact_residual"]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
+
+# How contact points find their segments, by the method of the pair and absence of inertia.
+_SEARCHES = {
+    ("node-to-segment", False): LocalSearch,
+    ("node-to-segment", True): LocalSearch,
+    ("mortar", False): FrozenPoints,
+    ("mortar", True): SettlingPoints,
+}
 
 
 class ContactStep:
@@ -70,7 +79,8 @@ class ContactStep:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
         state.derive_penalty(stiffness)
-        self.search = search = LocalSearch(state, x_n, x_trial)
+        make = _SEARCHES[state.pair.method, is_static]
+        self.search = search = make(state, x_n, x_trial)
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
@@ -113,11 +123,14 @@ class ContactStep:
         return self._contribution(pairs, changed if iteration else num_active)
 
     def reproject(self) -> int:
-        """Find the segments again in equilibrium; return how many nodes changed theirs. Local.
+        """Find the segments again in equilibrium; return how many of this rank changed.
 
         With any change, equilibrium has to be found again.
         """
-        return self.search.reproject(self.x, self.normal.nodes)
+        moved, is_renewed = self.search.reproject(self.x, self.normal.nodes)
+        if is_renewed:
+            self.normal.renew()
+        return moved
 
     def close_gaps(self, x: Floats, u: Floats) -> None:
         """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`."""
@@ -169,6 +182,7 @@ class ContactStep:
             sliding=self.normal.active & self.friction.sliding,
             lambda_N=self.normal.lambda_N.copy(),
             gap=search.gap.copy(),
+            area=search.pairing.area,
             energy=history.energy + slip_energy,
             **slip,
         )
@@ -182,7 +196,7 @@ class ContactStep:
         # What springs account for is not counted twice.
         work += self.normal.stored(pairs)
         before = old.active[pairs.node]
-        same = old.key[pairs.node] == self.candidates.key[pairs.segment]
+        same = self.search.pairing.is_same(pairs)
         parts = np.array(
             [
                 work[before & same].sum(),
@@ -205,25 +219,20 @@ class ContactStep:
             self.normal.active[far], self.normal.lambda_N[far] = False, 0.0
             self.friction.release(far)
             node, segment, moved = node[near], segment[near], moved[near]
-        points, candidates = search.points.take(node), search.candidates
-        contact = candidates.contact(self._scheme, points, search.x_n, x, segment)
-        dofs = points.dofs(candidates.segments.take(segment, axis=0))
-        contact = points.aggregate(contact)
-        free = None if self._free is None else self._free[dofs].reshape(contact.force.shape)
-        pairs = PairKinematics(node, segment, dofs, free, contact)
+        pairs = search.pairing.kinematics(self._scheme, x, node, segment, self._free)
         self.friction.measure(pairs, x)
-        search.gap[node] = contact.gap
+        search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released
 
     def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
         """Residual and tangent from multipliers and tractions. Local."""
         active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
         force = lambda_N[:, None] * pairs.contact.force
-        tangent = lambda_N[:, None, None] * pairs.contact.tangent
+        tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = 3
         columns = self.friction.add_to(pairs, active, force, tangent)
-        residual = pairs.restrict(force, tangent)
+        residual = pairs.blocks.restrict(force, tangent)
         self.normal.add_slope(pairs, columns, tangent)
         failed = pairs.failures(active)
         return ContactContribution(
@@ -239,8 +248,7 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     and of the candidates on this rank are unknown.
     """
     free = search.candidates.scatter.forward(free)
-    all_free = bool(free[search.candidates.segments].all() and search.points.of(free).all())
-    return None if all_free else free
+    return None if free[search.pairing.reached].all() else free
 
 
 def _normal_contact(

@@ -1,7 +1,8 @@
 """Pairs that may transmit force: kinematics, residual and tangent.
 
-Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the 3 (1+k)
-coordinates of a pair, those of its node first. Everything is local.
+Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the
+coordinates of a pair, those of its node first: 3 (1+k) with segments of k vertices, three times
+the nodes of the longest list with mortar contact. Everything is local.
 """
 
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["ContactContribution", "PairKinematics"]
@@ -25,13 +27,13 @@ class PairKinematics:
     Args:
         node: Position of the node among those of the surface, shape ``(m,)``.
         segment: Candidate that the node faces, shape ``(m,)``.
-        dofs: Nodes of the pair in the map of the candidates' scatter, shape ``(m, 1+k)``.
         free: 1 where the displacement is unknown, otherwise 0, shape ``(m, d)``; None if all
             are unknown.
         contact: Gap and force of the pairs.
+        blocks: How they enter linear systems.
 
     Attributes:
-        node, segment, dofs, contact: The arguments.
+        node, segment, contact, blocks: The arguments.
         force: Normal and tangential force per multiplier, shape ``(m, 3, d)``.
         columns: The same, 0 where the displacement is given.
         gradients: Gradients of gap and slip at x, 0 where it is given, shape ``(m, 3, d)``.
@@ -44,24 +46,28 @@ class PairKinematics:
     slip: Slip
 
     def __init__(
-        self, node: Ints, segment: Ints, dofs: Ints, free: Floats | None, contact: ContactKinematics
+        self,
+        node: Ints,
+        segment: Ints,
+        free: Floats | None,
+        contact: ContactKinematics,
+        blocks: PairBlocks,
     ) -> None:
         """Fill the normal parts; the tangential ones are zero."""
-        self.node, self.segment, self.dofs, self._free = node, segment, dofs, free
-        self.contact = contact
+        self.node, self.segment, self._free = node, segment, free
+        self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
         self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
         self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
-        self.columns, self.normal = self.force, contact.gradient[:, :3].copy()
+        self.columns, self.normal = self.force, _unit(contact.gradient[:, :3])
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
             self.gradients[:, 0] *= free
             self.normal *= free[:, :3]
-            length = np.linalg.norm(self.normal, axis=1)
-            self.normal /= np.where(length > 0, length, 1.0)[:, None]
-            self.fixed = ~(length > _FREE_NORMAL)
+            self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
+            self.normal = _unit(self.normal)
 
     def add_slip(self, slip: Slip) -> None:
         """Fill the tangential parts."""
@@ -76,6 +82,11 @@ class PairKinematics:
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
 
     @property
+    def dofs(self) -> Ints:
+        """Nodes of the pairs in the map of the candidates' scatter, see `PairBlocks`."""
+        return self.blocks.dofs
+
+    @property
     def is_given(self) -> Flags:
         """Whether given displacements alone decide the gap, shape ``(m,)``."""
         if self._free is None:
@@ -87,22 +98,19 @@ class PairKinematics:
         given: Flags = free <= _NO_FREEDOM * whole
         return given
 
-    def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Force, ``(m, d)`` [N], without entries of given displacements.
-
-        The tangent, shape ``(m, d, d)`` [N/m], loses its rows and columns of them in place.
-        """
-        if self._free is None:
-            return force
-        tangent *= self._free[:, :, None] * self._free[:, None, :]
-        return force * self._free
-
     def failures(self, active: Flags) -> int:
         """Number of pairs without a gap, and of ``active`` ones turned by more than 90 degrees."""
         valid = self.contact.turn >= 0  # false where it is NaN
         if valid.all():
             return 0
         return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Vectors, ``(m, 3)``, of unit length, or zero."""
+    length = np.linalg.norm(vectors, axis=1)
+    unit: Floats = vectors / np.where(length > 0, length, 1.0)[:, None]
+    return unit
 
 
 class ContactContribution(NamedTuple):
@@ -118,7 +126,8 @@ class ContactContribution(NamedTuple):
         columns: Force per multiplier, shape ``(m, 3, d)``; that of the normal includes the
             friction which scales with it.
         residual: Contact forces of the pair, shape ``(m, d)`` [N].
-        tangent: Its derivative at fixed multipliers, shape ``(m, d, d)`` [N/m].
+        tangent: Their derivative at fixed multipliers, shape ``(p, 3 k, 3 k)``, by `PairBlocks`
+            [N/m].
         force: The forces without regard to given displacements, shape ``(m, d)`` [N].
         changed: Pairs that changed their segment, became active or inactive, began to stick or
             to slide, or should.

@@ -9,6 +9,8 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES
+from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
@@ -47,7 +49,6 @@ class LocalSearch:
     Attributes:
         candidates: Candidates in reach.
         points: Contact points of the nodes, which face what they do at t_n.
-        way: Longest way of a node in the ballistic step, on any rank [m].
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
@@ -56,21 +57,26 @@ class LocalSearch:
         segment: Segment of each node now or -1, shape ``(n,)``.
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
+        pairing: Evaluates nodes and what they face.
     """
 
     def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
-        self.way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
+        # Longest way of a node in the ballistic step.
+        self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.
-        self.reach = _WAYS * self.way + _kernels.DEEPEST * pair.segment_size
-        self.candidates, _ = candidates, _ = state.search.update(x_n, self.reach)
+        self.reach = _WAYS * self._way + _kernels.DEEPEST * pair.segment_size
+        reach = self.reach + self._beyond(pair)
+        self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
         trial = candidates.scatter.forward(x_trial)
 
-        self.last = candidates.find(state.history.key)
+        last = state.history.key
+        self.pairing: Pairing = NodePairing(pair.nodes, candidates, points, self.x_n, last)
+        self.last = candidates.find(last)
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
         met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)
         self._catch(trial, met, gap_trial)
@@ -85,18 +91,23 @@ class LocalSearch:
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
-        if self.way <= self.candidates.shortest_passage / 2:
+        if self._way <= self.candidates.shortest_passage / 2:
             return
-        node = (~(self.start[1] > 2 * self.way)).nonzero()[0].astype(np.int32)
+        node = (~(self.start[1] > 2 * self._way)).nonzero()[0].astype(np.int32)
         none = np.full(len(node), -1, dtype=np.int32)
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
 
+    @staticmethod
+    def _beyond(pair: ContactPair) -> float:
+        """How much farther than the reach there must be candidates [m]."""
+        return 0.0
+
     @property
     def may_close(self) -> Flags:
         """Nodes whose gap may close within the step, shape ``(n,)``."""
-        flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self.way
+        flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self._way
         return flags
 
     @property
@@ -122,11 +133,14 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def reproject(self, x: Floats, node: Ints) -> int:
-        """Find the segments of nodes in equilibrium, see `find`; return how many changed."""
+    def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
+        """Find the segments of nodes in equilibrium, see `find`. Collective.
+
+        Returns how many changed on this rank, and whether the nodes have other contact points.
+        """
         _, moved = self._find(x, node, _kernels.OVERHANG)
         self._count(node, moved)
-        return int(np.count_nonzero(moved))
+        return int(np.count_nonzero(moved)), False
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Segments of nodes; whether they are others than before."""

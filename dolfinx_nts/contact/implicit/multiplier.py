@@ -4,7 +4,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
@@ -42,21 +41,30 @@ class MultiplierContact(NormalContact):
     ) -> None:
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
-        self._holds = law.impact == "elastic" and not is_static
-        approach, history = search.approach, state.history
-        eligible = approach.segment >= 0
-        if self._holds:
-            size = search.candidates.size
-            # Without candidates nobody is eligible, whatever the size.
-            size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
-            eligible &= law.eligible(approach.gap_n, approach.gap, size, history.active)
-        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
-        eligible = search.candidates.independent(state.nodes, approach.segment, eligible, urgency)
-        super().__init__(state, search, eligible)
+        self._holds, self._law = law.impact == "elastic" and not is_static, law
+        # Contact points are others in each step: the mean gap of a node that stays in contact
+        # would do work if it had to become 0 again.
+        stays = not (search.pairing.follows or is_static)
+        self._stays: Flags = state.history.active & stays
+        super().__init__(state, search)
         if is_static:
             self._begin_in_touch()
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._set = ActiveSet(state.pair, law, stiffness, comm)
+
+    def choose(self) -> Flags:
+        """Choose the eligible nodes, see `NormalContact.choose`."""
+        search, history = self._search, self._state.history
+        approach, candidates = search.approach, search.candidates
+        eligible = approach.segment >= 0
+        if self._holds:
+            # Without candidates nobody is eligible, whatever the size.
+            size = candidates.size
+            size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
+            eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
+        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        nodes = self._state.nodes
+        return candidates.independent(nodes, approach.segment, eligible, urgency)
 
     @property
     def may_touch(self) -> Flags:
@@ -67,14 +75,19 @@ class MultiplierContact(NormalContact):
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
             return super().needs(node)
-        return self.active[node] | (self._search.gap[node] < 0)
+        return self.active[node] | self._stays[node] | (self._search.gap[node] < 0)
+
+    def _target(self, pairs: PairKinematics) -> Floats:
+        """Gaps that multipliers hold, shape ``(m,)`` [m]."""
+        held = self._holds | self._stays[pairs.node]
+        return np.where(held, pairs.contact.gap_n, 0.0)
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
         """Decide which nodes are held, and compute multipliers from the balance at the nodes."""
         gap = pairs.contact.gap
-        pairs.excess[:, 0] = gap - pairs.contact.gap_n if self._holds else gap
+        pairs.excess[:, 0] = gap - self._target(pairs)
         R = None if R is None else R[pairs.dofs[:, 0]]
         node, before = pairs.node, self.active[pairs.node]
         # Decisions follow from multipliers, multipliers from decisions.
@@ -102,7 +115,8 @@ class MultiplierContact(NormalContact):
             friction.follow_multipliers(pairs, lambda_N, active)
             return lambda_N
         reduced, columns = friction.reduced(pairs, R, active)
-        lambda_N = _kernels.balance(pairs.normal, reduced, columns)
+        held = active & ~pairs.fixed
+        lambda_N = pairs.blocks.balance(pairs.normal, reduced, columns, held)
         return np.where(active, friction.balance(pairs, reduced, lambda_N, active), 0.0)
 
     def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
@@ -111,17 +125,14 @@ class MultiplierContact(NormalContact):
         They move along the normals of the last evaluation. Otherwise the linear system has to
         do so, which takes an action of the tangent.
         """
-        search, candidates = self._search, self._search.candidates
         held = self.active[pairs.node] & ~pairs.fixed
         held &= ~friction.sticks(pairs.node, held)
-        points = search.points.take(pairs.node)
-        gap = candidates.gap(points, candidates.scatter.forward(x), pairs.segment)
-        if self._holds:
-            gap -= pairs.contact.gap_n
+        x = self._search.candidates.scatter.forward(x)
+        gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
+        gap -= self._target(pairs)
         # Nodes far from where the normals were computed are left to the linear system.
         farthest = _CLOSE * self._state.pair.segment_size
-        nodes = pairs.dofs[:, 0]
-        _kernels.close_gaps(nodes, held, gap, pairs.normal, pairs.gradients, farthest, u)
+        pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
 
     def rank(self, active: Flags) -> Ints:
         """One normal constraint for each active pair."""

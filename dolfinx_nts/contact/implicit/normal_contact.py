@@ -22,7 +22,6 @@ class NormalContact(ABC):
     Args:
         state: State of the contact pair.
         search: Segments of the nodes.
-        eligible: Nodes that may transmit force, shape ``(n,)``.
 
     Attributes:
         nodes: The eligible nodes, positions among the surface's nodes, shape ``(e,)``.
@@ -31,13 +30,26 @@ class NormalContact(ABC):
         flips: How often a node has changed between contact and none, shape ``(n,)``.
     """
 
-    def __init__(self, state: PairState, search: LocalSearch, eligible: Flags) -> None:
+    def __init__(self, state: PairState, search: LocalSearch) -> None:
         """Begin with the eligible nodes that were active in the last step."""
-        self._state, self._search, self._eligible = state, search, eligible
-        self.nodes: Ints = eligible.nonzero()[0].astype(np.int32)
-        self.active: Flags = state.history.active & eligible
-        self.lambda_N: Floats = np.where(self.active, state.history.lambda_N, 0.0)
-        self.flips: Ints = np.zeros(len(eligible), dtype=np.int32)
+        self._state, self._search, history = state, search, state.history
+        self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
+        self._begin(history.active, history.lambda_N)
+
+    def _begin(self, active: Flags, lambda_N: Floats) -> None:
+        """Choose the eligible nodes; those of them that are active stay so. Collective."""
+        self._eligible = self.choose()
+        self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
+        self.active: Flags = active & self._eligible
+        self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
+
+    def renew(self) -> None:
+        """Go on with other contact points within the step. Collective."""
+        self._begin(self.active, self.lambda_N)
+
+    def choose(self) -> Flags:
+        """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
+        return self._search.approach.segment >= 0
 
     def _begin_in_touch(self) -> None:
         """Let nodes that lie on their segments be active until forces say otherwise. Local."""

@@ -29,7 +29,7 @@ class PenaltyContact(NormalContact):
     ) -> None:
         """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
-        super().__init__(state, search, search.approach.segment >= 0)
+        super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         if self._is_static:
             self._begin_in_touch()
@@ -42,8 +42,7 @@ class PenaltyContact(NormalContact):
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
             # As everything else in eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
-            points, half = self._search.points.take(node), (self._search.x_n + x) / 2
-            gap = self._search.candidates.gap(points, half, pairs.segment)
+            gap = self._search.pairing.gaps((self._search.x_n + x) / 2, node, pairs.segment)
             pairs.gradients[:, 0] = pairs.columns[:, 0]
             lambda_N, active = eps_N * np.minimum(gap, 0.0), gap < 0
             self._slope = np.where(active, eps_N / 2, 0.0)

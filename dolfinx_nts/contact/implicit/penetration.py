@@ -31,13 +31,17 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         step: The solved step.
         dt: Its length [s].
     """
-    counts = [_without_segment(step), _between_segments(step)]
-    without, between = reductions.total(step.state.nodes.V.mesh.comm, counts)
+    search, nodes = step.search, step.state.nodes
+    follows, active = search.pairing.follows, step.normal.active.nonzero()[0].astype(np.int32)
+    counts = [_without_segment(step), _between_segments(step)] if follows else [0, 0]
+    counts.append(search.pairing.num_beyond(step.x, active))
+    without, between, beyond = reductions.total(nodes.V.mesh.comm, counts)
     if without:
         return f"nodes that sank into a surface and face no segment any more: {without}"
     if between:
         return f"nodes that sank into a surface between two segments: {between}"
-    search, nodes = step.search, step.state.nodes
+    if beyond:
+        return f"contact points that slid off their segments within the step: {beyond}"
     ends, start = (search.x_n, step.x), search.start
     passage = Passage.through(
         step.candidates, search.points, ends, start, search.reach, ~step.normal.active

@@ -57,7 +57,9 @@ void elimination(nb::module_& m)
       .def("act", &BoundElimination::act, nb::arg("x"),
            nb::arg("y").noconvert(),
            "y <- Z~^T (y + C x): (n, 3), (n, 3); the multipliers of the forces "
-           "that this removes, (m, 3)");
+           "that this removes, (m, 3)")
+      .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
+           nb::arg("y").noconvert(), "y <- y + C x: (n, 3), (n, 3)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
         nb::arg("columns"),
         "lambda (m,) with n . (force + lambda F) = 0, 0 where n . F is small: "

@@ -77,6 +77,13 @@ public:
     return multipliers;
   }
 
+  void add_tangent(const Doubles& x, Out<double> y) const
+  {
+    check_rows("y", y);
+    check("x", x, {y.shape(0), 3});
+    nts::add_tangent(get(), view(x), view(y));
+  }
+
   /// @brief One more than the greatest node.
   std::size_t num_nodes() const noexcept { return _num_nodes; }
 

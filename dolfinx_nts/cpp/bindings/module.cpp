@@ -14,6 +14,7 @@ void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
 void contact_schwarz(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
+void mortar(nanobind::module_& m);
 void springs(nanobind::module_& m);
 } // namespace nts::bindings
 
@@ -31,5 +32,6 @@ NB_MODULE(_kernels, m)
   nts::bindings::factors(m);
   nts::bindings::contact_schwarz(m);
   nts::bindings::leapfrog(m);
+  nts::bindings::mortar(m);
   nts::bindings::springs(m);
 }

@@ -365,13 +365,15 @@ def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
     pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3))
     assert agree(
         repr(pair) == f"ContactPair(nodes={printed[0]}, segments={printed[1]}, "
-        "enforcement=Penalty(eps_N=50), friction=Coulomb(mu=0.3, eps_T=None, law='objective'))"
+        "enforcement=Penalty(eps_N=50), friction=Coulomb(mu=0.3, eps_T=None, law='objective'), "
+        "method='node-to-segment')"
     )
     pair = nts.ContactPair(old.nodes, nts.RigidSphere((0, 0, 9), 1))
     assert agree(
         repr(pair) == f"ContactPair(nodes={printed[0]}, "
         "segments=RigidSphere(centre=(0, 0, 9), radius=1, hollow=False), "
-        "enforcement=LagrangeMultiplier(impact='elastic'), friction=None)"
+        "enforcement=LagrangeMultiplier(impact='elastic'), friction=None, "
+        "method='node-to-segment')"
     )
 
 

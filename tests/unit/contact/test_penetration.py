@@ -58,6 +58,7 @@ def step_of(facets, before, after, held):
         start=(segment_n, gap_n),
         segment=segment,
         gap=gap,
+        pairing=SimpleNamespace(follows=True, num_beyond=lambda x, node: 0),
     )
     mesh = SimpleNamespace(comm=MPI.COMM_SELF)
     surface = SimpleNamespace(V=SimpleNamespace(mesh=mesh), node_ids=np.array([7]))

@@ -1,0 +1,105 @@
+"""Contact points of surface-to-surface contact (mortar) in one attempt at a step.
+
+The points and their segments are chosen where the surfaces would be without contact, and stay
+as they are in the step: then the force of each multiplier is a sum with constant weights of
+discrete gradients, and does no work while the mean gap stays.
+"""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.local_search import Approach, LocalSearch
+from dolfinx_nts.contact.implicit.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.mortar_points import MortarPoints
+from dolfinx_nts.search.mortar_search import MortarCandidates
+
+__all__ = ["FrozenPoints", "SettlingPoints"]
+
+# Way between equilibrium and where the points were chosen, in coordinates of the reference
+# segment, that is none without inertia.
+_SETTLED = 1e-6
+# Gap, relative to the size of a segment [-], above which it does not matter where points are.
+_NEAR = 0.1
+
+
+class FrozenPoints(LocalSearch):
+    """Contact points of a pair, see `LocalSearch`, which still says what nodes face.
+
+    Args and attributes are those of `LocalSearch`; gaps and segments are those of the contact
+    points: mean gaps of nodes, and a segment that stands for those of the points.
+    """
+
+    candidates: MortarCandidates
+    pairing: MortarPairing
+    # How often points are chosen anew.
+    _most_renewals = 2
+
+    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+        """Choose the points where the surfaces would be without contact."""
+        super().__init__(state, x_n, x_trial)
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        self._trial = self.candidates.scatter.forward(x_trial)
+        self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
+        self._renewals = 0
+        self._choose(self._trial)
+
+    @staticmethod
+    def _beyond(pair: ContactPair) -> float:
+        # Facets reach beyond their owned nodes, also when they are stretched.
+        return 2 * pair.nodes.size
+
+    def _choose(self, x: Floats) -> None:
+        """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
+        self._x_chosen = x.copy()
+        ends = self.x_n, x
+        points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
+        self.pairing = MortarPairing(self.candidates, points, self.x_n)
+        self.segment, every = points.nearest, self._every
+        gap_n, gap_trial = (
+            self.pairing.gaps(end, every, self.segment) for end in (self.x_n, self._trial)
+        )
+        self.approach = Approach(self.segment, gap_n, gap_trial)
+        self.gap = gap_n.copy()
+
+    def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
+        """Compute mean gaps; the points stay, see `LocalSearch.find`."""
+        segment = self.segment[node]
+        self.gap[node] = self.pairing.gaps(x, node, segment)
+        return segment, np.zeros(len(node), dtype=bool)
+
+    def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
+        """Choose points anew where they have left their segments, see `LocalSearch.reproject`."""
+        if self._renewals == self._most_renewals:
+            return 0, False
+        if not reductions.anywhere(self._comm, self._has_left(x, node)):
+            return 0, False
+        self._renewals += 1
+        self._choose(x)
+        return len(node), True
+
+    def _has_left(self, x: Floats, node: Ints) -> bool:
+        """Whether points of nodes, ``(m,)``, are not where they should be on this rank."""
+        return self.pairing.num_beyond(x, self._near(node)) > 0
+
+    def _near(self, node: Ints) -> Ints:
+        """Those of nodes, ``(m,)``, that are so near that it matters where their points are."""
+        size = self.candidates.size
+        size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
+        near: Ints = node[self.gap[node] < _NEAR * size]
+        return near
+
+
+class SettlingPoints(FrozenPoints):
+    """Contact points that are chosen anew until they belong to the equilibrium."""
+
+    _most_renewals = 6
+
+    def _has_left(self, x: Floats, node: Ints) -> bool:
+        near = self._near(node)
+        moved = self.pairing.places(x, near) - self.pairing.places(self._x_chosen, near)
+        return bool(np.abs(moved).max(initial=0.0) > _SETTLED)

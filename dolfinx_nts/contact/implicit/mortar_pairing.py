@@ -1,0 +1,172 @@
+"""Evaluation of nodes whose multipliers act on the contact points around them (mortar)."""
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
+from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
+from dolfinx_nts.contact.implicit.pairing import Pairing
+from dolfinx_nts.model.kinematics import ContactKinematics
+from dolfinx_nts.search.mortar_points import MortarPoints
+from dolfinx_nts.search.mortar_search import MortarCandidates
+from dolfinx_nts.search.scatter import NodalScatter
+
+__all__ = ["MortarPairing", "PointBlocks"]
+
+# How far beyond an edge of its segment a point may be, in coordinates of the reference segment.
+_BEYOND = _kernels.OVERHANG
+
+
+class MortarPairing(Pairing):
+    """Nodes and the contact points around them, see `Pairing`.
+
+    Args:
+        candidates: Facets of the points, and segments that the points may face.
+        points: Contact points of all nodes of the surface.
+        x_n: Positions at t_n, shape ``(l, 3)`` [m].
+    """
+
+    follows = False
+
+    def __init__(
+        self,
+        candidates: MortarCandidates,
+        points: MortarPoints,
+        x_n: Floats,
+    ) -> None:
+        """Take what does not change in the step."""
+        self.area = points.shares.area
+        self.reached = np.concatenate(
+            [candidates.facets.vertices.ravel(), candidates.segments.ravel()]
+        )
+        self._candidates, self._points, self._x_n = candidates, points, x_n
+        # Nodes of the last call, and their points.
+        none = np.empty(0, dtype=np.int32)
+        self._last: tuple[Ints, MortarPoints] = none, points.take(none)
+
+    def _of(self, node: Ints) -> MortarPoints:
+        """Points of nodes, which are mostly those of the last call."""
+        if not np.array_equal(node, self._last[0]):
+            self._last = node.copy(), self._points.take(node)
+        return self._last[1]
+
+    def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
+        """Mean distances of the points, see `Pairing.gaps`."""
+        points = self._of(node)
+        return points.shares.mean(self._candidates.gap(points, x, points.segment))
+
+    def kinematics(
+        self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
+    ) -> PairKinematics:
+        """Evaluate the points of the nodes, see `Pairing.kinematics`."""
+        points, candidates = self._of(node), self._candidates
+        contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
+        blocks = PointBlocks(points, candidates.scatter, free, contact.tangent)
+        mean = _of_nodes(points, contact)
+        unknown = None if free is None else free[points.shares.lists].reshape(mean.force.shape)
+        return PairKinematics(node, segment, unknown, mean, blocks)
+
+    def is_same(self, pairs: PairKinematics) -> Flags:
+        """All: no node has a segment of its own, see `Pairing.is_same`."""
+        return np.ones(len(pairs.node), dtype=bool)
+
+    def num_beyond(self, x: Floats, node: Ints) -> int:
+        """Count points that are far outside of their segments, see `Pairing.num_beyond`."""
+        xi = self.places(x, node)
+        is_triangle = self._candidates.segments.shape[1] == 3
+        farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
+        outside = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
+        return int(np.count_nonzero(outside > _BEYOND))
+
+    def places(self, x: Floats, node: Ints) -> Floats:
+        """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
+        points = self._of(node)
+        pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+        return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
+
+
+class PointBlocks(PairBlocks):
+    """One block for each contact point; multipliers of neighbours are coupled.
+
+    Args:
+        points: Contact points of the pairs' nodes.
+        scatter: Brings values of nodes to this rank.
+        free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None
+            if all are.
+        tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
+    """
+
+    may_overlap = True
+
+    def __init__(
+        self, points: MortarPoints, scatter: NodalScatter, free: Floats | None, tangent: Floats
+    ) -> None:
+        """Take nodes of facets and segments as those of the blocks."""
+        self._points, self._scatter, self._tangent = points, scatter, tangent
+        self.dofs, self.nodes = points.shares.lists, np.hstack([points.facets, points.vertices])
+        self._free = free
+
+    def tangent(self, lambda_N: Floats) -> Floats:
+        """Scale blocks by what all multipliers do at a point, see `PairBlocks.tangent`."""
+        force = self._points.shares.spread(lambda_N, len(self.nodes))
+        return _kernels.expand(self._points.phi, force, self._tangent)
+
+    def of(self, active: Flags) -> Ints:
+        """Points of active nodes, see `PairBlocks.of`."""
+        shares = self._points.shares
+        return np.unique(shares.point[active[shares.node]])
+
+    def restrict(self, force: Floats, tangent: Floats) -> Floats:
+        """Clear what is given, see `PairBlocks.restrict`."""
+        if self._free is None:
+            return force
+        free = self._free[self.nodes].reshape(tangent.shape[:2])
+        tangent *= free[:, :, None] * free[:, None, :]
+        return force * self._free[self.dofs].reshape(force.shape)
+
+    def balance(self, normal: Floats, reduced: Floats, columns: Floats, active: Flags) -> Floats:
+        """Solve for all multipliers at once, see `PairBlocks.balance`."""
+        rank, directions = active.astype(np.int32), normal[:, None]
+        rows = columns[:, :1]
+        system = NodalSystem(self._scatter, self.dofs, rank, rows, directions, transposed=True)
+        force = np.einsum("mi,mi->m", normal, reduced)
+        lambda_N = system.solve(-force[:, None])[:, 0]
+        # Where there is no solution the whole linear system gives one.
+        return np.where(np.isfinite(lambda_N), lambda_N, 0.0)
+
+    def close_gaps(
+        self,
+        normal: Floats,
+        gradients: Floats,
+        gap: Floats,
+        held: Flags,
+        farthest: float,
+        u: Floats,
+    ) -> None:
+        """Solve for all ways at once, see `PairBlocks.close_gaps`."""
+        rank, directions = held.astype(np.int32), normal[:, None]
+        system = NodalSystem(self._scatter, self.dofs, rank, gradients[:, :1], directions)
+        way = system.solve(gap[:, None])[:, 0]
+        # Neither where it is not a number.
+        near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)
+        u[self.dofs[near, 0]] -= way[near, None] * normal[near]
+
+
+def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
+    """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
+    shares, rows = points.shares, points.rows(np.stack([contact.force, contact.gradient], axis=1))
+    turn = np.full(len(shares.area), np.inf)
+    np.minimum.at(turn, shares.node, contact.turn[shares.point])
+    status = np.zeros(len(shares.area), dtype=np.int8)
+    np.maximum.at(status, shares.node, contact.status[shares.point])
+    return ContactKinematics(
+        gap_n=shares.mean(contact.gap_n),
+        gap=shares.mean(contact.gap),
+        force=rows[:, 0],
+        gradient=rows[:, 1],
+        tangent=contact.tangent,
+        turn=turn,
+        status=status,
+    )

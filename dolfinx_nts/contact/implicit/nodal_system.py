@@ -1,0 +1,86 @@
+"""Systems between the multipliers of neighbouring nodes, which mortar contact couples."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.search.scatter import NodalScatter
+
+__all__ = ["NodalSystem"]
+
+
+class NodalSystem:
+    """Products of rows of constrained nodes with the directions that these nodes give up.
+
+    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. It
+    is near to a diagonal matrix, and so small that each rank solves all of it. Collective, as is
+    `solve`.
+
+    Args:
+        scatter: Brings values of nodes to this rank.
+        dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
+        rank: Number of constraints, shape ``(m,)``; those with 0 are left out.
+        rows: Their rows, shape ``(m, c, 3 d)``.
+        directions: Directions that the nodes give up, shape ``(m, c, 3)``.
+        transposed: Whether the system is E^T G.
+    """
+
+    def __init__(
+        self,
+        scatter: NodalScatter,
+        dofs: Ints,
+        rank: Ints,
+        rows: Floats,
+        directions: Floats,
+        *,
+        transposed: bool = False,
+    ) -> None:
+        """Multiply, and gather the matrix."""
+        self._comm: MPI.Comm = scatter.index_map.comm
+        self._is_local = scatter.is_local
+        m, c = directions.shape[:2]
+        self._held = np.arange(c) < rank[:, None]
+        E = np.zeros((scatter.num_local, c, 3))
+        for a in range(c):
+            own = np.zeros((scatter.index_map.size_local, 3))
+            own[dofs[:, 0]] = directions[:, a] * self._held[:, a, None]
+            E[:, a] = scatter.forward(own)
+        products = np.einsum("mkdi,mdai->mkda", rows.reshape(m, c, dofs.shape[1], 3), E[dofs])
+        products *= self._held[:, :, None, None]
+        numbers = c * scatter.global_nodes(dofs)[:, :, None].astype(np.int64) + np.arange(c)
+        entry = np.nonzero(products)
+        mine = numbers[:, 0][self._held]
+        row, column = numbers[entry[0], 0, entry[1]], numbers[entry[0], entry[2], entry[3]]
+        self._make(mine, *((column, row) if transposed else (row, column)), products[entry])
+
+    def _make(self, mine: GlobalInts, row: GlobalInts, column: GlobalInts, value: Floats) -> None:
+        """Sort the entries of all ranks into rows; ``mine`` are the numbers of this rank."""
+        if not self._is_local:
+            parts = zip(*self._comm.allgather((mine, row, column, value)), strict=True)
+            every, row, column, value = map(np.concatenate, parts)
+        else:
+            every = mine
+        self._order = np.argsort(every)
+        number = every[self._order]
+        self._mine = np.searchsorted(number, mine)
+        place = np.searchsorted(number, row)
+        order = np.argsort(place, kind="stable")
+        counts = np.bincount(place, minlength=len(number))
+        self._start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        self._column = np.searchsorted(number, column[order]).astype(np.int32)
+        self._value = value[order]
+
+    def solve(self, b: Floats) -> Floats:
+        """Solve for a right-hand side and with a result of shape ``(m, c)``.
+
+        There are zeros where there is no constraint, and NaN everywhere where it fails.
+        """
+        right = b[self._held]
+        if not self._is_local:
+            right = np.concatenate(self._comm.allgather(right))
+        solution = _kernels.solve_small(self._start, self._column, self._value, right[self._order])
+        x: Floats = np.zeros(self._held.shape)
+        x[self._held] = solution[self._mine]
+        return x

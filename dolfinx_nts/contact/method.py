@@ -1,0 +1,43 @@
+"""Methods of contact: where multipliers act, and what each method can do."""
+
+from typing import Any, Literal
+
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.surfaces import Surface
+
+__all__ = ["KINDS", "NODES", "Method", "check_method"]
+
+Method = Literal["node-to-segment", "mortar"]
+NODES: Method = "node-to-segment"
+
+# What texts call contact by each method.
+KINDS = {"node-to-segment": "contact", "mortar": "surface-to-surface contact"}
+
+
+def check_method(pair: Any) -> None:
+    """Raise ValueError unless the method of a contact pair suits its other arguments. Local.
+
+    ``pair`` is a `ContactPair` with all attributes set.
+    """
+    if pair.method not in KINDS:
+        names = " or ".join(map(repr, KINDS))
+        raise ValueError(f"expected method {names}, given {pair.method!r}")
+    if pair.method == NODES:
+        return
+    law = pair.enforcement
+    wrong = ""
+    if not isinstance(pair.segments, Surface):
+        wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
+    elif pair.touches_itself:
+        wrong = "two surfaces, given one that touches itself"
+    elif Element.of(pair.nodes.V).degree != 1:
+        wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
+    elif not isinstance(law, LagrangeMultiplier):
+        wrong = f"LagrangeMultiplier, given {law!r}"
+    elif pair.friction is not None:
+        wrong = f"no friction, given {pair.friction!r}"
+    if wrong:
+        raise ValueError(
+            f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"
+        )

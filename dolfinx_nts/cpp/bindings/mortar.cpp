@@ -1,0 +1,155 @@
+#include "array.h"
+#include "nts/contact/aggregation.h"
+#include "nts/search/mortar_points.h"
+#include "nts/solvers/small_system.h"
+
+#include <nanobind/stl/tuple.h>
+
+namespace nts::bindings
+{
+namespace
+{
+using Ints = In<std::int32_t>;
+using Keys = In<std::int64_t>;
+
+template <class T>
+Out<T> array(const std::vector<T>& values)
+{
+  auto copy = create<T>({values.size()});
+  std::ranges::copy(values, copy.data());
+  return copy;
+}
+
+Out<double> rows(const std::vector<double>& values, std::size_t width)
+{
+  auto copy = create<double>({values.size() / width, width});
+  std::ranges::copy(values, copy.data());
+  return copy;
+}
+
+auto find_points(const Ints& facets, const Doubles& facet_orientation,
+                 const Ints& segments, const Doubles& orientation,
+                 const Keys& key, const Doubles& X, const Doubles& x_n,
+                 const Doubles& x, double reach)
+{
+  check("facets", facets, {any, any});
+  const std::size_t k = facets.shape(1);
+  check("facet_orientation", facet_orientation, {facets.shape(0)});
+  check("segments", segments, {any, k});
+  check("orientation", orientation, {segments.shape(0)});
+  check("key", key, {segments.shape(0)});
+  check("X", X, {any, 3});
+  check("x_n", x_n, {X.shape(0), 3});
+  check("x", x, {X.shape(0), 3});
+  check_rows("facets: expected rows of x", facets, x.shape(0));
+  check_rows("segments: expected rows of x", segments, x.shape(0));
+  MortarPoints points;
+  dispatch(k,
+           [&]<class S>()
+           {
+             const SegmentSurface<S> upper{
+                 view(x), view(facets), view(facet_orientation), {}};
+             const SegmentSurface<S> lower{view(x), view(segments),
+                                           view(orientation), view(key)};
+             std::vector<Box> boxes;
+             for (std::size_t s = 0; s < segments.shape(0); ++s)
+               boxes.push_back(lower.box(s));
+             MortarSearch<S> search(upper, lower, view(X), view(x_n), reach);
+             points = search.find(Tree(std::move(boxes)));
+           });
+  return std::tuple(array(points.facet), array(points.segment),
+                    array(points.weight), rows(points.phi, k),
+                    rows(points.psi, k));
+}
+
+auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
+              const Doubles& share, const Ints& place, std::size_t length,
+              const Doubles& values)
+{
+  check("phi", phi, {any, any});
+  check("values", values, {phi.shape(0), any, any});
+  check("start", start, {any});
+  check("point", point, {any});
+  const std::size_t size = point.size(), count = values.shape(1);
+  check("share", share, {size});
+  const std::size_t vertices = values.shape(2) / 3 - 1;
+  check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
+  check("place", place, {size, phi.shape(1) + vertices});
+  check_rows("point: expected rows of phi", point, phi.shape(0));
+  check_rows("place: expected places in rows", place, length);
+  const auto begin = view(start);
+  if (begin.empty() || begin.front() != 0
+      || begin.back() != static_cast<std::int64_t>(size)
+      || !std::ranges::is_sorted(begin))
+    throw nb::value_error("start: expected lists that hold all shares");
+  auto sums = create<double>({start.size() - 1, count, 3 * length});
+  std::fill_n(sums.data(), sums.size(), 0.0);
+  sum_to_rows({.phi = view(phi),
+               .width = phi.shape(1),
+               .start = begin,
+               .point = view(point),
+               .share = view(share),
+               .place = view(place)},
+              vertices, view(values), count, length, view(sums));
+  return sums;
+}
+
+auto expand_batch(const Doubles& phi, const Doubles& factor,
+                  const Doubles& matrix)
+{
+  check("phi", phi, {any, any});
+  const std::size_t p = phi.shape(0);
+  check("factor", factor, {p});
+  check("matrix", matrix, {p, any, any});
+  const std::size_t vertices = matrix.shape(1) / 3 - 1,
+                    n = 3 * (phi.shape(1) + vertices);
+  check("matrix", matrix, {p, 3 * (1 + vertices), 3 * (1 + vertices)});
+  auto expanded = create<double>({p, n, n});
+  expand(view(phi), phi.shape(1), vertices, view(factor), view(matrix),
+         view(expanded));
+  return expanded;
+}
+
+auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
+                 const Doubles& b)
+{
+  check("start", start, {any});
+  const std::size_t n = start.size() - 1;
+  check("value", value, {column.size()});
+  check("b", b, {n});
+  check_rows("column: expected numbers of rows", column, n);
+  const auto begin = view(start);
+  if (begin.empty() || begin.front() != 0
+      || begin.back() != static_cast<std::int64_t>(column.size())
+      || !std::ranges::is_sorted(begin))
+    throw nb::value_error("start: expected rows that hold all entries");
+  auto x = create<double>({n});
+  if (!solve({begin, view(column), view(value)}, view(b), view(x)))
+    std::fill_n(x.data(), n, NAN);
+  return x;
+}
+} // namespace
+
+void mortar(nb::module_& m)
+{
+  m.def("mortar_points", &find_points, nb::arg("facets"),
+        nb::arg("facet_orientation"), nb::arg("segments"),
+        nb::arg("orientation"), nb::arg("key"), nb::arg("X"), nb::arg("x_n"),
+        nb::arg("x"), nb::arg("reach"),
+        "(f, k) and (s, k) rows of positions with (f,), (s,), (s,), (l, 3), "
+        "(l, 3), (l, 3), - -> facet, segment, weight of each point (p,), phi "
+        "and psi (p, k), see nts/search/mortar_points.h");
+  m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
+        nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
+        nb::arg("values"),
+        "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p, c, 3 (1 + s)) -> "
+        "(n, c, 3 L), see nts/contact/aggregation.h");
+  m.def("expand", &expand_batch, nb::arg("phi"), nb::arg("factor"),
+        nb::arg("matrix"),
+        "(p, k), (p,), (p, 3 (1 + s), 3 (1 + s)) -> (p, 3 (k + s), 3 (k + s))");
+  m.def("solve_small", &solve_small, nb::arg("start"), nb::arg("column"),
+        nb::arg("value"), nb::arg("b"),
+        "Rows of a sparse matrix (n + 1,), (e,), (e,), and (n,) -> (n,), NaN "
+        "where it fails, see nts/solvers/small_system.h");
+}
+} // namespace nts::bindings

@@ -1,0 +1,107 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @brief Small sparse systems near to a diagonal one, such as that of
+/// multipliers with dual shape functions.
+namespace nts
+{
+/// @brief Rows of a sparse matrix, (n, n).
+struct SparseRows
+{
+  std::span<const std::int64_t> start;  ///< (n + 1,)
+  std::span<const std::int32_t> column; ///< columns, row by row
+  std::span<const double> value;        ///< entries
+
+  std::size_t size() const noexcept { return start.size() - 1; }
+
+  /// @brief y = D^-1 A x with the diagonal D.
+  void multiply(std::span<const double> diagonal, const std::vector<double>& x,
+                std::vector<double>& y) const noexcept
+  {
+    for (std::size_t i = 0; i < size(); ++i)
+    {
+      double sum = 0;
+      for (std::int64_t e = start[i]; e < start[i + 1]; ++e)
+        sum += value[e] * x[column[e]];
+      y[i] = sum / diagonal[i];
+    }
+  }
+};
+
+/// @brief Solve A x = b by BiCGStab with the diagonal as preconditioner, to
+/// round-off.
+/// @return False if it fails, as with a zero on the diagonal.
+inline bool solve(const SparseRows& A, std::span<const double> b,
+                  std::span<double> x)
+{
+  constexpr int max_iterations = 200;
+  constexpr double accurate = 1e-15;
+  const std::size_t n = A.size();
+  std::vector<double> diagonal(n, 0.), r(n), p(n), s(n), v(n), t(n), y(n);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::int64_t e = A.start[i]; e < A.start[i + 1]; ++e)
+      if (static_cast<std::size_t>(A.column[e]) == i)
+        diagonal[i] += A.value[e];
+  const auto inner
+      = [n](const std::vector<double>& a, const std::vector<double>& c) noexcept
+  {
+    double sum = 0;
+    for (std::size_t i = 0; i < n; ++i)
+      sum += a[i] * c[i];
+    return sum;
+  };
+  if (std::ranges::find(diagonal, 0.) != diagonal.end())
+    return false;
+  // From the solution of the diagonal system.
+  for (std::size_t i = 0; i < n; ++i)
+    y[i] = r[i] = b[i] / diagonal[i];
+  const double scale = std::sqrt(inner(r, r));
+  if (!std::isfinite(scale))
+    return false;
+  A.multiply(diagonal, y, v);
+  for (std::size_t i = 0; i < n; ++i)
+    r[i] -= v[i];
+  const std::vector<double> shadow = r;
+  p = r;
+  double rho = inner(shadow, r);
+  for (int iteration = 0;; ++iteration)
+  {
+    // Quiet where it is NaN.
+    if (std::islessequal(std::sqrt(inner(r, r)), accurate * scale))
+      break;
+    if (iteration == max_iterations)
+      return false;
+    A.multiply(diagonal, p, v);
+    const double product = inner(shadow, v);
+    if (product == 0 || rho == 0)
+      return false;
+    const double alpha = rho / product;
+    for (std::size_t i = 0; i < n; ++i)
+      s[i] = r[i] - alpha * v[i];
+    A.multiply(diagonal, s, t);
+    const double square = inner(t, t);
+    const double omega = square > 0 ? inner(t, s) / square : 0;
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      y[i] += alpha * p[i] + omega * s[i];
+      r[i] = s[i] - omega * t[i];
+    }
+    if (std::islessequal(std::sqrt(inner(r, r)), accurate * scale))
+      break;
+    if (omega == 0)
+      return false;
+    const double next = inner(shadow, r), beta = next / rho * (alpha / omega);
+    rho = next;
+    for (std::size_t i = 0; i < n; ++i)
+      p[i] = r[i] + beta * (p[i] - omega * v[i]);
+  }
+  std::ranges::copy(y, x.begin());
+  return std::ranges::all_of(y,
+                             [](double value) { return std::isfinite(value); });
+}
+} // namespace nts

@@ -1,0 +1,230 @@
+"""Contact points of surface-to-surface contact: quadrature points of the facets of the nodes.
+
+The points are chosen once, where the surfaces are at some state, and then are material points of
+their facets, each with a segment of its own, see `cpp/nts/search/mortar_points.h`. A node of the
+surface carries a multiplier, which acts at all points of the facets around the node, weighted
+with the shape function psi of the multiplier; its gap is the mean gap of these points.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.search.segment_candidates import SegmentCandidates
+
+__all__ = ["MortarFacets", "MortarPoints", "Shares"]
+
+# Part of its area [-] of which a node needs points to carry a multiplier.
+_LEAST_COVERED = 1e-6
+
+
+@dataclass(frozen=True)
+class MortarFacets:
+    """Facets around the owned nodes of a surface, by nodes of a scatter's map.
+
+    Attributes:
+        nodes: Owned nodes, shape ``(n,)``.
+        area: Their reference areas, shape ``(n,)`` [m^2].
+        vertices: Vertices of the facets in Basix order, shape ``(f, k)``.
+        orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
+        X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
+    """
+
+    nodes: Ints
+    area: Floats
+    vertices: Ints
+    orientation: Floats
+    X: Floats
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of ``m`` nodes with multipliers in ``p`` contact points, ``i`` in all. Local.
+
+    Attributes:
+        area: Area on which the multiplier of each node acts, shape ``(m,)`` [m^2].
+        start: Where the shares of each node begin, and the end, shape ``(m + 1,)``.
+        point: Points of the shares, shape ``(i,)``.
+        value: Part of the point in the mean of the node, shape ``(i,)`` [-].
+        place: Places of the nodes of facet and segment in the row of the node, ``(i, 2 k)``.
+        lists: Nodes of each row, that with the multiplier first, and again where a row is
+            shorter than others, shape ``(m, d)``.
+        lengths: Nodes of each row, shape ``(m,)``.
+    """
+
+    area: Floats
+    start: GlobalInts
+    point: Ints
+    value: Floats
+    place: Ints
+    lists: Ints
+    lengths: Ints
+
+    @property
+    def node(self) -> Ints:
+        """Node of each share, shape ``(i,)``."""
+        return np.repeat(np.arange(len(self.area), dtype=np.int32), np.diff(self.start))
+
+    def mean(self, values: Floats) -> Floats:
+        """Mean of values at the points, ``(p,)``, for each node, NaN without points, ``(m,)``."""
+        means = _sums(self.node, self.value * values[self.point], len(self.area))
+        return np.where(self.area > 0, means, np.nan)
+
+    def spread(self, values: Floats, num_points: int) -> Floats:
+        """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
+        return _sums(self.point, self.value * values[self.node], num_points)
+
+    def take(self, nodes: Ints) -> tuple["Shares", Ints]:
+        """Shares of some nodes, in the points that these have; and these points."""
+        counts = np.diff(self.start)[nodes]
+        start = _starts(counts)
+        entries = np.repeat(self.start[nodes] - start[:-1], counts) + np.arange(start[-1])
+        used, point = np.unique(self.point[entries], return_inverse=True)
+        lengths = self.lengths[nodes]
+        lists = self.lists[nodes, : lengths.max(initial=1)]
+        of_shares = point.astype(np.int32), self.value[entries], self.place[entries]
+        return Shares(self.area[nodes], start, *of_shares, lists, lengths), used
+
+
+@dataclass(frozen=True)
+class MortarPoints:
+    """Contact points of nodes, see `ContactPoints`. Local.
+
+    Attributes:
+        facets: Nodes of the facet of each point, shape ``(p, k)``.
+        phi: Shape functions of the facet there, shape ``(p, k)``.
+        segment: Candidate of each point, shape ``(p,)``.
+        vertices: Vertices of the segment, shape ``(p, k)``.
+        shares: Shares of the nodes in them.
+    """
+
+    facets: Ints
+    phi: Floats
+    segment: Ints
+    vertices: Ints
+    shares: Shares
+
+    @classmethod
+    def choose(
+        cls,
+        facets: MortarFacets,
+        candidates: SegmentCandidates,
+        x_n: Floats,
+        x: Floats,
+        reach: float,
+    ) -> "MortarPoints":
+        """Choose the points of all nodes.
+
+        Args:
+            facets: Facets around the nodes.
+            candidates: What they may touch.
+            x_n: Positions at t_n, see `Candidates`.
+            x: Positions at which segments are projected on facets.
+            reach: Distance up to which facets look for segments [m].
+        """
+        facet, segment, weight, phi, psi = _kernels.mortar_points(
+            facets.vertices,
+            facets.orientation,
+            candidates.segments,
+            candidates.orientation,
+            candidates.key,
+            facets.X,
+            x_n,
+            x,
+            reach,
+        )
+        number = np.full(len(x), -1, dtype=np.int32)
+        number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
+        on_facet, vertices = facets.vertices[facet], candidates.segments[segment]
+        point, column = np.nonzero(number[on_facet] >= 0)
+        node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
+        area = _sums(node, value, len(facets.nodes))
+        carries = area > _LEAST_COVERED * facets.area
+        # By nodes, and in each the segment with the lowest key first.
+        order = np.lexsort((point, candidates.key[segment[point]], node))
+        order = order[carries[node[order]]]
+        node, of_share = node[order], point[order].astype(np.int32)
+        reached = np.hstack([on_facet, vertices])[of_share]
+        lists, lengths, place = _rows(facets.nodes, node, reached, len(x))
+        shares = Shares(
+            np.where(carries, area, 0.0),
+            _starts(np.bincount(node, minlength=len(area))),
+            of_share,
+            value[order] / area[node],
+            place,
+            lists,
+            lengths,
+        )
+        return cls(on_facet, phi, segment, vertices, shares)
+
+    @property
+    def nodes(self) -> Ints:
+        """No point is a node, see `ContactPoints.nodes`."""
+        return np.full(len(self.segment), -1, dtype=np.int32)
+
+    @property
+    def facing(self) -> Facing:
+        """Anything: segments were chosen by what the facets face."""
+        return Facing.everywhere(len(self.segment))
+
+    @property
+    def nearest(self) -> Ints:
+        """Candidate that stands for those of each node, -1 without points, ``(m,)``."""
+        shares = self.shares
+        segment = np.full(len(shares.area), -1, dtype=np.int32)
+        carries = shares.area > 0
+        segment[carries] = self.segment[shares.point[shares.start[:-1][carries]]]
+        return segment
+
+    def of(self, values: Floats) -> Floats:
+        """Evaluate a nodal field at the points, see `ContactPoints.of`."""
+        there: Floats = np.einsum("pk,pki->pi", self.phi, values[self.facets])
+        return there
+
+    def rows(self, values: Floats) -> Floats:
+        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``."""
+        s = self.shares
+        shares = s.start, s.point, s.value, s.place
+        return _kernels.sum_rows(self.phi, *shares, s.lists.shape[1], values)
+
+    def take(self, nodes: Ints) -> "MortarPoints":
+        """Select the points of some nodes, see `ContactPoints.take`."""
+        shares, used = self.shares.take(nodes)
+        segments = self.segment[used], self.vertices[used]
+        return MortarPoints(self.facets[used], self.phi[used], *segments, shares)
+
+
+def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
+    return np.bincount(row, values, minlength=num_rows).astype(np.float64, copy=False)
+
+
+def _starts(counts: Array) -> GlobalInts:
+    starts: GlobalInts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return starts
+
+
+def _rows(own: Ints, row: Ints, nodes: Ints, num_nodes: int) -> tuple[Ints, Ints, Ints]:
+    """Nodes of the rows, how many each has, and places of the nodes of shares in them.
+
+    ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
+    ``nodes`` the nodes that it reaches, ``(i, 2 k)``. Returns as of `MortarPoints`.
+    """
+    # The own node comes before all others.
+    rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)
+    # Rows without shares have their own node, too.
+    keys = np.concatenate([np.arange(len(own)), np.repeat(row, nodes.shape[1])]).astype(np.int64)
+    keys = keys * (num_nodes + 1)
+    keys[len(own) :] += rank.ravel()
+    unique, inverse = np.unique(keys, return_inverse=True)
+    in_row, node = np.divmod(unique, num_nodes + 1)
+    lengths = np.bincount(in_row, minlength=len(own)).astype(np.int32)
+    start = _starts(lengths)
+    place = np.arange(len(unique)) - start[in_row]
+    lists = np.repeat(own[:, None], lengths.max(initial=1), axis=1).astype(np.int32)
+    others = node > 0
+    lists[in_row[others], place[others]] = node[others] - 1
+    places = place[inverse[len(own) :]].reshape(nodes.shape).astype(np.int32)
+    return lists, lengths, places

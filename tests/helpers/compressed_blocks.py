@@ -1,0 +1,100 @@
+"""Two blocks of the same section that lie on each other and are compressed: a patch test."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import meshing
+
+
+@dataclass(frozen=True)
+class Compressed:
+    """Result of a compression.
+
+    Attributes:
+        stress: Normal stress at the midpoints of this rank's cells, relative to that of linear
+            elasticity, shape ``(c,)``.
+        stepper: The stepper after the step.
+        mean_pressure: Modulus times compression.
+    """
+
+    stress: npt.NDArray[np.float64]
+    stepper: nts.QuasiStatic
+    mean_pressure: float
+
+
+def compress(
+    lower: int,
+    upper: int,
+    pairs: Callable[..., Any] = nts.ContactPair,
+    *,
+    modulus: float = 1.0,
+    compression: float = 1e-4,
+    cell: str = "hexahedron",
+    swirl: float = 0.0,
+) -> Compressed:
+    """Compress blocks with so many cells along an edge. Collective.
+
+    Args:
+        lower: Cells along an edge of the lower block.
+        upper: Of the upper one.
+        pairs: Returns the pair of two surfaces, or several.
+        modulus: Young's modulus.
+        compression: Displacement of the top, whose height is 1.
+        cell: Kind of the cells.
+        swirl: Angle by which the nodes in the middle of the interface are turned within it.
+    """
+    comm = MPI.COMM_WORLD
+
+    def build(model: Any) -> None:
+        for name, z, n in (("lower", 0.0, lower), ("upper", 0.5, upper)):
+            box = {"corner": (0, 0, z), "size": (1, 1, 0.5), "cells": (n, n, n // 2)}
+            meshing.add_box(model, name, cell=cell, **box)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    X = mesh.geometry.x
+    x, y = X[:, 0].copy(), X[:, 1].copy()
+    way = swirl * np.sin(np.pi * x) * np.sin(np.pi * y)
+    # The faces of the blocks stay where they are.
+    X[:, 0] -= way * (y - 0.5)
+    X[:, 1] += way * (x - 0.5)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E=modulus, nu=0.3, rho=1.0)
+    bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
+    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
+    down = fem.Constant(mesh, 0.0)
+
+    def support(axis: int, value: Any, *sides: str) -> fem.DirichletBC:
+        held = np.sort(np.concatenate([facets.find(tag[side]) for side in sides]))
+        return fem.dirichletbc(
+            value, fem.locate_dofs_topological(V.sub(axis), 2, held), V.sub(axis)
+        )
+
+    zero = np.float64(0.0)
+    bcs = [
+        support(0, zero, "lower_left", "upper_left"),
+        support(1, zero, "lower_front", "upper_front"),
+        support(2, zero, "lower_bottom"),
+        support(2, down, "upper_top"),
+    ]
+
+    def update(t: float) -> None:
+        down.value = -compression * t
+
+    contacts = np.atleast_1d(pairs(*surfaces)).tolist()
+    stepper = nts.QuasiStatic(bodies, contacts, dt=1.0, bcs=bcs, update=update)
+    stepper.advance()
+    F = ufl.Identity(3) + ufl.grad(stepper.u)
+    S = material.stress(F.T * F, **material.parameters)
+    point = np.full((1, 3), 0.5 if cell == "hexahedron" else 0.25)
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    stress = fem.Expression(S[2, 2], point).eval(mesh, owned).ravel()
+    return Compressed(stress / (-modulus * compression), stepper, modulus * compression)

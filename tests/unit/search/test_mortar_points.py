@@ -1,0 +1,172 @@
+"""Contact points of surface-to-surface contact, and how they are summed up for nodes."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels, compat
+from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+
+pytestmark = pytest.mark.serial
+
+
+def serial_scatter(num_nodes: int) -> NodalScatter:
+    none = np.empty(0, dtype=np.int64)
+    index_map = compat.index_map(MPI.COMM_SELF, num_nodes, none, none.astype(np.int32))
+    return NodalScatter(index_map, is_local=True)
+
+
+def sheet(n: int, k: int, size: float, rng: np.random.Generator, noise: float):
+    """Vertices (v, 3) and facets (f, k), in Basix order, of a square in the plane z = 0."""
+    grid = np.linspace(0, size, n + 1)
+    x = np.array([[a, b, 0.0] for b in grid for a in grid])
+    inner = np.all((x[:, :2] > 1e-9) & (x[:, :2] < size - 1e-9), axis=1)
+    x[inner, :2] += noise * size / n * rng.uniform(-1, 1, size=(inner.sum(), 2))
+    first = np.array([[i + (n + 1) * j for i in range(n)] for j in range(n)]).ravel()[:, None]
+    quadrilaterals = first + np.array([0, 1, n + 1, n + 2])
+    if k == 4:
+        return x, quadrilaterals.astype(np.int32)
+    triangles = np.concatenate([quadrilaterals[:, [0, 1, 2]], quadrilaterals[:, [1, 3, 2]]])
+    return x, triangles.astype(np.int32)
+
+
+def choose(k: int, rng: np.random.Generator, *, upper=3, lower=4, size=0.9, noise=0.2, height=0.1):
+    """Points of a sheet above another one, which is larger unless ``size`` > 1."""
+    above, facets = sheet(upper, k, size, rng, noise)
+    below, segments = sheet(lower, k, 1.0, rng, noise)
+    above += [0.05, 0.02, height]
+    x = np.vstack([above, below])
+    segments = (segments + len(above)).astype(np.int32)
+    n = len(segments)
+    scatter = serial_scatter(len(x))
+    found = FoundSegments(
+        scatter, segments, np.ones(n), np.arange(n), np.full(n, 0.4), np.full(n, 1.0)
+    )
+    nodes = np.arange(len(above), dtype=np.int32)
+    area = np.full(len(above), size**2 / len(above))
+    surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x)
+    candidates = SegmentCandidates(found)
+    return surface, candidates, x, MortarPoints.choose(surface, candidates, x, x, 1.0)
+
+
+shapes = pytest.mark.parametrize("k", [3, 4])
+
+
+@shapes
+def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
+    _, _, x, points = choose(k, rng)
+    assert points.shares.area.sum() == pytest.approx(0.81, rel=1e-12)
+    pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+    xi, gap, _, status = _kernels.project(pairs, np.ones(len(pairs)))
+    assert not status.any()
+    assert gap == pytest.approx(0.1, abs=1e-12)
+    assert xi.min() >= -1e-9
+    assert (xi.sum(axis=1) if k == 3 else xi).max() <= 1 + 1e-9
+
+
+@shapes
+def test_multipliers_are_dual_to_displacements_on_whole_facets(k, rng):
+    surface, _, x, points = choose(k, rng)
+    field = rng.normal(size=(len(x), 3))
+    field[len(surface.nodes) :] = 0
+    there = points.of(field)[:, 2]
+    assert points.shares.mean(there) == pytest.approx(field[: len(surface.nodes), 2], abs=1e-11)
+
+
+@shapes
+def test_multipliers_of_partly_covered_facets_are_positive(k, rng):
+    # In the reference cell of a distorted facet the edges of others are not quite straight.
+    surface, _, x, points = choose(k, rng, size=1.4, noise=0.0)
+    # 0.05 and 0.02 of the lower sheet are not below the upper one.
+    assert points.shares.area.sum() == pytest.approx(0.95 * 0.98, rel=1e-9)
+    height = points.of(x)[:, 2]
+    assert np.nanmax(np.abs(points.shares.mean(height) - 0.1)) <= 1e-12
+    outside = np.all(surface.X[: len(surface.nodes), :2] > 1.2, axis=1)
+    assert outside.any()
+    partial_facets = points.shares.area[: len(surface.nodes)]
+    assert (partial_facets >= 0).all()
+    assert np.isnan(points.shares.mean(height))[partial_facets == 0].all()
+
+
+def test_facets_that_look_away_have_no_points(rng):
+    surface, candidates, x, _ = choose(4, rng)
+    away = MortarFacets(
+        surface.nodes, surface.area, surface.vertices, -surface.orientation, surface.X
+    )
+    points = MortarPoints.choose(away, candidates, x, x, 1.0)
+    assert len(points.segment) == 0
+    assert (points.nearest == -1).all()
+
+
+def test_facets_out_of_reach_or_far_behind_have_no_points(rng):
+    surface, candidates, x, _ = choose(4, rng)
+    assert len(MortarPoints.choose(surface, candidates, x, x, 0.05).segment) == 0
+    deep = x.copy()
+    deep[: len(surface.nodes), 2] = -0.3
+    assert len(MortarPoints.choose(surface, candidates, deep, deep, 1.0).segment) == 0
+    # What was in front of the segments at the start of the step has come through them.
+    assert len(MortarPoints.choose(surface, candidates, x, deep, 1.0).segment) > 0
+
+
+@shapes
+def test_overlapping_segments_leave_each_point_with_the_nearest(k, rng):
+    """A second sheet right below the first one is covered twice in projection."""
+    above, facets = sheet(2, k, 0.8, rng, 0.0)
+    below, segments = sheet(3, k, 1.0, rng, 0.0)
+    above += [0.1, 0.1, 0.05]
+    x = np.vstack([above, below, below - [0, 0, 0.05]])
+    first = segments + len(above)
+    both = np.vstack([first, first + len(below)]).astype(np.int32)
+    n = len(both)
+    scatter = serial_scatter(len(x))
+    found = FoundSegments(scatter, both, np.ones(n), np.arange(n), np.full(n, 0.4), np.full(n, 1.0))
+    nodes = np.arange(len(above), dtype=np.int32)
+    surface = MortarFacets(nodes, np.full(len(above), 0.07), facets, -np.ones(len(facets)), x)
+    points = MortarPoints.choose(surface, SegmentCandidates(found), x, x, 1.0)
+    assert (points.segment < len(first)).all()
+    assert points.shares.area.sum() == pytest.approx(0.64, rel=1e-12)
+
+
+@shapes
+def test_rows_are_sums_over_the_points_of_a_node(k, rng):
+    surface, candidates, x, points = choose(k, rng)
+    nodes = np.array([1, 4, 2], dtype=np.int32)
+    some = points.take(nodes)
+    values = rng.normal(size=(len(some.segment), 2, 3 * (1 + k)))
+    rows = some.rows(values)
+    field = rng.normal(size=x.shape)
+    # The work of a row is the mean of the work of the points.
+    work = np.einsum("mcd,md->mc", rows, field[some.shares.lists].reshape(len(nodes), -1))
+    there = np.concatenate([some.of(field)[:, None], field[some.vertices]], axis=1)
+    of_points = np.einsum("pcd,pd->pc", values, there.reshape(len(there), -1))
+    for c in range(2):
+        assert work[:, c] == pytest.approx(some.shares.mean(of_points[:, c]), rel=1e-10, abs=1e-12)
+    assert (some.shares.lists[:, 0] == surface.nodes[nodes]).all()
+    shares = some.shares
+    with pytest.raises(ValueError, match="places in rows"):
+        _kernels.sum_rows(
+            some.phi, shares.start, shares.point, shares.value, shares.place, 1, values
+        )
+    assert candidates.segments.shape[1] == k
+
+
+@shapes
+def test_expanded_matrices_are_those_of_facets_and_segments(k, rng):
+    *_, x, points = choose(k, rng)
+    p = len(points.segment)
+    matrix, factor = rng.normal(size=(p, 3 + 3 * k, 3 + 3 * k)), rng.normal(size=p)
+    blocks = _kernels.expand(points.phi, factor, matrix)
+    a, b = rng.normal(size=(2, *x.shape))
+    there = [
+        np.concatenate([points.of(f)[:, None], f[points.vertices]], axis=1).reshape(p, -1)
+        for f in (a, b)
+    ]
+    dofs = np.hstack([points.facets, points.vertices])
+    on_nodes = [f[dofs].reshape(p, -1) for f in (a, b)]
+    expected = factor * np.einsum("pi,pij,pj->p", there[0], matrix, there[1])
+    assert np.einsum("pi,pij,pj->p", on_nodes[0], blocks, on_nodes[1]) == pytest.approx(
+        expected, rel=1e-10, abs=1e-12
+    )

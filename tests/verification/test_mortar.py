@@ -1,0 +1,131 @@
+"""Surface-to-surface contact: exact patch test, energy and momenta, both sides alike."""
+
+from functools import cache, partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+from helpers.compressed_blocks import compress
+from reference.bulk import rotation
+
+pytestmark = pytest.mark.serial
+
+MORTAR = partial(nts.ContactPair, method="mortar")
+# Spread of stress and pressure that is none, relative.
+EXACT = 1e-9
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
+def test_patch_test_is_passed_whichever_side_is_finer(cell, cells):
+    blocks = compress(*cells, MORTAR, cell=cell)
+    pressure = blocks.stepper.contacts[0].pressure
+    assert np.ptp(blocks.stress) <= EXACT
+    assert np.ptp(pressure) <= EXACT * pressure.mean()
+    # The difference between the two stress measures is of the size of the strain.
+    assert abs(blocks.stress.mean() - 1) <= 1e-4
+    assert pressure.mean() == pytest.approx(blocks.mean_pressure, rel=1e-3)
+
+
+def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms():
+    blocks = compress(6, 4, MORTAR, swirl=0.5)
+    assert np.abs(blocks.stress - blocks.stress.mean()).max() <= 2e-3
+
+
+def test_blocks_that_are_compressed_in_large_steps_still_pass():
+    """Points are chosen anew until they belong to the equilibrium."""
+    blocks = compress(4, 6, MORTAR, compression=0.05)
+    assert np.ptp(blocks.stress) <= 1e-7
+
+
+@cache
+def impact(method: str) -> tuple[scenes.Scene, scenes.History]:
+    """Throw the hollow ball against the plate."""
+    scene = scenes.ball_plate(MPI.COMM_WORLD, method=method)
+    return scene, scene.run(40)
+
+
+def test_impact_conserves_energy_and_momenta_to_round_off():
+    _, history = impact("mortar")
+    assert max(history.num_active) >= 9
+    assert history.energy_error <= 1e-12
+    assert max(history.linear_drift, history.angular_drift) <= 1e-12
+    assert np.mean(history.iterations) <= 4.5
+    assert max(history.iterations) <= 8
+
+
+def test_impact_is_that_of_nodes_and_segments_but_for_the_mesh():
+    (_, mortar), (_, nodes) = impact("mortar"), impact("node-to-segment")
+    assert mortar.kinetic[-1] == pytest.approx(nodes.kinetic[-1], rel=5e-3)
+    assert not np.allclose(mortar.kinetic, nodes.kinetic, rtol=1e-6)
+
+
+def test_linear_solver_needs_no_whole_systems_and_few_more_iterations():
+    (mortar, _), (nodes, _) = impact("mortar"), impact("node-to-segment")
+    solvers = [scene.stepper.statistics.solver for scene in (mortar, nodes)]
+    assert solvers[0].num_direct == 0
+    assert solvers[0].num_iterations <= 1.3 * solvers[1].num_iterations
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.GeneralizedAlpha])
+def test_plastic_impact_loses_energy_only_where_nodes_arrive(scheme):
+    scene = scenes.ball_plate(
+        MPI.COMM_WORLD, scheme, nts.LagrangeMultiplier("plastic"), method="mortar"
+    )
+    history, works = scene.run(40), [0.0, 0.0]
+    for report in history.reports:
+        works[0] += report.contact_work.activation
+        works[1] += report.contact_work.persistent
+    assert history.linear_drift <= 1e-12
+    if scheme is nts.EnergyMomentum:
+        assert history.angular_drift <= 1e-12
+        lost = history.energy[-1] - history.energy[0]
+        assert -0.01 * history.energy[0] < works[0] < 0
+        assert lost == pytest.approx(works[0], rel=1e-9)
+        assert abs(works[1]) <= 1e-9 * history.energy[0]
+
+
+@cache
+def tilted_impact(method: str, swapped: bool) -> tuple[float, float]:
+    """Change of the velocity of a tilted block that falls on another; error of the energy."""
+    data = scenes.boxes([(4, 4, 2), (6, 6, 3)], [(1, 1, 0.5), (0.8, 0.8, 0.6)])
+    upper = np.unique(data.cells[data.body == 1])
+    middle = np.array([0.4, 0.4, 0.3])
+    turned = (data.X[upper] - middle) @ rotation([1, 0.3, 0], 0.12).T
+    data.X[upper] = turned + middle + [0.1, 0.05, 0.58]
+    mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0)
+    bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
+    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.01)
+    stepper.set_velocity(bodies[1], (0.3, 0.1, -1.0))
+    diagnostics = nts.Diagnostics(stepper)
+    before, energy = diagnostics.body_velocity(bodies[1])[2], diagnostics.balance().total_energy
+    for _ in range(40):
+        assert stepper.advance().newton_iterations <= 8 or method != "mortar"
+    assert stepper.statistics.solver.num_direct == 0
+    error = abs(diagnostics.balance().total_energy / energy - 1)
+    return diagnostics.body_velocity(bodies[1])[2] - before, error
+
+
+def test_impulse_hardly_depends_on_which_side_has_the_nodes():
+    (one, first), (other, second) = (tilted_impact("mortar", swapped) for swapped in (False, True))
+    assert max(first, second) <= 1e-11
+    assert abs(other / one - 1) <= 0.01
+    nodes = [tilted_impact("node-to-segment", swapped)[0] for swapped in (False, True)]
+    assert abs(nodes[1] / nodes[0] - 1) >= 0.02
+
+
+def test_facets_that_pass_through_a_surface_in_one_step_are_told():
+    scene = scenes.ball_plate(MPI.COMM_WORLD, method="mortar", dt=0.05)
+    scene.stepper.set_velocity(scene.bodies["ball"], (0.0, 0.0, -200.0))
+    with pytest.raises(nts.ConvergenceError):
+        for _ in range(4):
+            scene.stepper.advance()

@@ -1,0 +1,110 @@
+"""Nodal pressure below a paraboloid on a block, both elastic, against Hertz.
+
+A quarter of the scene: hexahedra, graded towards the contact, that do not match. Half-space
+theory is that of the force (Johnson, Contact Mechanics, chapter 4). The contact radius has seven
+to eight cells.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+
+pytestmark = pytest.mark.serial
+
+E, NU, RADIUS, WAY = 1.0, 0.3, 4.0, 0.02
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Nodal pressure within 0.85 of the contact radius, relative to the greatest one.
+
+    Attributes:
+        error: Root mean square of the difference from theory.
+        roughness: The same from a polynomial of degree 3 in r^2 that fits.
+    """
+
+    error: float
+    roughness: float
+
+
+def blocks(upper: int, lower: int) -> scenes.Input:
+    """Return both blocks, of the size 1, whose cells grow from the origin."""
+    shapes = [(n, n, max(4, n // 2)) for n in (lower, upper)]
+    data = scenes.boxes(shapes, [(1, 1, 1), (1, 1, 1)])
+    X = 0.8 * data.X**2.2 + 0.2 * data.X
+    below = np.unique(data.cells[data.body == 0])
+    X[below, 2] *= -1
+    above = np.unique(data.cells[data.body == 1])
+    X[above, 2] += (1 - X[above, 2]) * (X[above, :2] ** 2).sum(axis=1) / 2 / RADIUS
+    data.X[:] = X
+    return data
+
+
+@cache
+def pressed(method: str, upper: int, lower: int, swapped: bool) -> Pressure:
+    """Press the upper block down by its top in three steps."""
+    data = blocks(upper, lower)
+    mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E, NU, 1.0)
+    bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
+    # Those at z = 0.
+    sides = [nts.Surface(V, facets, tag[f"bottom {number}"]) for number in (1, 0)]
+    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    down = fem.Constant(mesh, 0.0)
+    held = {number: facets.find(tag[f"top {number}"]) for number in (0, 1)}
+    zero, bcs = np.float64(0.0), []
+    for axis in (0, 1):
+        of_axis = V.sub(axis)
+
+        def on_symmetry(x, axis=axis):
+            return np.isclose(x[axis], 0.0)
+
+        plane = fem.locate_dofs_geometrical((of_axis, of_axis.collapse()[0]), on_symmetry)[0]
+        ends = [fem.locate_dofs_topological(of_axis, 2, part) for part in held.values()]
+        bcs.append(fem.dirichletbc(zero, np.unique(np.concatenate([plane, *ends])), of_axis))
+    for value, part in ((zero, held[0]), (down, held[1])):
+        bcs.append(fem.dirichletbc(value, fem.locate_dofs_topological(V.sub(2), 2, part), V.sub(2)))
+
+    def update(t: float) -> None:
+        down.value = -WAY * t
+
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1 / 3, bcs=bcs, update=update)
+    for report in stepper.run(1.0):
+        assert report.newton_iterations <= 12
+    (contact,) = stepper.contacts
+    force = -4 * contact.history.lambda_N.sum()
+    stiffness = E / (1 - NU**2) / 2
+    a = (3 * force * RADIUS / 4 / stiffness) ** (1 / 3)
+    greatest = 1.5 * force / np.pi / a**2
+    x = stepper.x[contact.nodes.nodes]
+    s = (x[:, :2] ** 2).sum(axis=1) / a**2
+    within = s < 0.85**2
+    p, s = contact.pressure[within] / greatest, s[within]
+    fit = np.polyval(np.polyfit(s, p, 3), s)
+    return Pressure(
+        error=float(np.sqrt(np.mean((p - np.sqrt(1 - s)) ** 2))),
+        roughness=float(np.sqrt(np.mean((p - fit) ** 2))),
+    )
+
+
+# Largest error with the finer side as nodes, and with the coarser one.
+FINER, COARSER = 0.022, 0.031
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_nodal_pressure_is_that_of_hertz(swapped):
+    """Four times as near as with nodes and segments, and ten times as smooth."""
+    mortar, nodes = (pressed(m, 16, 12, swapped) for m in ("mortar", "node-to-segment"))
+    assert mortar.error <= (COARSER if swapped else FINER)
+    assert mortar.roughness <= 0.007
+    assert nodes.error >= 3.5 * mortar.error
+    assert nodes.roughness >= 10 * mortar.roughness
