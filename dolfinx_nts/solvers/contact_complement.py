@@ -168,7 +168,7 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
             for result, rows in ((G, gradients), (F, columns)):
                 dense = np.zeros((rank, n))
                 # Lists may name a node twice.
-                np.add.at(dense, (slice(None), dofs), rows[entries].reshape(3, -1)[:rank])
+                np.add.at(dense.T, dofs, rows[entries].reshape(3, -1)[:rank].T)
                 result.append(dense)
         for block, some in zip(blocks.tangent, blocks.tangent_nodes, strict=True):
             dofs = _dofs(np.searchsorted(nodes, some))

@@ -146,7 +146,7 @@ def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(
         pairs = elimination.pairs[0]
         tangent = pairs.blocks.tangent.copy()
         tangent[:1] += change * stiffness
-        elimination.pairs = [pairs._replace(blocks=pairs.blocks._replace(tangent=tangent))]
+        pairs.blocks = pairs.blocks._replace(tangent=tangent)
         schwarz.update(elimination)
         assert schwarz.num_builds == count + builds
 
