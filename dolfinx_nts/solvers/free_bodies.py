@@ -111,7 +111,11 @@ def find_free_bodies(
     for some, frame in zip(nodes, frames, strict=True):
         motions[:, some] = _rigid_motions(x[some], *frame)
     forces = np.array([bulk.action(motion) for motion in motions])
-    motions.reshape(6, -1)[:, bulk.fixed] = 0.0
+    # Supports resist as nodes do.
+    held = np.zeros(x.size, dtype=bool)
+    held[bulk.fixed] = True
+    held = held.reshape(x.shape)
+    forces[:, held] = (motions * stiffness[:, None])[:, held]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(6, -1)

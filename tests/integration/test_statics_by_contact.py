@@ -133,6 +133,20 @@ def test_motions_that_supports_leave_are_told():
         stepper.advance()
 
 
+def test_motions_in_which_all_nodes_are_held_are_not_free():
+    blocks = Blocks()
+    Vz = blocks.V.sub(2)
+    dofs = fem.locate_dofs_geometrical((Vz, Vz.collapse()[0]), lambda x: x[2] > -0.01)[0]
+    stepper = nts.QuasiStatic(
+        [blocks.top, blocks.low], [], dt=1.0,
+        bcs=[blocks.ground, fem.dirichletbc(np.float64(0), dofs, Vz)],
+        loads=[nts.Gravity([blocks.top], (9.81, 0, 0))],
+    )  # fmt: skip
+    text = r"top \(free: translation in x, y, rotation about z\) against 9.81 N"
+    with pytest.raises(nts.ConvergenceError, match=text):
+        stepper.advance()
+
+
 def test_a_pair_that_is_given_twice_is_refused():
     blocks = Blocks()
     with pytest.raises(ValueError, match=r"each pair once.*pairs\[0\] and pairs\[1\]"):
