@@ -71,8 +71,7 @@ balls = [nts.Body(V, cells, tag[f"ball {i}"], rubber) for i in range(len(centres
 #
 # `all_pairs` logs what it builds: 11 pairs in which each two balls meet once,
 # and one for each wall. The springs let some balls sink into each other by a
-# tenth of a facet, which the log would tell for each two of them; it is silent
-# from there on.
+# tenth of a facet, which the log tells once for each two of them.
 
 # +
 walls = [
@@ -81,7 +80,6 @@ walls = [
 ]
 laws = {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)}
 pairs = nts.all_pairs(balls, obstacles=walls, **laws)
-logging.getLogger("dolfinx_nts").setLevel(logging.ERROR)
 # -
 
 # ## Run

@@ -235,7 +235,8 @@ def _pressure_by(contact: Pass) -> Floats:
     """Pressure by the springs or multipliers of a pair alone, shape ``(n,)`` [Pa]. Collective."""
     nodes, history = contact.pair.nodes, contact.history
     # A multiplier may act on a part of the area of its node.
-    part = np.where(history.area > 0, history.area / nodes.area, 1.0)
+    part = np.ones_like(nodes.area)
+    np.divide(history.area, nodes.area, out=part, where=history.area > 0)
     return nodes.per_area(-history.lambda_N / part)
 
 
