@@ -112,9 +112,8 @@ def find_free_bodies(
         motions[:, some] = _rigid_motions(x[some], *frame)
     forces = np.array([bulk.action(motion) for motion in motions])
     # Supports resist as nodes do.
-    held = np.zeros(x.size, dtype=bool)
-    held[bulk.fixed] = True
-    held = held.reshape(x.shape)
+    held = np.zeros(x.shape, dtype=bool)
+    held.flat[bulk.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
