@@ -1,10 +1,9 @@
 """Kernels for batches of cells, one lane a cell, from the C that FFCx writes for one cell.
 
 Each number that depends on the cell becomes a vector of the numbers of all cells of the
-batch. Tables and constants stay scalars. Three rules of text do that: accumulators, which
-start from zero, become vectors; all other numbers become what the compiler infers; and C
-becomes C++, in which the compiler has operators and functions of vectors (`lanes.h`). The
-law is not touched.
+batch. Tables and constants stay scalars. Two rules of text do that: accumulators, which start
+from zero, become vectors, and all other numbers what the compiler infers. The rest is left to
+C++, which has operators and functions of vectors (`lanes.h`). The law is not touched.
 """
 
 import re
@@ -17,7 +16,8 @@ _KERNEL = re.compile(r"^void tabulate_tensor_(\w+)\([^)]*\)\s*\{$", re.M)
 _ORDER = re.compile(r"\bform_integrals_\w+\[\d+\] = \{([^}]*)\}")
 _ZERO = re.compile(r"^(\s*)double (\w+) = 0(?:\.0)?;", re.M)
 _ZEROS = re.compile(r"^(\s*)double (\w+)((?:\[\d+\])+) = \{[0., ]*\};", re.M)
-_LOCAL = re.compile(r"^(\s*)(?:double|bool) (\w+) = ", re.M)
+_LOCAL = re.compile(r"^(\s*)(?:double|bool|int) (\w+) = ", re.M)
+_INTEGER = re.compile(r"(?<=[?:] )(-?\d+)(?=[ ;])")
 _TABLE = re.compile(r"^static const double\b", re.M)
 # What differs between the cells of a batch only by chance, or is not in all of them.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
@@ -72,5 +72,5 @@ def _until_closed(text: str) -> str:
 def _in_lanes(body: str) -> str:
     body = _ZERO.sub(r"\1Lanes \2 = {};", factorised(body))
     body = _ZEROS.sub(r"\1Lanes \2\3 = {};", body)
-    body = _LOCAL.sub(r"\1auto \2 = ", body)
+    body = _LOCAL.sub(r"\1auto \2 = ", _INTEGER.sub(r"Real(\1)", body))
     return _TABLE.sub("static const Real", body)

@@ -95,12 +95,13 @@ class CellForm:
 
     Args:
         form: Linear form, made by `bulk_form`.
+        is_rounded: Whether single precision is enough.
     """
 
-    def __init__(self, form: ufl.Form) -> None:
+    def __init__(self, form: ufl.Form, *, is_rounded: bool = False) -> None:
         """Compile the form and prepare a kernel for each of its integrals."""
         V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
-        self._form, kernels = _compiled(form)
+        self._form, kernels = _compiled(form, is_rounded=is_rounded)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
         positions = compiled.original_coefficient_positions
@@ -166,10 +167,10 @@ class CellForm:
         return packed
 
 
-def _compiled(form: ufl.Form) -> tuple[fem.Form, list[Any]]:
+def _compiled(form: ufl.Form, *, is_rounded: bool) -> tuple[fem.Form, list[Any]]:
     """The compiled form, and a kernel for each of its integrals."""
     described = describe_form(form)
-    batched = batched_kernels(described)
+    batched = batched_kernels(described, is_single=is_rounded)
     if batched is not None:
         return described, batched
     compiled = compile_form(form)

@@ -56,6 +56,7 @@ class Bulk:
         actions = [ufl.derivative(form, u, self._direction) for form in forms]
         nodes = V.dofmap.index_map
         self._residual, self._action = (_NodalSum(some, nodes) for some in (forms, actions))
+        self._rounded_action = _NodalSum(actions, nodes, is_rounded=True)
         self.num_owned = 3 * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(3).size_local)
         self.num_cells = self._all_cells
@@ -75,7 +76,7 @@ class Bulk:
     @property
     def num_actions(self) -> int:
         """Actions of the derivative assembled so far."""
-        return self._action.num_assembled
+        return self._action.num_assembled + self._rounded_action.num_assembled
 
     def residual(self) -> Floats:
         """Residual at u on the owned dofs, 0 where u is given [N].
@@ -96,7 +97,7 @@ class Bulk:
             cells: Owned cells left out.
             nodes: Owned nodes that are only in cells left out.
         """
-        for form in (self._residual, self._action):
+        for form in (self._residual, self._action, self._rounded_action):
             form.bodies.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
@@ -121,11 +122,22 @@ class Bulk:
         Returns:
             Values at the owned nodes, shape ``(n, 3)`` [N].
         """
+        return self._along(self._action, x)
+
+    def rounded_action(self, x: Floats) -> Floats:
+        """The same as `action` in single precision, which takes half of the time.
+
+        Collective. How much of the result is right depends on the law and on the size of the
+        displacement.
+        """
+        return self._along(self._rounded_action, x)
+
+    def _along(self, action: "_NodalSum", x: Floats) -> Floats:
         direction, given = self._direction_values, self._given
         direction[: self.num_owned] = x.ravel()
         direction[given] = 0
         self._direction.x.scatter_forward()
-        y = self._action.assembled()
+        y = action.assembled()
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
         y[given] = x.ravel()[given]
@@ -138,15 +150,18 @@ class _NodalSum:
     Args:
         forms: The form of the bodies, then those of the loads.
         index_map: That of the nodes.
+        is_rounded: Whether single precision is enough for the bodies.
 
     Attributes:
         bodies: The form of the bodies.
         num_assembled: Sums of all forms so far.
     """
 
-    def __init__(self, forms: Sequence[ufl.Form], index_map: common.IndexMap) -> None:
+    def __init__(
+        self, forms: Sequence[ufl.Form], index_map: common.IndexMap, *, is_rounded: bool = False
+    ) -> None:
         first, *loads = map(expand_derivatives, forms)
-        self.bodies = CellForm(first)
+        self.bodies = CellForm(first, is_rounded=is_rounded)
         # Dead loads have no derivative.
         self._loads = [PackedForm(load) for load in loads if not load.empty()]
         self._vector = la.vector(index_map, 3)

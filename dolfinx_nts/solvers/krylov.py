@@ -220,6 +220,7 @@ class LinearSolver:
         if is_first and preconditioner.gives_way and self._crossings > _MOST_CROSSINGS:
             preconditioner.strengthen()
         preconditioner.build()
+        self._operator.forget()
         self._age = _Age()
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:

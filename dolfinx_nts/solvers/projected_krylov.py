@@ -1,10 +1,14 @@
 """Krylov method on the projected tangent, with its preconditioner."""
 
+import math
 from typing import Any
 
 from petsc4py import PETSc
 
+import numpy as np
+
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
@@ -18,13 +22,17 @@ __all__ = ["KrylovMethod", "Operator", "Preconditioner"]
 _MAX_ITERATIONS = 200
 # Growth of the residual at which an iteration is given up [-].
 _DIVERGED = 1e6
+# Rounding of products relative to the reduction asked for, at which it does not matter [-].
+_NEGLIGIBLE = 0.03
 
 
 class Operator:
     """Context of the shell matrix: projected tangent.
 
     Right-hand sides and products have no part in the directions that
-    nodes give up, and such a part of what is multiplied has no effect.
+    nodes give up, and such a part of what is multiplied has no effect. Products are
+    computed in single precision where that leaves the convergence as it is: Newton's method
+    computes the residual in double precision, and only that decides on its result.
 
     Args:
         bulk: Residual of the bodies.
@@ -32,18 +40,37 @@ class Operator:
     Attributes:
         bulk: The residual.
         elimination: Contacts of this Newton iteration.
+        reduction: Reduction of the residual that is asked for [-].
     """
 
     def __init__(self, bulk: Bulk) -> None:
         """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
+        self.reduction = 0.0
+        self._rounding = math.inf
+
+    def forget(self) -> None:
+        """Measure at the next product what single precision costs it. Local."""
+        self._rounding = math.inf
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
         z = x.array_r.reshape(-1, 3).copy()
         parts = self.elimination.constrain(z)
-        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
+        y.array[:] = self.elimination.act(parts, self._action(z)).ravel()
+
+    def _action(self, z: Floats) -> Floats:
+        """Tangent of the bodies times a vector."""
+        if self._rounding < _NEGLIGIBLE * self.reduction:
+            return self.bulk.rounded_action(z)
+        exact = self.bulk.action(z)
+        if math.isinf(self._rounding):
+            error = self.bulk.rounded_action(z) - exact
+            squares = [float(np.vdot(error, error)), float(np.vdot(exact, exact))]
+            part, whole = reductions.total(self.bulk.comm, squares)
+            self._rounding = math.sqrt(part / whole) if whole > 0 else math.inf
+        return exact
 
 
 class Preconditioner:
@@ -85,7 +112,7 @@ class KrylovMethod:
     ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         comm, n = operator.bulk.comm, operator.bulk.num_owned
-        self._contexts = operator, preconditioner
+        self._operator, self._preconditioner = operator, preconditioner
         matrix = shell_matrix(comm, (n, None), operator)
         matrix.setUp()
         self._options: PetscOptions | None = options  # until they are known to be used
@@ -118,6 +145,7 @@ class KrylovMethod:
             ValueError: There are options that nothing asks for.
         """
         self._b.array[:] = b.ravel()
+        self._operator.reduction = rtol
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
         self._ksp.solve(self._b, self._x)
         iterations = int(self._ksp.getIterationNumber())

@@ -3,6 +3,7 @@
 #include "cell_integral.h"
 
 #include <array>
+#include <concepts>
 #include <memory>
 #include <new>
 
@@ -73,14 +74,41 @@ private:
 /// @param[in] row Where they begin in x, (n, L).
 /// @param[out] out (n, 3, L)
 template <class T, std::size_t L>
-void gather_lanes(std::span<const double> x,
+void gather_lanes(std::span<const T> x,
                   std::span<const std::array<std::size_t, L>> rows, T* out)
 {
   for (const auto& row : rows)
-    for (std::size_t i = 0; i < 3; ++i, out += L)
-      for (std::size_t l = 0; l < L; ++l)
-        out[l] = static_cast<T>(x[row[l] + i]);
+  {
+    for (std::size_t l = 0; l < L; ++l)
+      for (std::size_t i = 0; i < 3; ++i)
+        out[i * L + l] = x[row[l] + i];
+    out += 3 * L;
+  }
 }
+
+/// @brief Values in the precision of a kernel, which are copied if it is
+/// another one: to convert them all is faster than to do so at each cell.
+template <class T>
+class Converted
+{
+public:
+  explicit Converted(std::span<const double> values)
+  {
+    if constexpr (std::same_as<T, double>)
+      _values = values;
+    else
+    {
+      _copy.assign(values.begin(), values.end());
+      _values = _copy;
+    }
+  }
+
+  operator std::span<const T>() const noexcept { return _values; }
+
+private:
+  std::vector<T> _copy;
+  std::span<const T> _values;
+};
 
 /// @brief The same as `add_cells` by batches of L cells, in numbers of type T.
 template <class T, std::size_t L>
@@ -92,6 +120,10 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
   const auto [functions, packed, places, width, constants] = input;
   AlignedArray<T> X(3 * v * L), w(width * L), element(3 * k * L);
   const std::vector<T> c(constants.begin(), constants.end());
+  const Converted<T> x(all_X);
+  std::vector<Converted<T>> values;
+  for (const Gathered& function : functions)
+    values.emplace_back(function.values);
   std::vector<std::array<std::size_t, L>> vertices(v), nodes(k);
   for (std::size_t begin = 0; begin < cells.size(); begin += L)
   {
@@ -108,13 +140,13 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
       for (std::size_t i = 0; i < k; ++i)
         nodes[i][l] = 3 * static_cast<std::size_t>(all_nodes[k * batch[l] + i]);
     }
-    gather_lanes<T, L>(all_X, vertices, X.data());
+    gather_lanes<T, L>(x, vertices, X.data());
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
-    for (const auto& [values, first] : functions)
-      gather_lanes<T, L>(values, nodes, w.data() + first * L);
+    for (std::size_t i = 0; i < functions.size(); ++i)
+      gather_lanes<T, L>(values[i], nodes, w.data() + functions[i].first * L);
     element.clear();
     kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)
