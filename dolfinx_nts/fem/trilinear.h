@@ -24,11 +24,12 @@ struct Trilinear
   Lanes& dz_at(int q) { return dz[q >> 1]; }
 };
 
-constexpr Real gauss_points[2] = {0.21132486540518711775, 0.78867513459481288225};
+constexpr Real gauss_points[2]
+    = {0.21132486540518711775, 0.78867513459481288225};
 
 /// @brief Line between two ends: difference, and values at both points.
-__attribute__((always_inline)) inline Lanes
-line(Lanes begin, Lanes end, Lanes& first, Lanes& second)
+__attribute__((always_inline)) inline Lanes line(Lanes begin, Lanes end,
+                                                 Lanes& first, Lanes& second)
 {
   const Lanes d = end - begin;
   first = begin + gauss_points[0] * d;
