@@ -11,7 +11,14 @@ from ufl.corealg.multifunction import MultiFunction
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["OPTIMISED", "assembled", "compile_expression", "compile_form", "describe_form"]
+__all__ = [
+    "OPTIMISED",
+    "assembled",
+    "compile_bilinear_form",
+    "compile_expression",
+    "compile_form",
+    "describe_form",
+]
 
 # GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels a fifth
 # to a third slower.
@@ -20,7 +27,8 @@ _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD
 # pow. GCC vectorises no kernel that calls them without: those of NeoHookean take a third.
 _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
 # The loop over points is vectorised if those in it are unrolled, which recent GCC does only with
-# a greater limit than its own, of 200 instructions.
+# a greater limit than its own, of 200 instructions. Kernels of bilinear forms are no faster with
+# it, nor with -O3, and take three times as long to compile.
 _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
@@ -40,10 +48,12 @@ OPTIMISED = [
 # too short on a busy machine.
 _TIMEOUT = 40
 _OPTIONS = {"cffi_extra_compile_args": [*OPTIMISED, *_UNROLLED], "timeout": _TIMEOUT}
+_BILINEAR = {"cffi_extra_compile_args": [*OPTIMISED, "-O2"], "timeout": _TIMEOUT}
 _QUICK = {"cffi_extra_compile_args": ["-O0"], "timeout": _TIMEOUT}
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
-# For what a compiled form knows beside its kernels, which are slow.
+compile_bilinear_form = partial(fem.form, jit_options=_BILINEAR)
+# Soon compiled, with slow kernels: for what else a compiled form knows.
 describe_form = partial(fem.form, jit_options=_QUICK)
 
 

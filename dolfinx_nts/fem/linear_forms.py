@@ -7,7 +7,7 @@ reads most functions without packing them.
 
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import ufl
@@ -18,9 +18,11 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.batched_kernels import batched_kernels
 from dolfinx_nts.fem.jit import compile_form, describe_form
 
-__all__ = ["CellForm", "PackedForm"]
+__all__ = ["CellForm", "Kernels", "PackedForm"]
 
 _NO_PLACES: Ints = np.empty(0, dtype=np.int32)
+
+Kernels = Literal["double", "single", "slow"]
 
 
 class _Coefficients:
@@ -95,13 +97,14 @@ class CellForm:
 
     Args:
         form: Linear form, made by `bulk_form`.
-        is_rounded: Whether single precision is enough.
+        kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
+            double precision, which are soon compiled.
     """
 
-    def __init__(self, form: ufl.Form, *, is_rounded: bool = False) -> None:
+    def __init__(self, form: ufl.Form, kernels: Kernels = "double") -> None:
         """Compile the form and prepare a kernel for each of its integrals."""
         V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
-        self._form, kernels = _compiled(form, is_rounded=is_rounded)
+        self._form, made = _compiled(form, kernels)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
         positions = compiled.original_coefficient_positions
@@ -117,7 +120,7 @@ class CellForm:
         self._others = _Coefficients(self._form, others) if others else None
         self._places = np.concatenate([_NO_PLACES, *(ranges[f] for f in others)])
         regions = dict(form.integrals()[0].subdomain_data())
-        ids = compiled.form_integral_ids[0 : len(kernels)]
+        ids = compiled.form_integral_ids[0 : len(made)]
         self._regions: list[Ints] = [regions[i] for i in ids]
         self._cells = self._regions
         self._integrals = [
@@ -131,7 +134,7 @@ class CellForm:
                 self._places,
                 width,
             )
-            for kernel in kernels
+            for kernel in made
         ]
         self._packed: list[Floats] = [np.empty((self._num_cells, 0))] * len(self._integrals)
 
@@ -143,11 +146,12 @@ class CellForm:
         """
         self._cells = [np.setdiff1d(region, cells) for region in self._regions]
 
-    def assemble(self, b: Floats) -> None:
+    def assemble(self, b: Floats, most: int | None = None) -> None:
         """Add the form on the cells of this rank to a vector. Local.
 
         Args:
             b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
+            most: Most cells of each integral, for a sample; None: all.
         """
         if self._others is not None and self._others.update():
             by_key = self._others.packed
@@ -158,7 +162,7 @@ class CellForm:
         constants = cpp.fem.pack_constants(self._form._cpp_object)
         parts = zip(self._integrals, self._cells, self._packed, strict=True)
         for integral, cells, packed in parts:
-            integral.add(cells, packed, constants, b)
+            integral.add(cells[:most], packed, constants, b)
 
     def _by_cell(self, cells: Ints, rows: Floats) -> Floats:
         """Put rows of some cells into an array with a row for every local cell."""
@@ -167,12 +171,13 @@ class CellForm:
         return packed
 
 
-def _compiled(form: ufl.Form, *, is_rounded: bool) -> tuple[fem.Form, list[Any]]:
+def _compiled(form: ufl.Form, kernels: Kernels) -> tuple[fem.Form, list[Any]]:
     """The compiled form, and a kernel for each of its integrals."""
-    described = describe_form(form)
-    batched = batched_kernels(described, is_single=is_rounded)
-    if batched is not None:
-        return described, batched
-    compiled = compile_form(form)
+    compiled = describe_form(form)
+    if kernels != "slow":
+        batched = batched_kernels(compiled, is_single=kernels == "single")
+        if batched is not None:
+            return compiled, batched
+        compiled = compile_form(form)
     number = compiled.ufcx_form.form_integral_offsets[1]
     return compiled, list(map(compat.kernel, compiled.ufcx_form.form_integrals[0:number]))

@@ -5,10 +5,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy as np
-
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
@@ -62,15 +59,10 @@ class Operator:
 
     def _action(self, z: Floats) -> Floats:
         """Tangent of the bodies times a vector."""
-        if self._rounding < _NEGLIGIBLE * self.reduction:
-            return self.bulk.rounded_action(z)
-        exact = self.bulk.action(z)
         if math.isinf(self._rounding):
-            error = self.bulk.rounded_action(z) - exact
-            squares = [float(np.vdot(error, error)), float(np.vdot(exact, exact))]
-            part, whole = reductions.total(self.bulk.comm, squares)
-            self._rounding = math.sqrt(part / whole) if whole > 0 else math.inf
-        return exact
+            self._rounding = self.bulk.rounding(z)
+        is_enough = self._rounding < _NEGLIGIBLE * self.reduction
+        return self.bulk.rounded_action(z) if is_enough else self.bulk.action(z)
 
 
 class Preconditioner:

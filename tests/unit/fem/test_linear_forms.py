@@ -97,7 +97,7 @@ def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
 def test_single_precision_where_it_is_enough(comm, cell, degree):
     work = Case(comm, cell, degree).action()
-    single, double = CellForm(work, is_rounded=True), CellForm(work)
+    single, double = CellForm(work, "single"), CellForm(work)
     assert_same(single, compile_form(work), rounding=1e-5)
     given, expected = np.zeros((2, len(fem.Function(Case(comm, cell, degree).V).x.array)))
     single.assemble(given)
