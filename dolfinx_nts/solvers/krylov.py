@@ -208,6 +208,7 @@ class LinearSolver:
         self._preconditioner.serialize(archive)
         self._active_sets.serialize(archive)
         self._contacts.serialize(archive, self._active_sets.version)
+        self._operator.serialize(archive)
         age = archive.same("age_of_factors", np.array(astuple(self._age)))
         if archive.giving:
             known = self._preconditioner.point is not None

@@ -1,10 +1,12 @@
 """Krylov method on the projected tangent, with its preconditioner."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from petsc4py import PETSc
 
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
@@ -19,8 +21,9 @@ __all__ = ["KrylovMethod", "Operator", "Preconditioner"]
 _MAX_ITERATIONS = 200
 # Growth of the residual at which an iteration is given up [-].
 _DIVERGED = 1e6
-# Rounding of products relative to the reduction asked for, at which it does not matter [-].
-_NEGLIGIBLE = 0.03
+# Rounding of products relative to the reduction that is still asked for, at which it does not
+# matter [-]: what products contribute to the solution becomes smaller as the residual does.
+_NEGLIGIBLE = 0.3
 
 
 class Operator:
@@ -37,19 +40,23 @@ class Operator:
     Attributes:
         bulk: The residual.
         elimination: Contacts of this Newton iteration.
-        reduction: Reduction of the residual that is asked for [-].
+        reduction: Gives the reduction of the residual that is still asked for [-].
     """
 
     def __init__(self, bulk: Bulk) -> None:
         """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
-        self.reduction = 0.0
+        self.reduction: Callable[[], float] = float
         self._rounding = math.inf
 
     def forget(self) -> None:
         """Measure at the next product what single precision costs it. Local."""
         self._rounding = math.inf
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize what decides on the precision of products. Collective."""
+        self._rounding = archive.same("rounding_of_products", self._rounding)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
@@ -61,7 +68,7 @@ class Operator:
         """Tangent of the bodies times a vector."""
         if math.isinf(self._rounding):
             self._rounding = self.bulk.rounding(z)
-        is_enough = self._rounding < _NEGLIGIBLE * self.reduction
+        is_enough = self._rounding < _NEGLIGIBLE * self.reduction()
         return self.bulk.rounded_action(z) if is_enough else self.bulk.action(z)
 
 
@@ -137,7 +144,8 @@ class KrylovMethod:
             ValueError: There are options that nothing asks for.
         """
         self._b.array[:] = b.ravel()
-        self._operator.reduction = rtol
+        target = rtol * self._b.norm()
+        self._operator.reduction = lambda: target / max(self._ksp.getResidualNorm(), target)
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
         self._ksp.solve(self._b, self._x)
         iterations = int(self._ksp.getIterationNumber())
