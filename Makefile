@@ -41,7 +41,7 @@ lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff check
 	$(RUN) ruff format --check
 	$(RUN) python3 -m mypy --strict dolfinx_nts
-	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts/cpp -name '*.h' -o -name '*.cpp')
+	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts -name '*.h' -o -name '*.cpp')
 	$(RUN) shellcheck environment/run environment/ranks environment/sanitize .ci/run
 
 docs: ## the documentation site with executed demos, in build/docs/html

@@ -43,6 +43,7 @@ class Profile:
         for owner, name, phase in (
             (contact_step.ContactStep, "accepted", "contact"),
             (bulk.Bulk, "action", "action"),
+            (bulk.Bulk, "rounded_action", "action"),
             (bulk.Bulk, "residual", "assembly"),
             (saddle_point.SaddlePointSystem, "solve", "direct"),
             (preconditioner.BulkPreconditioner, "build", "factors"),

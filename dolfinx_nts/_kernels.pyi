@@ -103,16 +103,22 @@ class Springs:
         self, node: _Ints, key: _Keys, dofs: _Ints, force: _Floats, energy: _Floats
     ) -> None: ...
 
+class ElementKernel:
+    def __init__(self, address: int, takes_data: bool) -> None: ...
+
+class BatchKernel:
+    def __init__(self, address: int, lanes: int, is_single: bool) -> None: ...
+
 class CellIntegral:
     def __init__(
         self,
-        kernel: int,
-        takes_data: bool,
+        kernel: ElementKernel | BatchKernel,
         X: _Floats,
         vertices: _Ints,
         nodes: _Ints,
         functions: Sequence[_Floats],
         first: Sequence[int],
+        places: _Ints,
         width: int,
     ) -> None: ...
     def add(self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...

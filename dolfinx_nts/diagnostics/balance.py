@@ -33,6 +33,9 @@ from dolfinx_nts.search.overlaps import Overlap
 
 __all__ = ["Balance", "Diagnostics"]
 
+# How much farther nodes look where the last look found nothing [-].
+_FARTHER = 4.0
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -198,19 +201,25 @@ class Diagnostics:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
 
         Pairs whose bounding boxes are farther apart than the least gap found so far are left
-        out, and so are segments farther from a node than that.
+        out, and so are segments farther from a node than that. Otherwise nodes look farther and
+        farther until one finds a segment.
         """
         x, pairs, least = self._stepper.x, self._stepper.contacts, np.inf
-        distances = self._distances(x)
-        for i in np.argsort(distances, kind="stable"):
-            pair = pairs[i]
+        nearest, farthest = self._distances(x)
+        for i in np.argsort(nearest, kind="stable"):
+            pair, size = pairs[i], pairs[i].pair.segment_size
             # The point of a gap may lie beside a facet, by up to its size.
-            reach = least + pair.pair.segment_size
-            if distances[i] > reach:
-                continue
-            gap = pair.gap(x, reach)
-            own = float(gap[~np.isnan(gap)].min(initial=least))
-            least = reductions.least(self._comm, own)
+            limit = min(least, farthest[i]) + size
+            # Nodes that face nothing look at all segments in reach, so most looks are short.
+            reach = limit if nearest[i] < 0 else nearest[i] + size
+            while nearest[i] <= limit:
+                gap = pair.gap(x, min(reach, limit))
+                own = reductions.least(self._comm, float(gap[~np.isnan(gap)].min(initial=np.inf)))
+                enough = min(own + size, limit)
+                if reach >= enough:
+                    least = min(least, own)
+                    break
+                reach = enough if own < np.inf else _FARTHER * reach
         return least if least < np.inf else np.nan
 
     def overlaps(self) -> list[Overlap]:
@@ -224,10 +233,11 @@ class Diagnostics:
         """
         return self._stepper.watch.overlaps.search.find(self._stepper.x)[0]
 
-    def _distances(self, x: Floats) -> Floats:
-        """Distances between the bounding boxes of nodes and segments of the pairs, ``(p,)`` [m].
+    def _distances(self, x: Floats) -> tuple[Floats, Floats]:
+        """Least and greatest distances between nodes and segments of the pairs, each ``(p,)`` [m].
 
-        Those of obstacles are below zero, so that they come first: they know their gaps.
+        They are those of the bounding boxes. Those of obstacles are below zero, so that they come
+        first, as they know their gaps.
         """
         pairs = self._stepper.contacts
         # Least coordinates of nodes and segments, and least negative ones.
@@ -239,11 +249,12 @@ class Diagnostics:
                     part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
         least = reductions.least(self._comm, least)
         lower, upper = least[:, :, 0], -least[:, :, 1]
-        apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
         has_box = np.isfinite(least).all(axis=(1, 2, 3))
-        apart = np.maximum(apart[:, 0], 0.0)
-        distances: Floats = np.where(has_box, np.linalg.norm(apart, axis=1), -1.0)
-        return distances
+        lower, upper = (np.where(has_box[:, None, None], ends, 0.0) for ends in (lower, upper))
+        apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
+        nearest = np.linalg.norm(np.maximum(apart[:, 0], 0.0), axis=1)
+        farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
+        return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def centre_of_mass(self, body: Body) -> Floats:
         """Current centre of mass of a body, shape ``(3,)`` [m].

@@ -11,7 +11,14 @@ from ufl.corealg.multifunction import MultiFunction
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["assembled", "compile_expression", "compile_form"]
+__all__ = [
+    "OPTIMISED",
+    "assembled",
+    "compile_bilinear_form",
+    "compile_expression",
+    "compile_form",
+    "describe_form",
+]
 
 # GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels a fifth
 # to a third slower.
@@ -20,30 +27,34 @@ _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD
 # pow. GCC vectorises no kernel that calls them without: those of NeoHookean take a third.
 _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
 # The loop over points is vectorised if those in it are unrolled, which recent GCC does only with
-# a greater limit than its own, of 200 instructions.
+# a greater limit than its own, of 200 instructions. Kernels of bilinear forms are no faster with
+# it, nor with -O3, and take three times as long to compile.
 _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
-_OPTIONS = {
-    "cffi_extra_compile_args": [
-        "-O3",
-        "-march=native",
-        "-ffp-contract=fast",
-        "-fno-math-errno",
-        "-fno-trapping-math",
-        "-fno-signed-zeros",
-        "-fassociative-math",
-        "-freciprocal-math",
-        _VECTOR_FUNCTIONS,
-        *_UNROLLED,
-        *_WIDEST,
-    ],
-    # How long to wait for another process that compiles the same form [s]: 10, as FFCx has it, is
-    # too short on a busy machine.
-    "timeout": 40,
-}
+OPTIMISED = [
+    "-O3",
+    "-march=native",
+    "-ffp-contract=fast",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-signed-zeros",
+    "-fassociative-math",
+    "-freciprocal-math",
+    _VECTOR_FUNCTIONS,
+    *_WIDEST,
+]
+# How long to wait for another process that compiles the same form [s]: 10, as FFCx has it, is
+# too short on a busy machine.
+_TIMEOUT = 40
+_OPTIONS = {"cffi_extra_compile_args": [*OPTIMISED, *_UNROLLED], "timeout": _TIMEOUT}
+_BILINEAR = {"cffi_extra_compile_args": [*OPTIMISED, "-O2"], "timeout": _TIMEOUT}
+_QUICK = {"cffi_extra_compile_args": ["-O0"], "timeout": _TIMEOUT}
 
 compile_form = partial(fem.form, jit_options=_OPTIONS)
+compile_bilinear_form = partial(fem.form, jit_options=_BILINEAR)
+# Soon compiled, with slow kernels: for what else a compiled form knows.
+describe_form = partial(fem.form, jit_options=_QUICK)
 
 
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:

@@ -1,13 +1,13 @@
 """Linear forms that are assembled again and again, in every Newton iteration or step.
 
 `PackedForm` takes any form and leaves the assembly to DOLFINx, but packs functions only when
-they have changed. `CellForm` takes forms over cells and calls FFCx's kernels itself, which
+they have changed. `CellForm` takes forms over cells and calls the kernels itself, which
 reads most functions without packing them.
 """
 
 from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import ufl
@@ -15,12 +15,14 @@ from dolfinx import cpp, fem
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.batched_kernels import batched_kernels
+from dolfinx_nts.fem.jit import compile_form, describe_form
 
-__all__ = ["CellForm", "PackedForm"]
+__all__ = ["CellForm", "Kernels", "PackedForm"]
 
-# Packed values of an integral without functions of other spaces.
-_NOTHING: Floats = np.empty((0, 0))
+_NO_PLACES: Ints = np.empty(0, dtype=np.int32)
+
+Kernels = Literal["double", "single", "slow"]
 
 
 class _Coefficients:
@@ -90,43 +92,51 @@ class CellForm:
     `fem.assemble_vector` reads functions that were packed cell by cell, and with 380 000
     unknowns waits a quarter of its time for them. This loop gathers the values of a cell's
     nodes when it comes to the cell. Only functions of other spaces than that of the argument
-    are packed, when one of them has changed.
+    are packed, when one of them has changed. Kernels compute several cells at once where
+    `batched_kernels` can make them.
 
     Args:
         form: Linear form, made by `bulk_form`.
+        kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
+            double precision, which are soon compiled.
     """
 
-    def __init__(self, form: ufl.Form) -> None:
+    def __init__(self, form: ufl.Form, kernels: Kernels = "double") -> None:
         """Compile the form and prepare a kernel for each of its integrals."""
         V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
-        self._form = compile_form(form)
+        self._form, made = _compiled(form, kernels)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
         positions = compiled.original_coefficient_positions
         functions = [form.coefficients()[positions[i]] for i in range(compiled.num_coefficients)]
         widths = [f.function_space.element.space_dimension for f in functions]
         *first, width = accumulate(widths, initial=0)
-        places = dict(zip(functions, first, strict=True))
+        ranges = {
+            f: np.arange(begin, begin + size, dtype=np.int32)
+            for f, begin, size in zip(functions, first, widths, strict=True)
+        }
         ours = [f for f in functions if f.function_space == V]
         others = [f for f in functions if f.function_space != V]
         self._others = _Coefficients(self._form, others) if others else None
+        self._places = np.concatenate([_NO_PLACES, *(ranges[f] for f in others)])
         regions = dict(form.integrals()[0].subdomain_data())
-        begin, end = compiled.form_integral_offsets[0:2]  # integrals over cells
-        self._regions: list[Ints] = [regions[i] for i in compiled.form_integral_ids[begin:end]]
+        ids = compiled.form_integral_ids[0 : len(made)]
+        self._regions: list[Ints] = [regions[i] for i in ids]
         self._cells = self._regions
         self._integrals = [
             _kernels.CellIntegral(
-                *compat.kernel(integral),
+                kernel,
                 V.mesh.geometry.x,
                 compat.geometry_nodes(V.mesh),
                 V.dofmap.list,
                 [f.x.array for f in ours],
-                [places[f] for f in ours],
+                [ranges[f][0] for f in ours],
+                self._places,
                 width,
             )
-            for integral in compiled.form_integrals[begin:end]
+            for kernel in made
         ]
-        self._packed: list[Floats] = [_NOTHING] * len(self._integrals)
+        self._packed: list[Floats] = [np.empty((self._num_cells, 0))] * len(self._integrals)
 
     def leave_out(self, cells: Ints) -> None:
         """Leave out cells from now on, until the next call of this method. Local.
@@ -136,11 +146,12 @@ class CellForm:
         """
         self._cells = [np.setdiff1d(region, cells) for region in self._regions]
 
-    def assemble(self, b: Floats) -> None:
+    def assemble(self, b: Floats, most: int | None = None) -> None:
         """Add the form on the cells of this rank to a vector. Local.
 
         Args:
             b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
+            most: Most cells of each integral, for a sample; None: all.
         """
         if self._others is not None and self._others.update():
             by_key = self._others.packed
@@ -151,10 +162,22 @@ class CellForm:
         constants = cpp.fem.pack_constants(self._form._cpp_object)
         parts = zip(self._integrals, self._cells, self._packed, strict=True)
         for integral, cells, packed in parts:
-            integral.add(cells, packed, constants, b)
+            integral.add(cells[:most], packed, constants, b)
 
     def _by_cell(self, cells: Ints, rows: Floats) -> Floats:
         """Put rows of some cells into an array with a row for every local cell."""
-        packed = np.zeros((self._num_cells, rows.shape[1]))
-        packed[cells] = rows
+        packed = np.zeros((self._num_cells, len(self._places)))
+        packed[cells] = rows[:, self._places]
         return packed
+
+
+def _compiled(form: ufl.Form, kernels: Kernels) -> tuple[fem.Form, list[Any]]:
+    """The compiled form, and a kernel for each of its integrals."""
+    compiled = describe_form(form)
+    if kernels != "slow":
+        batched = batched_kernels(compiled, is_single=kernels == "single")
+        if batched is not None:
+            return compiled, batched
+        compiled = compile_form(form)
+    number = compiled.ufcx_form.form_integral_offsets[1]
+    return compiled, list(map(compat.kernel, compiled.ufcx_form.form_integrals[0:number]))

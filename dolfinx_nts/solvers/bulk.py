@@ -1,19 +1,27 @@
 """Residual of the bodies, without contact, and the action of its derivative."""
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from mpi4py import MPI
 
 import numpy as np
 import ufl
-from dolfinx import common, fem, la
-from ufl.algorithms import expand_derivatives
+from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
+from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Bulk"]
+
+# Kernels of actions that every run needs: those of most iterations, and others to judge them.
+_PROMPT: tuple[Kernels, Kernels] = ("single", "slow")
+# Cells of each material on which they are compared.
+_SAMPLE = 512
 
 
 class Bulk:
@@ -55,7 +63,10 @@ class Bulk:
         forms = [residual, *(-load for load in loads)]
         actions = [ufl.derivative(form, u, self._direction) for form in forms]
         nodes = V.dofmap.index_map
-        self._residual, self._action = (_NodalSum(some, nodes) for some in (forms, actions))
+        self._residual = NodalSum(forms, nodes)
+        self._actions = {kernels: NodalSum(actions, nodes, kernels) for kernels in _PROMPT}
+        self._new_action = partial(NodalSum, actions, nodes)
+        self._left_out: Ints = np.empty(0, dtype=np.int32)
         self.num_owned = 3 * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(3).size_local)
         self.num_cells = self._all_cells
@@ -75,7 +86,7 @@ class Bulk:
     @property
     def num_actions(self) -> int:
         """Actions of the derivative assembled so far."""
-        return self._action.num_assembled
+        return sum(action.num_assembled for action in self._actions.values())
 
     def residual(self) -> Floats:
         """Residual at u on the owned dofs, 0 where u is given [N].
@@ -96,8 +107,9 @@ class Bulk:
             cells: Owned cells left out.
             nodes: Owned nodes that are only in cells left out.
         """
-        for form in (self._residual, self._action):
-            form.bodies.leave_out(cells)
+        self._left_out = cells
+        for form in (self._residual, *self._actions.values()):
+            form.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
         self._given = np.union1d(self.fixed, dofs)
@@ -121,52 +133,41 @@ class Bulk:
         Returns:
             Values at the owned nodes, shape ``(n, 3)`` [N].
         """
-        direction, given = self._direction_values, self._given
-        direction[: self.num_owned] = x.ravel()
-        direction[given] = 0
-        self._direction.x.scatter_forward()
-        y = self._action.assembled()
+        if "double" not in self._actions:
+            # Few runs need it, and it takes time to compile.
+            self._actions["double"] = self._new_action("double")
+            self._actions["double"].leave_out(self._left_out)
+        return self._along(x, "double")
+
+    def rounded_action(self, x: Floats) -> Floats:
+        """The same as `action` in single precision, where there are kernels for it. Collective."""
+        return self._along(x, "single")
+
+    def rounding(self, x: Floats) -> float:
+        """Error of `rounded_action`, relative, on a sample of cells. Collective.
+
+        It depends on the law, and on displacements in sizes of cells.
+
+        Args:
+            x: Values at the owned nodes, shape ``(n, 3)`` [m].
+        """
+        self._set_direction(x)
+        rounded, exact = (self._actions[kernels].sample(_SAMPLE) for kernels in _PROMPT)
+        error = rounded - exact
+        squares = [float(error @ error), float(exact @ exact)]
+        part, whole = reductions.total(self.comm, squares)
+        return math.sqrt(part / whole) if whole > 0 else math.inf
+
+    def _along(self, x: Floats, kernels: Kernels) -> Floats:
+        self._set_direction(x)
+        y = self._actions[kernels].assembled()
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        y[given] = x.ravel()[given]
+        y[self._given] = x.ravel()[self._given]
         return y.reshape(-1, 3)
 
-
-class _NodalSum:
-    """Sum of linear forms at the owned nodes, the first of bodies, others of loads.
-
-    Args:
-        forms: The form of the bodies, then those of the loads.
-        index_map: That of the nodes.
-
-    Attributes:
-        bodies: The form of the bodies.
-        num_assembled: Sums of all forms so far.
-    """
-
-    def __init__(self, forms: Sequence[ufl.Form], index_map: common.IndexMap) -> None:
-        first, *loads = map(expand_derivatives, forms)
-        self.bodies = CellForm(first)
-        # Dead loads have no derivative.
-        self._loads = [PackedForm(load) for load in loads if not load.empty()]
-        self._vector = la.vector(index_map, 3)
-        self._values: Floats = self._vector.array
-        self._num_owned = 3 * index_map.size_local
-        self.num_assembled = 0
-
-    def assembled(self) -> Floats:
-        """Sum of all forms, a copy. Collective."""
-        self.num_assembled += 1
-        return self._sum([self.bodies, *self._loads])
-
-    def assembled_loads(self) -> Floats:
-        """Sum of the forms of the loads, a copy. Collective."""
-        return self._sum(self._loads)
-
-    def _sum(self, forms: Iterable[CellForm | PackedForm]) -> Floats:
-        self._values.fill(0.0)
-        for form in forms:
-            form.assemble(self._values)
-        self._vector.scatter_reverse(la.InsertMode.add)
-        owned: Floats = self._values[: self._num_owned].copy()
-        return owned
+    def _set_direction(self, x: Floats) -> None:
+        direction = self._direction_values
+        direction[: self.num_owned] = x.ravel()
+        direction[self._given] = 0
+        self._direction.x.scatter_forward()

@@ -208,6 +208,7 @@ class LinearSolver:
         self._preconditioner.serialize(archive)
         self._active_sets.serialize(archive)
         self._contacts.serialize(archive, self._active_sets.version)
+        self._operator.serialize(archive)
         age = archive.same("age_of_factors", np.array(astuple(self._age)))
         if archive.giving:
             known = self._preconditioner.point is not None
@@ -220,6 +221,7 @@ class LinearSolver:
         if is_first and preconditioner.gives_way and self._crossings > _MOST_CROSSINGS:
             preconditioner.strengthen()
         preconditioner.build()
+        self._operator.forget()
         self._age = _Age()
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:

@@ -1,9 +1,12 @@
 """Krylov method on the projected tangent, with its preconditioner."""
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 from petsc4py import PETSc
 
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
@@ -18,13 +21,18 @@ __all__ = ["KrylovMethod", "Operator", "Preconditioner"]
 _MAX_ITERATIONS = 200
 # Growth of the residual at which an iteration is given up [-].
 _DIVERGED = 1e6
+# Rounding of products relative to the reduction that is still asked for, at which it does not
+# matter [-]: what products contribute to the solution becomes smaller as the residual does.
+_NEGLIGIBLE = 0.3
 
 
 class Operator:
     """Context of the shell matrix: projected tangent.
 
     Right-hand sides and products have no part in the directions that
-    nodes give up, and such a part of what is multiplied has no effect.
+    nodes give up, and such a part of what is multiplied has no effect. Products are
+    computed in single precision where that leaves the convergence as it is: Newton's method
+    computes the residual in double precision, and only that decides on its result.
 
     Args:
         bulk: Residual of the bodies.
@@ -32,18 +40,36 @@ class Operator:
     Attributes:
         bulk: The residual.
         elimination: Contacts of this Newton iteration.
+        reduction: Gives the reduction of the residual that is still asked for [-].
     """
 
     def __init__(self, bulk: Bulk) -> None:
         """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
+        self.reduction: Callable[[], float] = float
+        self._rounding = math.inf
+
+    def forget(self) -> None:
+        """Measure at the next product what single precision costs it. Local."""
+        self._rounding = math.inf
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize what decides on the precision of products. Collective."""
+        self._rounding = archive.same("rounding_of_products", self._rounding)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
         z = x.array_r.reshape(-1, 3).copy()
         parts = self.elimination.constrain(z)
-        y.array[:] = self.elimination.act(parts, self.bulk.action(z)).ravel()
+        y.array[:] = self.elimination.act(parts, self._action(z)).ravel()
+
+    def _action(self, z: Floats) -> Floats:
+        """Tangent of the bodies times a vector."""
+        if math.isinf(self._rounding):
+            self._rounding = self.bulk.rounding(z)
+        is_enough = self._rounding < _NEGLIGIBLE * self.reduction()
+        return self.bulk.rounded_action(z) if is_enough else self.bulk.action(z)
 
 
 class Preconditioner:
@@ -85,7 +111,7 @@ class KrylovMethod:
     ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         comm, n = operator.bulk.comm, operator.bulk.num_owned
-        self._contexts = operator, preconditioner
+        self._operator, self._preconditioner = operator, preconditioner
         matrix = shell_matrix(comm, (n, None), operator)
         matrix.setUp()
         self._options: PetscOptions | None = options  # until they are known to be used
@@ -118,6 +144,8 @@ class KrylovMethod:
             ValueError: There are options that nothing asks for.
         """
         self._b.array[:] = b.ravel()
+        target = rtol * self._b.norm()
+        self._operator.reduction = lambda: target / max(self._ksp.getResidualNorm(), target)
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
         self._ksp.solve(self._b, self._x)
         iterations = int(self._ksp.getIterationNumber())

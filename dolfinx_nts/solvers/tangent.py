@@ -13,7 +13,7 @@ from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
-from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 
@@ -178,7 +178,8 @@ class Tangent:
 
 def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
     """Forms that have integrals once their derivatives are taken."""
-    return [compile_form(form) for form in map(expand_derivatives, forms) if not form.empty()]
+    forms = list(map(expand_derivatives, forms))
+    return [compile_bilinear_form(form) for form in forms if not form.empty()]
 
 
 def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:

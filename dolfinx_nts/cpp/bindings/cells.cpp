@@ -1,7 +1,8 @@
 #include "array.h"
-#include "nts/fem/cell_integral.h"
+#include "nts/fem/cell_batches.h"
 
 #include <nanobind/stl/vector.h>
+#include <variant>
 
 namespace nts::bindings
 {
@@ -13,15 +14,16 @@ using Ints = In<std::int32_t>;
 class CellIntegral
 {
 public:
-  CellIntegral(std::uintptr_t kernel, bool takes_data, Doubles X, Ints vertices,
-               Ints nodes, std::vector<Doubles> functions,
-               const std::vector<std::size_t>& first, std::size_t width)
-      : _kernel(kernel, takes_data), _X(std::move(X)),
-        _vertices(std::move(vertices)), _nodes(std::move(nodes)),
-        _functions(std::move(functions)), _width(width)
+  using Kernel = std::variant<ElementKernel, BatchKernel>;
+
+  CellIntegral(const Kernel& kernel, Doubles X, Ints vertices, Ints nodes,
+               std::vector<Doubles> functions,
+               const std::vector<std::size_t>& first, Ints places,
+               std::size_t width)
+      : _kernel(kernel), _X(std::move(X)), _vertices(std::move(vertices)),
+        _nodes(std::move(nodes)), _functions(std::move(functions)),
+        _places(std::move(places)), _width(width)
   {
-    if (kernel == 0)
-      throw nb::value_error("kernel: expected an address, given 0");
     check("X", _X, {any, 3});
     check("vertices", _vertices, {any, any});
     check_rows("vertices: expected rows of X", _vertices, _X.shape(0));
@@ -42,6 +44,8 @@ public:
         throw nb::value_error("first: expected places for three values a node");
       _gathered.push_back({view(_functions[i]), first[i]});
     }
+    check("places", _places, {any});
+    check_rows("places: expected less than width", _places, width);
   }
 
   void add(const Ints& cells, const Doubles& packed, const Doubles& constants,
@@ -49,13 +53,15 @@ public:
   {
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
-    if (packed.size())
-      check("packed", packed, {_nodes.shape(0), _width});
+    check("packed", packed, {_nodes.shape(0), _places.size()});
     check_values("b", b);
     const CellNodes mesh{view(_X), view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1)};
-    add_cells(_kernel, mesh, view(cells), _gathered, view(packed), _width,
-              view(constants), view(b));
+    const KernelInput input{_gathered, view(packed), view(_places), _width,
+                            view(constants)};
+    std::visit([&](const auto& kernel)
+               { add_cells(kernel, mesh, view(cells), input, view(b)); },
+               _kernel);
   }
 
 private:
@@ -68,32 +74,46 @@ private:
           (std::string(name) + ": expected three values at each node").c_str());
   }
 
-  ElementKernel _kernel;
+  Kernel _kernel;
   Doubles _X;
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions;
   std::vector<Gathered> _gathered; // views of them
+  Ints _places;
   std::size_t _width, _num_nodes = 0;
 };
 } // namespace
 
 void cells(nb::module_& m)
 {
-  nb::class_<CellIntegral>(
+  nb::class_<ElementKernel>(m, "ElementKernel", "FFCx's kernel of one cell")
+      .def(nb::init<std::uintptr_t, bool>(), nb::arg("address"),
+           nb::arg("takes_data"));
+  nb::class_<BatchKernel>(m, "BatchKernel", "Kernel of a batch of cells")
+      .def(nb::init<std::uintptr_t, std::size_t, bool>(), nb::arg("address"),
+           nb::arg("lanes"), nb::arg("is_single"));
+  nb::class_<CellIntegral> integral(
       m, "CellIntegral",
-      "Integral of a linear form over cells with FFCx's kernel; the arrays are "
-      "read at each call, not copied")
-      .def(nb::init<std::uintptr_t, bool, Doubles, Ints, Ints,
-                    std::vector<Doubles>, const std::vector<std::size_t>&,
-                    std::size_t>(),
-           nb::arg("kernel"), nb::arg("takes_data"), nb::arg("X").noconvert(),
-           nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
-           nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("width"),
-           "-, -, (g, 3), (c, v), (c, k), each (3 l,), place of each, number "
-           "of values that the kernel reads")
-      .def("add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
-           nb::arg("constants"), nb::arg("b").noconvert(),
-           "(m,) of which cells, (c, width) values of other functions or "
-           "nothing, (n,); adds to b (3 l,)");
+      "Integral of a linear form over cells; the arrays are read at each call, "
+      "not copied");
+  const auto init = [&]<class Kernel>()
+  {
+    integral.def(
+        nb::init<const Kernel&, Doubles, Ints, Ints, std::vector<Doubles>,
+                 const std::vector<std::size_t>&, Ints, std::size_t>(),
+        nb::arg("kernel"), nb::arg("X").noconvert(),
+        nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
+        nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
+        nb::arg("width"),
+        "-, (g, 3), (c, v), (c, k), each (3 l,), place of each, places of "
+        "other values, number of values that the kernel reads");
+  };
+  init.operator()<ElementKernel>();
+  init.operator()<BatchKernel>();
+  integral.def(
+      "add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
+      nb::arg("constants"), nb::arg("b").noconvert(),
+      "(m,) of which cells, (c, n) values of other functions, (n,); adds "
+      "to b (3 l,)");
 }
 } // namespace nts::bindings

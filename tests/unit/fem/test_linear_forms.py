@@ -13,6 +13,7 @@ from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
 
+ROUNDING = 1e-14
 SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
 
 
@@ -73,13 +74,13 @@ def packings(monkeypatch):
     return forms
 
 
-def assert_same(form, reference):
-    """Both add the same to a vector, to the last bit."""
+def assert_same(form, reference, rounding=ROUNDING):
+    """Both add the same to a vector, up to rounding."""
     given = np.ones(len(fem.assemble_vector(reference).array))
     expected = given.copy()
     form.assemble(given)
     fem.assemble_vector(expected, reference)
-    np.testing.assert_array_equal(given, expected)
+    assert abs(given - expected).max() <= rounding * abs(expected).max()
 
 
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
@@ -91,6 +92,17 @@ def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
     for function in case.functions:
         case.change(function)
         assert_same(form, reference)
+
+
+@pytest.mark.parametrize(("cell", "degree"), SPACES)
+def test_single_precision_where_it_is_enough(comm, cell, degree):
+    work = Case(comm, cell, degree).action()
+    single, double = CellForm(work, "single"), CellForm(work)
+    assert_same(single, compile_form(work), rounding=1e-5)
+    given, expected = np.zeros((2, len(fem.Function(Case(comm, cell, degree).V).x.array)))
+    single.assemble(given)
+    double.assemble(expected)
+    assert not np.array_equal(given, expected)
 
 
 def test_values_of_constants_are_those_of_the_moment(comm):
@@ -145,19 +157,24 @@ def test_form_without_functions(comm):
 def test_kernel_refuses_what_does_not_fit():
     nodes = np.array([[0, 1, 2, 3]], dtype=np.int32)
     X, values = np.zeros((4, 3)), np.zeros(12)
+    for kernel in (_kernels.ElementKernel, _kernels.BatchKernel):
+        with pytest.raises(ValueError, match="expected a function, given 0"):
+            kernel(0, *([False] if kernel is _kernels.ElementKernel else [8, False]))
+    with pytest.raises(ValueError, match="expected 2, 4, 8 or 16"):
+        _kernels.BatchKernel(1, 3, False)
     good = {
-        "kernel": 1,
-        "takes_data": False,
+        "kernel": _kernels.ElementKernel(1, False),
         "X": X,
         "vertices": nodes,
         "nodes": nodes,
         "functions": [values],
         "first": [0],
+        "places": np.empty(0, dtype=np.int32),
         "width": 12,
     }
     integral = _kernels.CellIntegral(**good)
     for wrong, message in (
-        ({"kernel": 0}, "an address"),
+        ({"places": np.array([12], dtype=np.int32)}, "less than width"),
         ({"X": X[:3]}, "rows of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
         ({"nodes": nodes - 1}, "no negative entry"),
@@ -170,10 +187,10 @@ def test_kernel_refuses_what_does_not_fit():
     # A copy would not be what the function is later.
     with pytest.raises(TypeError):
         _kernels.CellIntegral(**good | {"functions": [values[::-1]]})
-    none, nothing = np.empty(0, dtype=np.int32), np.empty((0, 0))
+    none, nothing = np.empty(0, dtype=np.int32), np.empty((1, 0))
     with pytest.raises(ValueError, match="numbers of cells"):
         integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values)
     with pytest.raises(ValueError, match="packed: expected shape"):
-        integral.add(none, np.zeros((2, 12)), np.empty(0), values)
+        integral.add(none, np.zeros((1, 12)), np.empty(0), values)
     with pytest.raises(ValueError, match="three values at each node"):
         integral.add(none, nothing, np.empty(0), values[:9])

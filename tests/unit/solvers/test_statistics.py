@@ -38,6 +38,7 @@ def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
 
     for name, (owner, method) in COUNTED.items():
         count(name, owner, method)
+    count("num_actions", Bulk, "rounded_action")
     count("products", Operator, "mult")
     if direct:
         monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <stdexcept>
 #include <vector>
 
 /// @brief Linear forms over cells, with the element kernels of FFCx.
@@ -17,9 +18,11 @@ class ElementKernel
 public:
   /// @param[in] address Of the function.
   /// @param[in] takes_data Whether data of the user's is its last argument.
-  ElementKernel(std::uintptr_t address, bool takes_data) noexcept
+  ElementKernel(std::uintptr_t address, bool takes_data)
       : _address(address), _takes_data(takes_data)
   {
+    if (address == 0)
+      throw std::invalid_argument("address: expected a function, given 0");
   }
 
   /// @param[in,out] b Element vector, to which is added.
@@ -74,31 +77,36 @@ inline void gather(std::span<const double> x,
     out = std::copy_n(x.data() + 3 * static_cast<std::size_t>(row), 3, out);
 }
 
+/// @brief What a kernel reads, cell by cell.
+struct KernelInput
+{
+  std::span<const Gathered> functions;  ///< functions of the space
+  std::span<const double> packed;       ///< of other functions, (c, n)
+  std::span<const std::int32_t> places; ///< of the columns of `packed`, (n,)
+  std::size_t width;                    ///< number of values of a cell
+  std::span<const double> constants;    ///< their values
+};
+
 /// @brief Add an integral over cells to a vector.
 /// @param[in] kernel Of the integral.
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
-/// @param[in] functions Functions of the space.
-/// @param[in] packed What the kernel reads of other functions cell by cell,
-/// (c, width), or nothing.
-/// @param[in] width Number of values that the kernel reads.
-/// @param[in] constants Their values.
+/// @param[in] input What the kernel reads.
 /// @param[in,out] b Values at the nodes, (l, 3).
 inline void add_cells(const ElementKernel& kernel, const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
-                      std::span<const Gathered> functions,
-                      std::span<const double> packed, std::size_t width,
-                      std::span<const double> constants, std::span<double> b)
+                      const KernelInput& input, std::span<double> b)
 {
   const auto [all_X, all_vertices, v, all_nodes, k] = mesh;
+  const auto [functions, packed, places, width, constants] = input;
   std::vector<double> X(3 * v), w(width), element(3 * k);
   for (const std::int32_t cell : cells)
   {
     const auto c = static_cast<std::size_t>(cell);
     const auto nodes = all_nodes.subspan(k * c, k);
     gather(all_X, all_vertices.subspan(v * c, v), X.data());
-    if (!packed.empty())
-      std::copy_n(packed.data() + width * c, width, w.data());
+    for (std::size_t i = 0; i < places.size(); ++i)
+      w[places[i]] = packed[places.size() * c + i];
     for (const auto& [values, first] : functions)
       gather(values, nodes, w.data() + first);
     std::ranges::fill(element, 0.0);

@@ -1,0 +1,76 @@
+"""Kernels for batches of cells, one lane a cell, from the C that FFCx writes for one cell.
+
+Each number that depends on the cell becomes a vector of the numbers of all cells of the
+batch. Tables and constants stay scalars. Two rules of text do that: accumulators, which start
+from zero, become vectors, and all other numbers what the compiler infers. The rest is left to
+C++, which has operators and functions of vectors (`lanes.h`). The law is not touched.
+"""
+
+import re
+
+from dolfinx_nts.fem.trilinear_tables import factorised
+
+__all__ = ["batched_source"]
+
+_KERNEL = re.compile(r"^void tabulate_tensor_(\w+)\([^)]*\)\s*\{$", re.M)
+_ORDER = re.compile(r"\bform_integrals_\w+\[\d+\] = \{([^}]*)\}")
+_ZERO = re.compile(r"^(\s*)double (\w+) = 0(?:\.0)?;", re.M)
+_ZEROS = re.compile(r"^(\s*)double (\w+)((?:\[\d+\])+) = \{[0., ]*\};", re.M)
+_LOCAL = re.compile(r"^(\s*)(?:double|bool|int) (\w+) = ", re.M)
+_INTEGER = re.compile(r"(?<=[?:] )(-?\d+)(?=[ ;])")
+_TABLE = re.compile(r"^static const double\b", re.M)
+# What differs between the cells of a batch only by chance, or is not in all of them.
+_OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
+
+_HEAD = """#include "trilinear.h"
+using namespace nts;
+"""
+_FUNCTION = """
+extern "C" void batch_{number}(Lanes* __restrict__ A, const Lanes* __restrict__ w,
+                        const Real* __restrict__ c,
+                        const Lanes* __restrict__ coordinate_dofs)
+{{{body}}}
+"""
+
+
+def batched_source(source: str) -> str:
+    """Translate the kernels of a linear form over cells for batches of cells. Local.
+
+    Args:
+        source: The C that FFCx wrote for the form.
+
+    Returns:
+        C++ with a function ``batch_0``, ``batch_1``, ... for each integral, in the order of the
+        form.
+
+    Raises:
+        ValueError: The text is not what is expected.
+    """
+    bodies = {match[1]: _until_closed(source[match.end() :]) for match in _KERNEL.finditer(source)}
+    order = _ORDER.search(source)
+    names = re.findall(r"&(\w+)", order[1]) if order else []
+    if not names or not set(names) <= set(bodies):
+        raise ValueError("expected kernels of FFCx")
+    if any(_OF_ONE_CELL.search(bodies[name]) for name in names):
+        raise ValueError("expected kernels without branches")
+    functions = [
+        _FUNCTION.format(number=i, body=_in_lanes(bodies[name])) for i, name in enumerate(names)
+    ]
+    return _HEAD + "".join(functions)
+
+
+def _until_closed(text: str) -> str:
+    """What comes before the brace that closes one opened before the text."""
+    depth = 1
+    for brace in re.finditer(r"[{}]", text):
+        depth += 1 if brace[0] == "{" else -1
+        if depth == 0:
+            return text[: brace.start()]
+    return text
+
+
+def _in_lanes(body: str) -> str:
+    body = _ZERO.sub(r"\1Lanes \2 = {};", factorised(body))
+    body = _ZEROS.sub(r"\1Lanes \2\3 = {};", body)
+    body = _LOCAL.sub(r"\1auto \2 = ", _INTEGER.sub(r"Real(\1)", body))
+    return _TABLE.sub("static const Real", body)

@@ -1,0 +1,105 @@
+#pragma once
+
+#include <cmath>
+
+/// @file
+/// Numbers of a batch of cells, one lane a cell, with the functions that UFL
+/// knows. It is compiled at run time, with the kernels that
+/// `batched_source.py` writes, which see one cell.
+
+#ifdef NTS_SINGLE
+using Real = float;
+#else
+using Real = double;
+#endif
+
+// As wide as the registers of the machine [bytes].
+#if defined(__AVX512F__)
+#define NTS_WIDTH 64
+#elif defined(__AVX__)
+#define NTS_WIDTH 32
+#else
+#define NTS_WIDTH 16
+#endif
+typedef Real Lanes __attribute__((vector_size(NTS_WIDTH)));
+extern "C" const int num_lanes = NTS_WIDTH / sizeof(Real);
+
+// The compiler makes one call of a vector function of such a loop where the
+// library has one.
+#define NTS_LANEWISE(name)                                                     \
+  inline Lanes name(Lanes x)                                                   \
+  {                                                                            \
+    Lanes y;                                                                   \
+    for (int l = 0; l < num_lanes; ++l)                                        \
+      y[l] = std::name(x[l]);                                                  \
+    return y;                                                                  \
+  }
+#define NTS_LANEWISE_OF_TWO(name)                                              \
+  inline Lanes name(Lanes x, Lanes y)                                          \
+  {                                                                            \
+    Lanes z;                                                                   \
+    for (int l = 0; l < num_lanes; ++l)                                        \
+      z[l] = std::name(x[l], y[l]);                                            \
+    return z;                                                                  \
+  }                                                                            \
+  inline Lanes name(Lanes x, double y) { return name(x, Lanes{} + Real(y)); }  \
+  inline Lanes name(double x, Lanes y) { return name(Lanes{} + Real(x), y); }
+
+namespace nts
+{
+using std::acos, std::acosh, std::asin, std::asinh, std::atan, std::atan2,
+    std::atanh, std::cos, std::cosh, std::erf, std::exp, std::fmax, std::fmin,
+    std::log, std::sin, std::sinh, std::sqrt, std::tan, std::tanh;
+
+NTS_LANEWISE(acos)
+NTS_LANEWISE(acosh)
+NTS_LANEWISE(asin)
+NTS_LANEWISE(asinh)
+NTS_LANEWISE(atan)
+NTS_LANEWISE(atanh)
+NTS_LANEWISE(cos)
+NTS_LANEWISE(cosh)
+NTS_LANEWISE(erf)
+NTS_LANEWISE(exp)
+NTS_LANEWISE(log)
+NTS_LANEWISE(sin)
+NTS_LANEWISE(sinh)
+NTS_LANEWISE(sqrt)
+NTS_LANEWISE(tan)
+NTS_LANEWISE(tanh)
+NTS_LANEWISE_OF_TWO(atan2)
+NTS_LANEWISE_OF_TWO(fmax)
+NTS_LANEWISE_OF_TWO(fmin)
+
+inline double fabs(double x) { return std::fabs(x); }
+inline Lanes fabs(Lanes x) { return x < 0 ? -x : x; }
+
+inline double pow(double x, double y) { return std::pow(x, y); }
+inline Lanes pow(Lanes x, Lanes y)
+{
+  Lanes z;
+  for (int l = 0; l < num_lanes; ++l)
+    z[l] = std::pow(x[l], y[l]);
+  return z;
+}
+// Exponents are known when the kernel is compiled, as is then which branch is
+// taken.
+__attribute__((always_inline)) inline Lanes pow(Lanes x, double y)
+{
+  if (y == 2)
+    return x * x;
+  if (y == 3)
+    return x * x * x;
+  if (y == 4)
+    return (x * x) * (x * x);
+  if (y == -1)
+    return 1 / x;
+  if (y == -2)
+    return 1 / (x * x);
+  if (y == 0.5)
+    return sqrt(x);
+  if (y == -0.5)
+    return 1 / sqrt(x);
+  return pow(x, Lanes{} + Real(y));
+}
+} // namespace nts

@@ -1,0 +1,77 @@
+"""Sums of linear forms at nodes."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import ufl
+from dolfinx import common, la
+from ufl.algorithms import expand_derivatives
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.linear_forms import CellForm, Kernels, PackedForm
+
+__all__ = ["NodalSum"]
+
+
+class NodalSum:
+    """Sum of linear forms at the owned nodes, the first of bodies, others of loads.
+
+    Args:
+        forms: The form of the bodies, then those of the loads.
+        index_map: That of the nodes.
+        kernels: Of the form of the bodies, see `CellForm`.
+
+    Attributes:
+        num_assembled: Sums of all forms so far.
+    """
+
+    def __init__(
+        self,
+        forms: Sequence[ufl.Form],
+        index_map: common.IndexMap,
+        kernels: Kernels = "double",
+    ) -> None:
+        """Compile the forms."""
+        first, *loads = map(expand_derivatives, forms)
+        self._bodies = CellForm(first, kernels)
+        # Dead loads have no derivative.
+        self._loads = [PackedForm(load) for load in loads if not load.empty()]
+        self._vector = la.vector(index_map, 3)
+        self._values: Floats = self._vector.array
+        self._num_owned = 3 * index_map.size_local
+        self.num_assembled = 0
+
+    def leave_out(self, cells: Ints) -> None:
+        """Leave out cells of the bodies from now on, until the next call. Local.
+
+        Args:
+            cells: Owned cells, local indices.
+        """
+        self._bodies.leave_out(cells)
+
+    def assembled(self) -> Floats:
+        """Sum of all forms, a copy. Collective."""
+        self.num_assembled += 1
+        return self._sum([self._bodies, *self._loads])
+
+    def assembled_loads(self) -> Floats:
+        """Sum of the forms of the loads, a copy. Collective."""
+        return self._sum(self._loads)
+
+    def sample(self, most: int) -> Floats:
+        """Form of the bodies on some cells of this rank, with what other ranks own. Local.
+
+        Args:
+            most: Most cells of each material.
+        """
+        values = np.zeros_like(self._values)
+        self._bodies.assemble(values, most)
+        return values
+
+    def _sum(self, forms: Iterable[CellForm | PackedForm]) -> Floats:
+        self._values.fill(0.0)
+        for form in forms:
+            form.assemble(self._values)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        owned: Floats = self._values[: self._num_owned].copy()
+        return owned

@@ -1,0 +1,125 @@
+"""Kernels for batches of cells against those of FFCx."""
+
+import logging
+import platform
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from ufl.algorithms import expand_derivatives
+
+import dolfinx_nts as nts
+from dolfinx_nts.fem import batched_kernels as module
+from dolfinx_nts.fem.batched_kernels import batched_kernels
+from dolfinx_nts.fem.batched_source import batched_source
+from dolfinx_nts.fem.jit import compile_form, describe_form
+from dolfinx_nts.fem.linear_forms import CellForm
+from dolfinx_nts.model.bodies import bulk_form
+from helpers import scenes
+
+# Functions that UFL knows; each argument of the test law is near 1.
+FUNCTIONS = [
+    *(ufl.acos, ufl.asin, ufl.atan, ufl.cos, ufl.cosh, ufl.erf, ufl.exp, ufl.ln, ufl.sin),
+    *(ufl.sinh, ufl.sqrt, ufl.tan, ufl.tanh, abs, ufl.sign),
+    *(lambda x, p=p: x**p for p in (-2, -1, -0.5, 0.5, 2, 3, 4, 1 / 3)),
+    lambda x: ufl.conditional(ufl.gt(x, 0.52), x, 2.0),
+    lambda x: ufl.conditional(ufl.And(ufl.lt(x, 0.48), ufl.ge(x, 0.2)), 1.0, x),
+    lambda x: ufl.atan2(x, 2.0) + ufl.max_value(x, 0.45) + ufl.min_value(x, 0.55),
+]
+
+
+def virtual_work(comm, law, cell="hexahedron", degree=1):
+    """Virtual work in a deformed body."""
+    data = scenes.boxes([(3, 2, 3)], [(1.2, 1.0, 0.5)], cell=cell)
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    u, eta = fem.Function(V), ufl.TestFunction(V)
+    u.x.array[:] = 0.02 * np.sin(np.arange(len(u.x.array)))
+    F = ufl.Identity(3) + ufl.grad(u)
+
+    def work(material, parameters, rho):
+        return ufl.inner(F * material.stress(F.T * F, **parameters), ufl.grad(eta))
+
+    return expand_derivatives(bulk_form([nts.Body(V, cells, tag["body 0"], law)], work))
+
+
+def source_of(form):
+    """The C that FFCx wrote."""
+    library = Path(form.module.__file__)
+    return library.with_name(library.name.split(".")[0] + ".c").read_text()
+
+
+@pytest.mark.serial
+def test_functions_of_energies(comm):
+    def psi(C):
+        x = 0.5 * C[0, 0]
+        return sum(function(x) for function in FUNCTIONS) * (ufl.tr(C) - 3) ** 2
+
+    work = virtual_work(comm, nts.Hyperelastic(psi, rho=1.0))
+    reference = compile_form(work)
+    assert batched_kernels(reference) is not None
+    expected = fem.assemble_vector(reference).array
+    given = np.zeros_like(expected)
+    CellForm(work).assemble(given)
+    np.testing.assert_allclose(given, expected, atol=1e-13 * abs(expected).max())
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("hexahedron", 2)])
+def test_sums_over_tables_are_taken_direction_by_direction(comm, cell, degree):
+    law = nts.SaintVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
+    source = batched_source(source_of(describe_form(virtual_work(comm, law, cell, degree))))
+    sums = re.findall(r"\+= .*\[iq\]\[i", source)
+    # Nine derivatives of u, nine of the coordinates in the Jacobian.
+    assert source.count("_at(iq);") == (18 if degree == 1 else 0)
+    assert bool(sums) == (degree == 2)
+
+
+@pytest.mark.serial
+@pytest.mark.skipif(
+    platform.machine() != "x86_64" or platform.libc_ver()[0] != "glibc",
+    reason="vector functions of glibc on x86-64",
+)
+def test_logarithms_are_vector_functions(comm, monkeypatch):
+    # Without them a kernel takes half as long again.
+    form = describe_form(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0)))
+    loaded = []
+    monkeypatch.setattr(module.ctypes, "CDLL", _recording(module.ctypes.CDLL, loaded))
+    batched_kernels(form)
+    symbols = subprocess.run(
+        ["nm", "--dynamic", loaded[0]], capture_output=True, text=True, check=True
+    )
+    assert re.search(r"_ZGV[bcde]N\d+v_log", symbols.stdout)
+
+
+def _recording(load, paths):
+    def recorded(path):
+        paths.append(path)
+        return load(path)
+
+    return recorded
+
+
+def test_what_cannot_be_batched_is_left_to_ffcx(comm, monkeypatch, caplog):
+    work = virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))
+    expected = fem.assemble_vector(compile_form(work)).array
+    monkeypatch.setenv("CXX", "no-such-compiler")
+    with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
+        form = CellForm(work)
+    assert "no kernels for batches of cells, which is harmless" in caplog.text
+    given = np.zeros_like(expected)
+    form.assemble(given)
+    np.testing.assert_array_equal(given, expected)
+
+
+@pytest.mark.serial
+def test_only_kernels_of_ffcx_without_branches_are_translated(comm):
+    source = source_of(describe_form(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))))
+    with pytest.raises(ValueError, match="expected kernels of FFCx"):
+        batched_source("int main() { return 0; }")
+    with pytest.raises(ValueError, match="expected kernels without branches"):
+        batched_source(source.replace("for (int iq", "if (w[0] > 0)\nfor (int iq"))
