@@ -171,8 +171,9 @@ class Stepper(TimeLoop):
         self._u_n[:] = self._u
         report = self._step()
         self.t, self.step, self._x_before = report.t, report.step, None
-        with self.timings.phase("overlap"):
-            self.watch.overlaps.follow(self._way, lambda: self.x, self.t)
+        if self.watch.overlaps.is_due(self._way):
+            with self.timings.phase("overlap"):
+                self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
