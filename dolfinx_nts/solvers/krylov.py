@@ -49,8 +49,8 @@ _FEWEST_DECADES = 0.3
 _NEGLIGIBLE = 0.03
 # Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
 _ROW_SUM = 3.0
-# Inertia over stiffness that stands for none [-], and a stiffness that divides [N/m].
-_NO_INERTIA, _NO_STIFFNESS = 1e-30, 1e-300
+# Inertia over stiffness that is none [-].
+_NO_INERTIA = 1e-30
 
 
 @dataclass
@@ -258,8 +258,9 @@ class LinearSolver:
         """
         stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
         # Without inertia waves cross any number of cells.
-        least = np.maximum(_NO_INERTIA * stiffness, _NO_STIFFNESS)
-        ratio = stiffness / np.maximum(inertia, least)
+        moves = inertia > _NO_INERTIA * stiffness
+        infinite = np.where(stiffness > 0, np.inf, 0.0)
+        ratio = np.where(moves, stiffness, infinite) / np.where(moves, inertia, 1.0)
         comm = self._operator.bulk.comm
         greatest = reductions.largest(comm, ratio.max(initial=0.0))
         return float(np.sqrt(2 * greatest))

@@ -151,10 +151,10 @@ def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(
         assert schwarz.num_builds == count + builds
 
 
-def test_waves_cross_more_cells_than_there_are_where_there_is_no_inertia(comm, monkeypatch):
+def test_waves_cross_any_number_of_cells_where_there_is_no_inertia(comm, monkeypatch):
     solver = scenes.blocks(comm, nts.QuasiStatic).stepper._solver
     stiffness = np.full_like(solver.tangent.nodal_stiffness(), 1e9)
     stiffness[:1] = 0.0
     monkeypatch.setattr(solver.tangent, "nodal_stiffness", lambda: stiffness)
     with np.errstate(all="raise"):
-        assert solver._wave_crossings() > 1e9
+        assert solver._wave_crossings() == np.inf
