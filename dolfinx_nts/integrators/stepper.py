@@ -142,7 +142,11 @@ class Stepper(TimeLoop):
 
     def _check_body(self, body: Body) -> None:
         if not isinstance(body, Body):
-            raise TypeError(f"expected one of the bodies given to the stepper, given {body!r}")
+            names = ", ".join(each.name for each in self.bodies)
+            raise TypeError(
+                f"expected one of the bodies given to the stepper ({names}), the Body itself and "
+                f"not its name or number, given {body!r}"
+            )
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
 

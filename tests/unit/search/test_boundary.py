@@ -109,7 +109,9 @@ def test_the_distance_from_a_cube_is_exact(rng):
     beside = np.linalg.norm(points - points.clip(0, 1), axis=1)
     within = np.minimum(points, 1 - points).min(axis=1)
     expected = np.where(within > 0, within, beside)
-    np.testing.assert_allclose(_kernels.Boundary(box()).distance(points, np.zeros(len(points))), expected, atol=ROUNDING)
+    np.testing.assert_allclose(
+        _kernels.Boundary(box()).distance(points, np.zeros(len(points))), expected, atol=ROUNDING
+    )
 
 
 def test_ways_are_cut_where_they_enter_and_leave_a_cube():
