@@ -39,8 +39,8 @@ class OverlapWatch:
         bodies: The bodies.
         pairs: The contact pairs.
         clear: Is told the positions, shape ``(l, 3)`` [m], at a look that finds no overlap of
-            bodies, and how far any two have to come nearer from there to pass through each
-            other [m].
+            bodies, and how far those of any pair have to come nearer from there to pass through
+            each other [m].
 
     Attributes:
         deepest: The deepest overlap of any two that was found so far, by their names.
@@ -59,7 +59,7 @@ class OverlapWatch:
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # By how much any two may have come nearer since the last look, up to which that none is
         # due, and where it was.
-        self._way, self._free_way = 0.0, 0.0
+        self._way, self._free_way, self._step = 0.0, 0.0, 0.0
         self._x: Floats = np.empty((0, 3))
 
     @cached_property
@@ -75,20 +75,25 @@ class OverlapWatch:
         return [(pair, names(pair.nodes), names(pair.segments)) for pair in self._pairs]
 
     @cached_property
-    def _ways(self) -> Floats:
+    def _ways(self) -> tuple[Floats, float]:
         """Motion that any two need to pass through each other, see `OverlapSearch.find` [m].
 
-        Pairs watch what they name, so that only the whole of a passage matters.
+        Pairs watch what they name, so that only the whole of a passage matters. The second is
+        the least for the pairs, 0 where one is between parts of one boundary.
         """
         names, walls = self.search.names, self.search.walls
         ways = np.full((len(names), len(names)), _WAY * self.search.shortest)
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
-        for _, nodes, segments in self._roles:
+        least = np.inf
+        for pair, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
                         ways[[i, j], [j, i]] = max(ways[i, j], walls[i] + walls[j])
-        return ways
+                        least = min(least, ways[i, j])
+                    elif pair.nodes != pair.segments:
+                        least = 0.0
+        return ways, least
 
     def start(self, x: Floats) -> None:
         """Look at a state that was set, and tell what overlaps.
@@ -100,21 +105,21 @@ class OverlapWatch:
             self._known[names] = overlap.depth, overlap.cells
             self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap))
 
-    def is_due(self, way: float) -> bool:
-        """Whether bodies may have moved so far since the last look that they overlap. Local.
+    def moved_far(self, way: float) -> bool:
+        """Count an accepted step; tell whether there should be a look before the next one. Local.
 
         Args:
-            way: Bound on the way of any node in a step that is accepted, the same on all ranks
-                [m].
+            way: Bound on the way of any node in the step, the same on all ranks [m].
         """
-        self._way += 2 * way
-        return self._way > self._free_way
+        self._step = 2 * way
+        self._way += self._step
+        return self._way + self._step > self._free_way
 
     def follow(self, x: Floats, t: float) -> None:
-        """Look if bodies have moved that far, see `look`."""
+        """Look if bodies have indeed moved far since the last look, see `look`."""
         # The sum of steps is a crude bound, as most nodes move the same way.
         self._way = self.search.approach(x, self._x)
-        if self._way > _USED * self._free_way:
+        if self._way + self._step > _USED * self._free_way:
             self.look(x, t)
 
     def look(self, x: Floats, t: float) -> None:
@@ -135,11 +140,11 @@ class OverlapWatch:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         shortest, new = self.search.shortest, []
         overlaps, apart = self.search.find(x, part * shortest)
-        free_way = float((np.maximum(apart, 0.0) + self._ways).min())
-        self._way, self._free_way, self._x = 0.0, free_way, x
+        ways, least = self._ways
+        self._way, self._free_way, self._x = 0.0, float(np.maximum(apart, ways).min()), x
         obstacles = self.search.obstacles
-        if all(obstacles.intersection(overlap.names) for overlap in overlaps):
-            self._clear(x, free_way)
+        if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
+            self._clear(x, least)
         for overlap in overlaps:
             names = frozenset(overlap.names)
             deepest = self.deepest.setdefault(names, overlap)

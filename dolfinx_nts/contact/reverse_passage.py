@@ -79,8 +79,8 @@ class ReversePassages:
 
         Args:
             x: The positions, shape ``(l, 3)`` [m].
-            room: How far two bodies have to come nearer from there to pass through each other
-                [m].
+            room: How far those of any pair have to come nearer from there to pass through each
+                other [m].
         """
         self._last = _Look(x, 0.0, max(room, self._shortest))
 

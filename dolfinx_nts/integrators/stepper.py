@@ -175,7 +175,7 @@ class Stepper(TimeLoop):
         self._u_n[:] = self._u
         report = self._step()
         self.t, self.step, self._x_before = report.t, report.step, None
-        if self.watch.overlaps.is_due(self._way):
+        if self.watch.overlaps.moved_far(self._way):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
@@ -186,8 +186,8 @@ class Stepper(TimeLoop):
     def look_for_overlaps(self) -> None:
         """Tell, in the log, what overlaps now and was not told before.
 
-        Runs do that by themselves whenever bodies have moved by the size of the smallest cell, and
-        at their end.
+        Runs do that by themselves whenever bodies could have come through each other, and at their
+        end.
         """
         with self.timings.phase("overlap"):
             self.watch.overlaps.look(self.x, self.t)
