@@ -146,8 +146,6 @@ class CentralDifference(Stepper):
         self.mass = self._bulk.mass
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
         self._springs = [ContactSprings(contact, self.mass) for contact in self.contacts]
-        passages = (springs.shortest_passage for springs in self._springs)
-        self._shortest_passage = min(passages, default=math.inf)
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs, mass)
         self.stable_step, default = self._stability.room(self.x)
@@ -331,11 +329,11 @@ class CentralDifference(Stepper):
 
     def _check_passage(self, moved: float) -> None:
         """Raise if nodes or vertices, of which none moves farther than given, pass a surface."""
-        if 2 * moved <= self._shortest_passage and not self.watch.vertices.is_due(moved):
+        fast = [springs for springs in self._springs if 2 * moved > springs.shortest_passage]
+        if not (fast or self.watch.vertices.is_due(moved)):
             self.watch.vertices.travel(moved)
             return
         x_n, x = (self._X + u.reshape(-1, 3) for u in (self._u_n, self._u))
-        fast = (springs for springs in self._springs if 2 * moved > springs.shortest_passage)
         reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
         reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:
