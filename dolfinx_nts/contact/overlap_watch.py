@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -20,10 +21,13 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# By how much two bodies may come nearer between two looks while boxes around them overlap,
-# relative to the smallest cell [-]: even if each is one cell thick, they need as much to pass
-# through each other.
+# By how much two bodies that no pair names may come nearer between two looks while boxes around
+# them overlap, relative to the smallest cell [-]: even if each is one cell thick, they need as much
+# to pass through each other.
 _WAY = 2.0
+# Part of such motion [-] after which there is a look, as the motion of all nodes would have to be
+# measured in each of the next steps.
+_USED = 0.9
 
 
 class OverlapWatch:
@@ -34,20 +38,28 @@ class OverlapWatch:
     Args:
         bodies: The bodies.
         pairs: The contact pairs.
+        clear: Is told the positions, shape ``(l, 3)`` [m], at a look that finds no overlap of
+            bodies, and how far those of any pair have to come nearer from there to pass through
+            each other [m].
 
     Attributes:
         deepest: The deepest overlap of any two that was found so far, by their names.
     """
 
-    def __init__(self, bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        pairs: Sequence[ContactPair],
+        clear: Callable[[Floats, float], None],
+    ) -> None:
         """Begin with nothing seen; boundaries are found at the first look."""
-        self._bodies, self._pairs = tuple(bodies), tuple(pairs)
+        self._bodies, self._pairs, self._clear = tuple(bodies), tuple(pairs), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # By how much any two may have come nearer since the last look, up to which that none is
         # due, and where it was.
-        self._way, self._free_way = 0.0, 0.0
+        self._way, self._free_way, self._step = 0.0, 0.0, 0.0
         self._x: Floats = np.empty((0, 3))
 
     @cached_property
@@ -62,6 +74,27 @@ class OverlapWatch:
         names = self.search.names_of
         return [(pair, names(pair.nodes), names(pair.segments)) for pair in self._pairs]
 
+    @cached_property
+    def _ways(self) -> tuple[Floats, float]:
+        """Motion that any two need to pass through each other, see `OverlapSearch.find` [m].
+
+        Pairs watch what they name, so that only the whole of a passage matters. The second is
+        the least for the pairs, 0 where one is between parts of one boundary.
+        """
+        names, walls = self.search.names, self.search.walls
+        ways = np.full((len(names), len(names)), _WAY * self.search.shortest)
+        of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
+        least = np.inf
+        for pair, nodes, segments in self._roles:
+            for one, other in product(nodes, segments):
+                for i, j in product(of.get(one, []), of.get(other, [])):
+                    if i != j:
+                        ways[[i, j], [j, i]] = max(ways[i, j], walls[i] + walls[j])
+                        least = min(least, ways[i, j])
+                    elif pair.nodes != pair.segments:
+                        least = 0.0
+        return ways, least
+
     def start(self, x: Floats) -> None:
         """Look at a state that was set, and tell what overlaps.
 
@@ -72,21 +105,22 @@ class OverlapWatch:
             self._known[names] = overlap.depth, overlap.cells
             self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap))
 
-    def follow(self, way: float, x: Callable[[], Floats], t: float) -> None:
-        """Look if bodies have moved so far since the last look that they may overlap.
+    def moved_far(self, way: float) -> bool:
+        """Count an accepted step; tell whether there should be a look before the next one. Local.
 
         Args:
-            way: Bound on the way of any node in the last step, the same on all ranks [m].
-            x: Function that returns the positions, see `look`.
-            t: Time [s].
+            way: Bound on the way of any node in the step, the same on all ranks [m].
         """
-        self._way += 2 * way
-        if self._way <= self._free_way:
-            return
-        here = x()
-        self._way = self.search.approach(here, self._x)
-        if self._way > self._free_way:
-            self.look(here, t)
+        self._step = 2 * way
+        self._way += self._step
+        return self._way + self._step > self._free_way
+
+    def follow(self, x: Floats, t: float) -> None:
+        """Look if bodies have indeed moved far since the last look, see `look`."""
+        # The sum of steps is a crude bound, as most nodes move the same way.
+        self._way = self.search.approach(x, self._x)
+        if self._way + self._step > _USED * self._free_way:
+            self.look(x, t)
 
     def look(self, x: Floats, t: float) -> None:
         """Look at the state at the time t [s] if anything has moved, and tell what is new.
@@ -105,8 +139,12 @@ class OverlapWatch:
     def _new(self, x: Floats, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         shortest, new = self.search.shortest, []
-        overlaps, clearance = self.search.find(x, part * shortest)
-        self._way, self._free_way, self._x = 0.0, max(_WAY * shortest, clearance), x
+        overlaps, apart = self.search.find(x, part * shortest)
+        ways, least = self._ways
+        self._way, self._free_way, self._x = 0.0, float(np.maximum(apart, ways).min()), x
+        obstacles = self.search.obstacles
+        if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
+            self._clear(x, least)
         for overlap in overlaps:
             names = frozenset(overlap.names)
             deepest = self.deepest.setdefault(names, overlap)

@@ -82,7 +82,7 @@ class Passage(NamedTuple):
 
 def through_to_another_side(
     candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats], reach: float
-) -> Ints:
+) -> tuple[Ints, bool]:
     """Find the points that come out on another side, wherever they have been inside. Local.
 
     Args:
@@ -92,16 +92,20 @@ def through_to_another_side(
         reach: Bound on how much any point comes nearer to a candidate [m].
 
     Returns:
-        Their numbers, shape ``(m,)``.
+        Their numbers, shape ``(m,)``, and whether any other point ends so deep inside that it
+        could not be seen there without its way.
     """
     number = candidates.near(points, ends[0], reach)
     if not len(number):
-        return number
+        return number, False
     points = points.take(number)
-    segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), np.inf)
+    nearby = float(candidates.size.max())
+    segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), nearby)
     inside = np.where(gap < 0, segment, -1).astype(np.int32)
     ways = candidates.follow(points, *ends, inside)
-    return number[ways.leaves & (ways.cosine < -_kernels.WALL)]
+    stays = (ways.entered >= 0) & ~ways.leaves
+    is_deep = bool((-ways.gap[stays] > candidates.shortest_passage).any())
+    return number[ways.leaves & (ways.cosine < -_kernels.WALL)], is_deep
 
 
 def shortest_passage_of(pair: ContactPair) -> float:

@@ -5,6 +5,7 @@ come out of the other body on another side.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -14,10 +15,12 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passage import passing_message, through_to_another_side
+from dolfinx_nts.model.closed_boundaries import outward_triangles
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
+from dolfinx_nts.search.walls import thinnest_wall
 
 __all__ = ["ReversePassages"]
 
@@ -27,15 +30,28 @@ _ADVICE = (
 )
 
 # Part of the shortest passage [-] from which vertices are looked at, as the motion of all nodes
-# would have to be measured in each of the next steps.
-_USED = 0.75
+# would have to be measured in each of the next steps. It is more than that of `OverlapWatch`,
+# which may come first.
+_USED = 0.95
+# Part of the thickness of a body [-] to which the motion between two looks is limited, so that
+# ways between them are nearly straight, and how many such parts the ways may have that are
+# followed to the end.
+_STRAIGHT, _WHOLE = 0.5, 2.0
+
+
+class _Look(NamedTuple):
+    """Positions ``(l, 3)`` at a look, the way since then, and how long it may be [m]."""
+
+    x: Floats | None
+    way: float
+    room: float
 
 
 class ReversePassages:
     """Watches the vertices of the segments of pairs from look to look. Collective.
 
     Several steps may lie between two looks, as long as no vertex can get through a
-    body within them.
+    body within them: whoever sees that bodies do not overlap may `clear` what was before.
 
     Args:
         pairs: The pairs of a stepper.
@@ -54,17 +70,24 @@ class ReversePassages:
 
     def forget(self) -> None:
         """Begin anew, as the state was set. Local."""
-        # Positions at the last look, and a bound on the relative motion since then [m].
-        self._x: Floats | None = None
-        self._travelled = 0.0
-        # The same if the step that was checked is accepted.
-        self._checked: tuple[Floats | None, float] = None, 0.0
+        # Positions at the last look, a bound on the relative motion since then, and up to which
+        # no vertex can have passed [m]; and the same if the step that was checked is accepted.
+        self._last = self._checked = _Look(None, 0.0, self._shortest)
+
+    def clear(self, x: Floats, room: float) -> None:
+        """Go on from positions in which bodies do not overlap. Local.
+
+        Args:
+            x: The positions, shape ``(l, 3)`` [m].
+            room: How far those of any pair have to come nearer from there to pass through each
+                other [m].
+        """
+        self._last = _Look(x, 0.0, max(room, self._shortest))
 
     def is_due(self, moved: float) -> bool:
         """Whether vertices may pass in a step in which no node moves more than given [m]. Local."""
-        return bool(self._sweeps) and (
-            self._x is None or self._travelled + 2 * moved > self._shortest
-        )
+        last = self._last
+        return bool(self._sweeps) and (last.x is None or last.way + 2 * moved > last.room)
 
     def check(self, x_n: Floats, x: Floats, moved: float) -> str:
         """Say which vertices come out on another side in a step, or "".
@@ -74,35 +97,40 @@ class ReversePassages:
             x: The same at its end.
             moved: Largest motion of any node in the step, the same on all ranks [m].
         """
-        before = x_n.copy() if self._x is None else self._x
-        self._checked = before, self._travelled + 2 * moved
-        if self._checked[1] <= self._shortest:
+        before, way, room = self._last
+        before = x_n.copy() if before is None else before
+        self._checked = _Look(before, way + 2 * moved, room)
+        if self._checked.way <= room:
             return ""
         # The sum of steps is a crude bound, as most nodes move the same way.
         ways = [sweep.approach(before, x) for sweep in self._sweeps]
-        self._checked = before, max(ways, default=0.0)
-        if self._checked[1] <= _USED * self._shortest:
+        farthest = max(ways, default=0.0)
+        self._checked = _Look(before, farthest, room)
+        if farthest <= _USED * room:
             return ""
-        self._checked = x.copy(), 0.0
-        sweeps = zip(self._sweeps, ways, strict=True)
-        return next(filter(None, (sweep.passing(before, x, way) for sweep, way in sweeps)), "")
+        found = [sweep.passing(before, x, w) for sweep, w in zip(self._sweeps, ways, strict=True)]
+        # What is deep inside is followed on its whole way, but not beyond the other side.
+        stays = any(is_deep for _, is_deep in found) and farthest <= _WHOLE * self._shortest
+        self._checked = _Look(before if stays else x.copy(), 0.0, self._shortest)
+        return next(filter(None, (text for text, _ in found)), "")
 
     def accept(self) -> None:
         """Go on from the step that was checked. Local."""
-        self._x, self._travelled = self._checked
+        self._last = self._checked
 
     def travel(self, moved: float) -> None:
         """Go on from a step for which no look was due, see `is_due`. Local."""
-        self._travelled += 2 * moved
+        x, way, room = self._last
+        self._last = _Look(x, way + 2 * moved, room)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last look."""
-        x = None if self._x is None else [self._x, np.array(self._travelled)]
-        stored = archive.local("reverse_passages", x)
+        x, *bounds = self._last
+        stored = archive.local("reverse_passages", None if x is None else [x, np.array(bounds)])
         if archive.giving:
             self.forget()
             if stored is not None:
-                self._x, self._travelled = stored[0], float(stored[1])
+                self._last = _Look(stored[0], *map(float, stored[1]))
 
 
 class _Sweep:
@@ -112,20 +140,24 @@ class _Sweep:
         self._vertices = vertices
         self._comm: MPI.Comm = vertices.V.mesh.comm
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
-        # A vertex is followed on its whole way between two looks. Where it is at a look, the
-        # facet by which it came in is found while it is not much deeper than a cell.
-        length = diameters(facets.V.tabulate_dof_coordinates()[facets.segments])
+        # A vertex is followed on its whole way between two looks, and has to go through the body.
+        X = facets.V.tabulate_dof_coordinates()
+        length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
-        self.shortest = float(reductions.least(self._comm, float(shortest)))
+        wall = thinnest_wall(self._comm, X[outward_triangles(facets.segments, facets.orientation)])
+        cell = float(reductions.least(self._comm, float(shortest)))
+        self.shortest = max(cell, _STRAIGHT * wall)
 
     def approach(self, x_n: Floats, x: Floats) -> float:
         """Bound on how much any vertex has come nearer to a facet between two states [m]."""
         return self._search.approach(x, self._search.positions(x_n))
 
-    def passing(self, x_n: Floats, x: Floats, reach: float) -> str:
-        """Say which vertices pass between two states, or ""."""
+    def passing(self, x_n: Floats, x: Floats, reach: float) -> tuple[str, bool]:
+        """Say which vertices pass between two states, or "", and whether others are deep inside."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
-        passing = through_to_another_side(candidates, points, (forward(x_n), forward(x)), reach)
+        ends = forward(x_n), forward(x)
+        passing, is_deep = through_to_another_side(candidates, points, ends, reach)
         ids = self._vertices.node_ids[passing]
-        return passing_message(self._comm, "vertices of segments", ids, _ADVICE)
+        text = passing_message(self._comm, "vertices of segments", ids, _ADVICE)
+        return text, reductions.anywhere(self._comm, is_deep)

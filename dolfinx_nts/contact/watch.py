@@ -27,6 +27,6 @@ class ContactWatch:
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
         """Begin with nothing seen."""
         pairs = [contact.pair for contact in contacts]
-        self.overlaps = OverlapWatch(bodies, pairs)
         self.vertices = ReversePassages(pairs)
+        self.overlaps = OverlapWatch(bodies, pairs, self.vertices.clear)
         self.springs = SoftSprings(contacts)

@@ -184,7 +184,10 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
     if isinstance(tag, bool) or not isinstance(tag, int | np.integer):
         raise TypeError(f"expected an integer tag, given {tag!r}")
     if tags.dim != dim:
-        raise ValueError(f"expected {name} of dimension {dim}, given dimension {tags.dim}")
+        raise ValueError(
+            f"expected {name} of dimension {dim}, given tags of dimension {tags.dim}: bodies are "
+            "made of tagged cells, surfaces of tagged facets"
+        )
     comm = V.mesh.comm
     meet(comm, f"look for tag {tag} in {name}")
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))

@@ -329,7 +329,7 @@ class CentralDifference(Stepper):
 
     def _check_passage(self, moved: float) -> None:
         """Raise if nodes or vertices, of which none moves farther than given, pass a surface."""
-        fast = [springs for springs in self._springs if springs.may_pass(moved)]
+        fast = [springs for springs in self._springs if 2 * moved > springs.shortest_passage]
         if not (fast or self.watch.vertices.is_due(moved)):
             self.watch.vertices.travel(moved)
             return

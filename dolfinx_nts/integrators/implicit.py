@@ -301,7 +301,8 @@ class ImplicitStepper(Stepper):
                 ContactStep(contact, self.scheme.contact, *x, stiffness, self._free, is_static)
                 for contact in self.contacts
             ]
-        if not all_awake:
+        # Bodies that only contact holds go as far as it takes to touch others.
+        if not (all_awake or self._free_bodies.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
         solution = newton.solve(
             self._bulk,

@@ -142,7 +142,11 @@ class Stepper(TimeLoop):
 
     def _check_body(self, body: Body) -> None:
         if not isinstance(body, Body):
-            raise TypeError(f"expected one of the bodies given to the stepper, given {body!r}")
+            names = ", ".join(each.name for each in self.bodies)
+            raise TypeError(
+                f"expected one of the bodies given to the stepper ({names}), the Body itself and "
+                f"not its name or number, given {body!r}"
+            )
         if body not in self.bodies:
             raise ValueError("expected a body of this stepper, given another")
 
@@ -171,8 +175,9 @@ class Stepper(TimeLoop):
         self._u_n[:] = self._u
         report = self._step()
         self.t, self.step, self._x_before = report.t, report.step, None
-        with self.timings.phase("overlap"):
-            self.watch.overlaps.follow(self._way, lambda: self.x, self.t)
+        if self.watch.overlaps.moved_far(self._way):
+            with self.timings.phase("overlap"):
+                self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
@@ -181,8 +186,8 @@ class Stepper(TimeLoop):
     def look_for_overlaps(self) -> None:
         """Tell, in the log, what overlaps now and was not told before.
 
-        Runs do that by themselves whenever bodies have moved by the size of the smallest cell, and
-        at their end.
+        Runs do that by themselves whenever bodies could have come through each other, and at their
+        end.
         """
         with self.timings.phase("overlap"):
             self.watch.overlaps.look(self.x, self.t)

@@ -150,7 +150,10 @@ class Recorder:
         """
         meet(self._comm, f"write step {step.step} of {self._options.name}")
         if self._open is None:
-            raise ValueError("expected an open recorder, given one outside its with block")
+            raise ValueError(
+                "expected write() inside the with block of the recorder, given a call outside: "
+                "with nts.Recorder(name, stepper) as record: ..."
+            )
         due = self._ledger.step + 1
         if not step.step == self._stepper.step == due:
             raise ValueError(
@@ -204,7 +207,10 @@ class Recorder:
             ValueError: The ``with`` block has not been entered.
         """
         if self._summary is None:
-            raise ValueError("expected a summary after the with block, given none entered yet")
+            raise ValueError(
+                "expected summary() in or after the with block of the recorder, given a call "
+                "before: with nts.Recorder(name, stepper) as record: ..."
+            )
         return self._summary.text(self._ledger)
 
     def _tell(self, what: str) -> None:

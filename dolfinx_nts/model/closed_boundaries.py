@@ -14,7 +14,7 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.surfaces import area_vectors, diameters
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ClosedBoundary", "closed_boundaries"]
+__all__ = ["ClosedBoundary", "closed_boundaries", "outward_triangles"]
 
 # Triangles and edges of a segment, by its number of vertices in Basix order.
 _TRIANGLES = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [1, 3, 2]])}
@@ -69,22 +69,35 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
         cells = np.concatenate([body.cells for body in group])
         mine = np.isin(cell, cells)
         some, size = segments[mine], diameters(X[segments[mine]]).max(initial=0.0)
-        triangles = some[:, _TRIANGLES[k]]
-        inward = orientation[mine] < 0
-        triangles[inward] = triangles[inward, :, ::-1]
         nodes = np.unique(np.concatenate([body.nodes for body in group]))
         nodes = nodes[nodes < index_map.size_local]
         boundaries.append(
             ClosedBoundary(
                 tuple(group),
                 nodes[on_boundary[nodes]],
-                triangles.reshape(-1, 3),
+                outward_triangles(some, orientation[mine]),
                 np.unique(np.sort(some[:, _EDGES[k]].reshape(-1, 2), axis=1), axis=0),
                 V.dofmap.list[cells],
                 float(reductions.largest(V.mesh.comm, float(size))),
             )
         )
     return boundaries
+
+
+def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
+    """Cut segments into triangles whose vertices go round in outward sense. Local.
+
+    Args:
+        segments: Vertices in Basix order, shape ``(s, k)``.
+        orientation: +1 where a_1 x a_2 points outward, otherwise -1, shape ``(s,)``.
+
+    Returns:
+        Vertices of the triangles, of which a quadrilateral makes two, shape ``(t, 3)``.
+    """
+    triangles: Ints = segments[:, _TRIANGLES[segments.shape[1]]]
+    inward = orientation < 0
+    triangles[inward] = triangles[inward, :, ::-1]
+    return triangles.reshape(-1, 3)
 
 
 def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:

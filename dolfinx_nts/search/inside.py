@@ -12,7 +12,7 @@ from dolfinx_nts.model.closed_boundaries import ClosedBoundary
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
-__all__ = ["Insides"]
+__all__ = ["Insides", "all_rows"]
 
 
 class Insides:
@@ -47,15 +47,17 @@ class Insides:
             Distance from the boundary, 0 on it and outside, the same on all ranks, shape
             ``(m,)`` [m].
         """
+        if not len(points):
+            return np.zeros(0)  # everywhere, as all ranks ask for the same
         crossings = np.zeros((2, len(points)), dtype=np.int32)
-        for tree, some in self._trees_of(where, _all(points)):
+        for tree, some in self._trees_of(where, all_rows(points)):
             crossings[:, some] = tree.crossings(points[some])
         crossings = reductions.total(self._comm, crossings)
         count, at_an_edge = crossings
         some = _numbers((count > 0) | (at_an_edge > 0))
         distance = np.full(len(points), np.inf)
         for tree, here in self._trees_of(where, some):
-            distance[here] = tree.distance(points[here])
+            distance[here] = tree.distance(points[here], least[here])
         distance = reductions.least(self._comm, distance)
         inside = (count > 0) & (distance > least)
         # Rays from points on the boundary often hit edges, others hardly ever.
@@ -67,47 +69,38 @@ class Insides:
             inside[unsure] = reductions.total(self._comm, winding)[unsure] > 0.5
         return np.where(inside, distance, 0.0)
 
-    def chords(self, begin: Floats, end: Floats, where: Ints) -> tuple[Floats, Ints]:
+    def chords(self, ways: Floats, where: Ints) -> tuple[Floats, Ints]:
         """Find the middles of the parts into which boundaries cut straight ways. Collective.
 
         Args:
-            begin: Begins of the ways, the same on all ranks, shape ``(w, 3)`` [m].
-            end: Their ends, of the same shape.
+            ways: Begin and end of each way, the same on all ranks, shape ``(w, 6)`` [m].
             where: Number of the boundary of interest for each way, shape ``(w,)``.
 
         Returns:
             Middles, the same on all ranks, shape ``(c, 3)`` [m], and the way of each, ``(c,)``.
             Ways that meet no boundary have none.
         """
-        rows: list[Floats] = [np.empty((0, 2))]
-        for tree, some in self._trees_of(where, _all(begin)):
-            way, place = tree.cuts(begin[some], end[some])
-            rows.append(np.column_stack([some[way], place]))
-        cuts = joined(self._comm, np.concatenate(rows))
-        met = np.unique(cuts[:, 0])
-        ends = [np.column_stack([met, np.full(len(met), s)]) for s in (0.0, 1.0)]
-        ways, places = np.concatenate([cuts, *ends]).T
-        order = np.lexsort((places, ways))
-        ways, places = ways[order].astype(np.int32), places[order]
-        (first,) = (ways[1:] == ways[:-1]).nonzero()
-        way = ways[first]
-        middle = ((places[first] + places[first + 1]) / 2)[:, None]
-        return (1 - middle) * begin[way] + middle * end[way], way
+        rows: list[Floats] = [np.empty((2, 0))]
+        for tree, some in self._trees_of(where, all_rows(ways)):
+            way, place = tree.cuts(ways[some])
+            rows.append(np.stack([some[way], place]))
+        way, place = joined(self._comm, np.concatenate(rows, axis=1).T).T
+        return _kernels.parts_of_ways(ways, way.astype(np.int32), np.ascontiguousarray(place))
 
     def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
         """Boundaries of some points, and which of these belong to each."""
         for number in map(int, np.flatnonzero(np.bincount(where[some]))):
             triangles = self._boundaries[number].triangles
             if number not in self._trees:
-                self._trees[number] = _kernels.Boundary(self._x[triangles])
+                self._trees[number] = _kernels.Boundary(self._x.take(triangles, axis=0))
             elif number in self._moved:
                 self._moved.remove(number)
-                self._trees[number].move(self._x[triangles])
+                self._trees[number].move(self._x.take(triangles, axis=0))
             yield self._trees[number], some[where[some] == number]
 
 
-def _all(rows: Floats) -> Ints:
-    """Numbers of all rows."""
+def all_rows(rows: Floats) -> Ints:
+    """Numbers of all rows. Local."""
     return np.arange(len(rows), dtype=np.int32)
 
 

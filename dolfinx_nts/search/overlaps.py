@@ -6,13 +6,14 @@ nodes on one that are inside another, and at the edges of one that cross another
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mpi4py import MPI
 
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import closed_boundaries
 from dolfinx_nts.model.connected_bodies import connected
@@ -20,7 +21,8 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.inside import Insides
+from dolfinx_nts.search.inside import Insides, all_rows
+from dolfinx_nts.search.walls import thinnest_wall
 
 __all__ = ["Overlap", "OverlapSearch"]
 
@@ -66,6 +68,7 @@ class OverlapSearch:
         obstacles: Rigid obstacles.
 
     Attributes:
+        names: Names of the boundaries, as in an `Overlap`.
         shortest: Length of the smallest cell in the reference configuration [m].
     """
 
@@ -75,7 +78,7 @@ class OverlapSearch:
         self._comm: MPI.Comm = V.mesh.comm
         self._boundaries = closed_boundaries(connected(bodies))
         self._insides = Insides(self._comm, self._boundaries)
-        self._names = [
+        self.names = [
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
@@ -83,13 +86,24 @@ class OverlapSearch:
         length = _kernels.cell_lengths(V.tabulate_dof_coordinates(), V.dofmap.list)
         self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
 
+    @cached_property
+    def walls(self) -> Floats:
+        """Thickness of the thinnest part of each boundary at rest, ``(g,)`` [m]. Collective."""
+        X = self._boundaries[0].bodies[0].V.tabulate_dof_coordinates()
+        return np.array([thinnest_wall(self._comm, X[b.triangles]) for b in self._boundaries])
+
+    @property
+    def obstacles(self) -> frozenset[str]:
+        """Names of the obstacles. Local."""
+        return frozenset(self._obstacles.values())
+
     def names_of(self, surface: Surface | Obstacle) -> frozenset[str]:
         """Names in an `Overlap` of the bodies to which a surface belongs. Collective."""
         if isinstance(surface, Obstacle):
             return frozenset([self._obstacles[surface]])
         mine = [bool(np.isin(surface.nodes, b.nodes).any()) for b in self._boundaries]
         belongs = reductions.anywhere(self._comm, mine)
-        return frozenset(name for name, yes in zip(self._names, belongs, strict=True) if yes)
+        return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
     def approach(self, x: Floats, before: Floats) -> float:
         """Bound on how much any two, of which one may be an obstacle, have come nearer [m].
@@ -101,7 +115,7 @@ class OverlapSearch:
         moved = [_kernels.farthest(x.take(n, axis=0), before.take(n, axis=0)) for n in nodes]
         return float(np.sort(reductions.largest(self._comm, moved))[-2:].sum())
 
-    def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], float]:
+    def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
 
         Args:
@@ -109,16 +123,14 @@ class OverlapSearch:
             least: Depth that an overlap must have to be of interest [m].
 
         Returns:
-            The overlaps; and how far any two bodies, or a body and an obstacle, are apart at
-            least [m]. The same on all ranks.
+            The overlaps; and how far each two of the ``g`` boundaries are apart at least, shape
+            ``(g, g)`` [m], on the diagonal all of them from obstacles. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
         in_obstacles, clearance = self._with_obstacles(x, touching)
         lower, upper = self._boxes(x)
         apart = np.maximum(lower[:, None], lower) - np.minimum(upper[:, None], upper)
         apart = apart.max(axis=2)
-        np.fill_diagonal(apart, clearance)
-        clearance = float(apart.min())
         np.fill_diagonal(apart, np.inf)
         pairs = np.argwhere(apart < -np.minimum.outer(touching, touching)).astype(np.int32)
         inner, outer = pairs.T
@@ -128,7 +140,8 @@ class OverlapSearch:
         region_upper = np.minimum(upper[inner], upper[outer] - depth)
         regions = np.stack([region_lower, region_upper], axis=1)
         overlaps = self._between_bodies(x, pairs, depth[:, 0], regions)
-        return [*overlaps, *in_obstacles], clearance
+        np.fill_diagonal(apart, clearance)
+        return [*overlaps, *in_obstacles], apart
 
     def _between_bodies(
         self, x: Floats, pairs: Ints, touching: Floats, regions: Floats
@@ -145,11 +158,8 @@ class OverlapSearch:
         nodes, edges, cells = _Rows(3), _Rows(6), _Rows(3)
         for number, inner in enumerate(map(int, pairs[:, 0])):
             boundary, region = self._boundaries[inner], regions[number]
-            points = x[boundary.nodes]
-            nodes.add(points[_meets(region, points, points)], number)
-            begin, end = (x.take(rows, axis=0) for rows in boundary.edges.T)
-            near = _meets(region, np.minimum(begin, end), np.maximum(begin, end))
-            edges.add(np.hstack([begin[near], end[near]]), number)
+            nodes.add(_kernels.rows_in(x, boundary.nodes[:, None], region), number)
+            edges.add(_kernels.rows_in(x, boundary.edges, region), number)
         self._insides.move(x)
 
         def depth(points: Floats, pair: Ints) -> Floats:
@@ -159,9 +169,11 @@ class OverlapSearch:
         ways, crossed = edges.joined(self._comm)
         if not len(points) + len(ways):
             return  # everywhere, as all ranks have the same
-        middles, way = self._insides.chords(ways[:, :3], ways[:, 3:], pairs[crossed, 1])
+        middles, way = self._insides.chords(ways, pairs[crossed, 1])
         pair = np.concatenate([at_nodes, crossed[way]])
         deep = depth(np.concatenate([points, middles]), pair)
+        if not deep.any():
+            return
         deepest = np.zeros(len(pairs))
         np.maximum.at(deepest, pair, deep)
         num_nodes = np.bincount(at_nodes[deep[: len(at_nodes)] > 0], minlength=len(pairs))
@@ -171,14 +183,14 @@ class OverlapSearch:
         both = both[(both[:, 0] < turned) & (np.maximum(deepest, deepest[turned]) > 0)]
         for number in map(int, both.ravel()):
             points = _centres(x, self._boundaries[pairs[number, 0]].cells)
-            cells.add(points[_meets(regions[number], points, points)], number)
+            cells.add(_kernels.rows_in(points, all_rows(points)[:, None], regions[number]), number)
         points, pair = cells.joined(self._comm)
         num_cells = np.bincount(pair[depth(points, pair) > 0], minlength=len(pairs))
         for two in both:
             reverse, first = two[deepest[two].argsort()]
             inner, outer = pairs[first]
             yield Overlap(
-                (self._names[inner], self._names[outer]),
+                (self.names[inner], self.names[outer]),
                 float(deepest[first]),
                 float(deepest[reverse]),
                 int(num_nodes[two].sum()),
@@ -190,13 +202,15 @@ class OverlapSearch:
         """Least and greatest coordinates of the boundaries, shape ``(2, g, 3)`` [m]."""
         least = np.full((2, len(self._boundaries), 3), np.inf)
         for number, boundary in enumerate(self._boundaries):
-            some = x[boundary.nodes].T
-            least[0, number] = some.min(axis=1, initial=np.inf)
-            least[1, number] = -some.max(axis=1, initial=-np.inf)
+            some = x.take(boundary.nodes, axis=0)
+            least[0, number] = some.min(axis=0, initial=np.inf)
+            least[1, number] = -some.max(axis=0, initial=-np.inf)
         return reductions.least(self._comm, least) * [[[1]], [[-1]]]
 
     def _with_obstacles(self, x: Floats, touching: Floats) -> tuple[list[Overlap], float]:
         """Overlaps with obstacles, and the least distance from one [m]."""
+        if not self._obstacles:
+            return [], np.inf
         shape = len(self._obstacles), len(self._boundaries)
         deepest, num_nodes = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64)
         for i, obstacle in enumerate(self._obstacles):
@@ -211,7 +225,7 @@ class OverlapSearch:
             at_centres = obstacle.depth(_centres(x, boundary.cells))
             counts = [int(num_nodes[i, j]), int(np.count_nonzero(at_centres > touching[j]))]
             nodes, cells = reductions.total(self._comm, counts)
-            names = self._names[j], name
+            names = self.names[j], name
             deepest_of_two = float(deepest[i, j])
             overlaps.append(Overlap(names, deepest_of_two, 0.0, nodes, cells, boundary.size))
         return overlaps, -float(deepest.max(initial=-np.inf))
@@ -231,13 +245,6 @@ def _centres(x: Floats, cells: Ints) -> Floats:
     # Node by node, which is faster than to gather all of them.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres
-
-
-def _meets(region: Floats, lower: Floats, upper: Floats) -> Flags:
-    """Whether boxes meet a box, shape ``(n,)``."""
-    x, y, z = ((lower <= region[1]) & (upper >= region[0])).T  # faster than all(axis=1)
-    flags: Flags = x & y & z
-    return flags
 
 
 class _Rows:

@@ -40,6 +40,8 @@ _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
 _SLOW = 15.0
 # Cells that waves cross in a step, from which on this is known beforehand.
 _MOST_CROSSINGS = 50.0
+# How often the number of systems doubles for which a method that failed is not tried.
+_MOST_DOUBLINGS = 5
 # Decades of reduction over which the iterations of new factors are measured: about
 # those of a step.
 _DECADES = 12.0
@@ -49,8 +51,8 @@ _FEWEST_DECADES = 0.3
 _NEGLIGIBLE = 0.03
 # Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
 _ROW_SUM = 3.0
-# Inertia over stiffness that stands for none [-], and a stiffness that divides [N/m].
-_NO_INERTIA, _NO_STIFFNESS = 1e-30, 1e-300
+# Inertia over stiffness that is none [-].
+_NO_INERTIA = 1e-30
 
 
 @dataclass
@@ -83,6 +85,30 @@ class _Age:
                 self.fresh = self.rate
         else:
             self.excess += iterations - self.fresh * decades
+
+
+@dataclass
+class _Hopeless:
+    """For how many systems the Krylov method is not tried again after it failed.
+
+    Attributes:
+        failures: Failures in a row with new and strong factors.
+        left: Systems that are still left out.
+    """
+
+    failures: int = 0
+    left: int = 0
+
+    def fail(self) -> None:
+        """Leave out twice as many as last time."""
+        self.failures = min(self.failures + 1, _MOST_DOUBLINGS)
+        self.left = 2**self.failures
+
+    def skips(self) -> bool:
+        """Whether the next system is left out, which counts."""
+        is_left_out = self.left > 0
+        self.left -= is_left_out
+        return is_left_out
 
 
 class LinearSolver:
@@ -121,7 +147,7 @@ class LinearSolver:
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
         self._saddle = SaddlePointSystem(tangent)
-        self._age = _Age()
+        self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
         self.num_direct = 0
 
@@ -157,6 +183,8 @@ class LinearSolver:
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, pairs)
+        if self._hopeless.skips():
+            return self._solve_direct(R, steps, pairs)
         preconditioner = self._preconditioner
         cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
         is_new = preconditioner.point is None or self._age.excess > cost
@@ -169,11 +197,13 @@ class LinearSolver:
                 continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
             if is_new and preconditioner.is_strong:
+                self._hopeless.fail()
                 return self._solve_direct(R, steps, pairs)
             if is_new:
                 preconditioner.strengthen()
             self._build()
             is_new = True
+        self._hopeless = _Hopeless()
         if is_new and preconditioner.gives_way and self._age.rate > _SLOW:
             preconditioner.strengthen()
             self._build()
@@ -210,7 +240,9 @@ class LinearSolver:
         self._contacts.serialize(archive, self._active_sets.version)
         self._operator.serialize(archive)
         age = archive.same("age_of_factors", np.array(astuple(self._age)))
+        hopeless = archive.same("hopeless_systems", np.array(astuple(self._hopeless)))
         if archive.giving:
+            self._hopeless = _Hopeless(*map(int, hopeless))
             known = self._preconditioner.point is not None
             self._age = _Age(*age) if known else _Age()
 
@@ -260,8 +292,9 @@ class LinearSolver:
         """
         stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
         # Without inertia waves cross any number of cells.
-        least = np.maximum(_NO_INERTIA * stiffness, _NO_STIFFNESS)
-        ratio = stiffness / np.maximum(inertia, least)
+        moves = inertia > _NO_INERTIA * stiffness
+        infinite = np.where(stiffness > 0, np.inf, 0.0)
+        ratio = np.where(moves, stiffness, infinite) / np.where(moves, inertia, 1.0)
         comm = self._operator.bulk.comm
         greatest = reductions.largest(comm, ratio.max(initial=0.0))
         return float(np.sqrt(2 * greatest))

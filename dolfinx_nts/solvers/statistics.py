@@ -1,6 +1,7 @@
 """Work of a linear solver in numbers."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 __all__ = ["SolverStatistics"]
 
@@ -12,7 +13,7 @@ class SolverStatistics:
     Attributes:
         preconditioner: Kind of the factors of the bulk, empty before the first.
         is_strong: Whether these are the stronger ones.
-        wave_crossings: Cells that waves cross in a step [-].
+        wave_crossings: Cells that waves cross in a step [-], infinite without inertia.
         num_iterations: Krylov iterations.
         num_builds: Factorisations of the bulk.
         num_schwarz_builds: Factorisations around the contacts.
@@ -41,9 +42,10 @@ class SolverStatistics:
         """Choice of the preconditioner, and counts of work."""
         if self.num_builds == 0:
             return "not used so far"
+        crossed = f"waves cross {self.wave_crossings:.3g} cells a step"
         return (
             f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts, "
-            f"waves cross {self.wave_crossings:.3g} cells a step; "
+            f"{crossed if isfinite(self.wave_crossings) else 'statics without waves'}; "
             f"{self.num_iterations} iterations, {self.num_builds} factorisations of the bulk, "
             f"{self.num_schwarz_builds} around the contacts, {self.num_direct} of whole systems"
         )

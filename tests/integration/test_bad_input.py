@@ -37,9 +37,9 @@ def test_wrong_tags_of_bodies_and_surfaces_are_named(comm, refused):
         nts.Surface(V, facets, 77)
     with refused(TypeError, "expected an integer tag, given 'ball'"):
         nts.Body(V, cells, "ball", rubber)
-    with refused(ValueError, "expected facets of dimension 2, given dimension 3"):
+    with refused(ValueError, "expected facets of dimension 2, given tags of dimension 3"):
         nts.Surface(V, cells, tag["ball"])
-    with refused(ValueError, "expected cells of dimension 3, given dimension 2"):
+    with refused(ValueError, "expected cells of dimension 3, given tags of dimension 2"):
         nts.Body(V, facets, tag["ball_outer"], rubber)
     with refused(TypeError, "function space as the first argument, given MeshTags"):
         nts.Body(cells, V, tag["ball"], rubber)

@@ -70,6 +70,47 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
     assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF if mu else FACETS)
 
 
+@pytest.mark.parametrize("ramped", [False, True])
+def test_friction_that_hardly_holds_a_block_is_found(ramped):
+    blocks = Blocks(cell="tetrahedron")
+    g = (lambda t: (0, 0, -9.81 * t)) if ramped else (0, 0, -9.81)
+    stepper = blocks.stepper([blocks.pair(friction=nts.Coulomb(0.01))], g)
+    assert max(step.newton_iterations for step in stepper.run(until=1.0)) <= FEW
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_ball_finds_its_place_on_a_plate_as_fast_as_with_inertia(mu):
+    """It touches in one point at first, and nothing else holds it."""
+
+    def fill(model):
+        ball = {"centre": (0, 0, 0.05), "radius": 0.05, "cells_per_edge": 2, "layers": 1}
+        parts.add_solid_ball(model, "ball", **ball)
+        plate = {"corner": (-0.08, -0.08, -0.04), "size": (0.16, 0.16, 0.04)}
+        parts.add_box(model, "plate", **plate, cells=(4, 4, 2))
+
+    mesh, cells, facets, tag = nts.read_mesh(fill, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e6, 0.3, 1e3)
+    ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
+    top = nts.Surface(V, facets, tag["plate_top"])
+    ground = fem.dirichletbc(
+        np.zeros(3), fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.0399), V
+    )
+    work = []
+    for scheme in (nts.QuasiStatic, nts.EnergyMomentum):
+        friction = nts.Coulomb(mu) if mu else None
+        pair = nts.ContactPair(nts.boundary_of(ball), top, friction=friction)
+        load = nts.Gravity([ball], lambda t: (0, 0, -98.1 * t))
+        stepper = scheme([ball, plate], [pair], dt=0.1, bcs=[ground], loads=[load])
+        for _ in stepper.run(until=0.5):
+            pass
+        work.append(stepper.statistics.solver)
+    static, dynamic = work
+    assert static.num_iterations <= 3 * dynamic.num_iterations
+    assert static.num_builds <= dynamic.num_builds + 3 and static.num_direct == 0
+    assert "statics without waves" in str(static) and "waves cross" in str(dynamic)
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_pressure_is_weight_over_area_on_a_matching_mesh(mu):
     """Without Poisson's ratio nothing moves sideways: the state is uniaxial."""

@@ -82,6 +82,7 @@ class ContactSprings:
 
     Attributes:
         num_lost: Nodes of this rank that sank too deep to be found in the last evaluation.
+        shortest_passage: Relative motion in a step below which no node passes a surface [m].
 
     Raises:
         ValueError: The pair is enforced by multipliers.
@@ -111,7 +112,7 @@ class ContactSprings:
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
-        self._shortest_passage = shortest_passage_of(pair)
+        self.shortest_passage = shortest_passage_of(pair)
         self.num_lost = 0
 
     def forget(self) -> None:
@@ -182,10 +183,6 @@ class ContactSprings:
         """Number of segments that this rank looks at. Local."""
         return len(self._neighbours.candidates.size)
 
-    def may_pass(self, moved: float) -> bool:
-        """Whether a node may pass in a step in which none moves more than given [m]. Local."""
-        return 2 * moved > self._shortest_passage
-
     def passing(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
         """Say which nodes pass a surface in a step, or "".
 
@@ -205,14 +202,16 @@ class ContactSprings:
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
         """Number of listed nodes that have sunk too deep below their last segments. Local."""
-        lost = ((before >= 0) & (after < 0)).nonzero()[0].astype(np.int32)
+        lost = _kernels.lost(before, after)
         if not len(lost):
             return 0
         candidates, segment = self._neighbours.candidates, before[lost]
-        points = self._neighbours.points.take(lost)
-        deep = candidates.gap(points, x, segment) < -_SUNK * candidates.size[segment]
-        beside = candidates.is_at_rim(points, x, segment)
-        return int(np.count_nonzero(deep & ~beside))
+        gap = candidates.gap(self._neighbours.points.take(lost), x, segment)
+        (deep,) = (gap < -_SUNK * candidates.size[segment]).nonzero()
+        if not len(deep):
+            return 0
+        points = self._neighbours.points.take(lost[deep])
+        return int(np.count_nonzero(~candidates.is_at_rim(points, x, segment[deep])))
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
         """Compute the forces at x; the accepted contact does not change. Collective.

@@ -245,6 +245,19 @@ double farthest_point(const Doubles& x, const Doubles& before)
   check("before", before, {x.shape(0), 3});
   return farthest(view(x), view(before));
 }
+
+auto lost_nodes(const Ints& before, const Ints& after)
+{
+  const auto then = view(before), now = view(after);
+  check("after", after, {then.size()});
+  std::vector<std::int32_t> found;
+  for (std::size_t i = 0; i < then.size(); ++i)
+    if (then[i] >= 0 && now[i] < 0)
+      found.push_back(static_cast<std::int32_t>(i));
+  auto numbers = create<std::int32_t>({found.size()});
+  std::ranges::copy(found, numbers.data());
+  return numbers;
+}
 } // namespace
 
 void local_search(nb::module_& m)
@@ -300,5 +313,8 @@ void local_search(nb::module_& m)
                    "How often a tree was built");
   m.def("farthest", &farthest_point, nb::arg("x"), nb::arg("before"),
         "(n, 3), (n, 3) -> largest distance between rows, NaN if one is");
+  m.def("lost", &lost_nodes, nb::arg("before"), nb::arg("after"),
+        "(n,), (n,) segments of nodes or -1 -> numbers of the nodes that have "
+        "one before, and none after (m,)");
 }
 } // namespace nts::bindings

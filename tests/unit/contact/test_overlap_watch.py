@@ -7,6 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.contact import reverse_passage
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
 
 SOFT = nts.NeoHookean(E=1e4, nu=0.3, rho=1e3)
@@ -162,3 +163,24 @@ def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
     assert not looks  # the cube has moved by less than half of the distance
     run(stepper, 2.0)
     assert 1 < len(looks) < 25
+
+
+@pytest.mark.serial
+def test_bodies_in_touch_are_looked_at_when_they_could_be_through_each_other(comm, monkeypatch):
+    """The cube slides over the plate, whose nodes its vertices can then not have passed."""
+    scene = Scene(comm, height=0.0)
+    stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom), dt=0.005)
+    stepper.set_velocity(scene.cube, (1.0, 0.0, 0.0))
+    looks, ways, look = [], [], OverlapWatch.look
+    follow = reverse_passage.through_to_another_side
+    monkeypatch.setattr(OverlapWatch, "look", lambda *args: looks.append(1) or look(*args))
+    monkeypatch.setattr(
+        reverse_passage, "through_to_another_side", lambda *args: ways.append(1) or follow(*args)
+    )
+    for _ in range(100):
+        stepper.advance()
+    # It is 0.2 thick, and the plate 0.5, so that 0.5 is not the way through both.
+    assert not looks and not ways
+    run(stepper, 1.2)
+    assert len(looks) == 1 + 1  # and one at the end of the run
+    assert not ways

@@ -75,7 +75,7 @@ def test_tag_that_one_rank_has_is_taken_on_all_and_another_named(comm, refused):
     check_tag(V, tags, np.int64(5), 3, "cells")
     with refused(ValueError, r"expected a tag out of \[5\] in cells, given 6"):
         check_tag(V, tags, 6, 3, "cells")
-    with refused(ValueError, "expected facets of dimension 2, given dimension 3"):
+    with refused(ValueError, "expected facets of dimension 2, given tags of dimension 3"):
         check_tag(V, tags, 5, 2, "facets")
     for wrong in (None, True, 5.0, "ball"):
         with refused(TypeError, f"expected an integer tag, given {wrong!r}"):

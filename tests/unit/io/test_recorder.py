@@ -239,9 +239,9 @@ def test_wrong_use_is_refused(comm, folder, refused):
         Recorder(folder / "run", stepper, every=0)
     recorder = Recorder(folder / "run", stepper)
     step = stepper.advance()
-    with refused(ValueError, "expected an open recorder"):
+    with refused(ValueError, r"expected write\(\) inside the with block"):
         recorder.write(step)
-    with refused(ValueError, "a summary after the with block, given none entered yet"):
+    with refused(ValueError, r"expected summary\(\) in or after the with block"):
         recorder.summary()
     with recorder:
         stepper.advance()

@@ -136,7 +136,7 @@ def test_body_refuses_wrong_arguments(comm, refused):
     mesh = V.mesh
     with refused(ValueError, r"tag out of \[0, 1\] in cells, given 7"):
         nts.Body(V, cells, 7, RUBBER)
-    with refused(ValueError, "cells of dimension 3, given dimension 2"):
+    with refused(ValueError, "cells of dimension 3, given tags of dimension 2"):
         nts.Body(V, facets, tag["top 0"], RUBBER)
     with refused(TypeError, "integer tag, given 'ball'"):
         nts.Body(V, cells, "ball", RUBBER)

@@ -240,7 +240,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
     V = space(mesh)
     with refused(ValueError, r"tag out of \[1, 2\] in facets, given 9"):
         nts.Surface(V, facets, 9)
-    with refused(ValueError, "facets of dimension 2, given dimension 3"):
+    with refused(ValueError, "facets of dimension 2, given tags of dimension 3"):
         nts.Surface(V, cells, tag["body 0"])
     with refused(TypeError, "integer tag, given None"):
         nts.Surface(V, facets, None)

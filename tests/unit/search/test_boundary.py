@@ -73,8 +73,8 @@ def test_parts_of_a_boundary_add_up(rng):
     np.testing.assert_array_equal(count, whole.crossings(points)[0])
     angle = sum(part.winding(points) for part in parts)
     np.testing.assert_allclose(angle, whole.winding(points), atol=1e-12)
-    distance = np.min([part.distance(points) for part in parts], axis=0)
-    np.testing.assert_array_equal(distance, whole.distance(points))
+    distance = np.min([part.distance(points, np.zeros(len(points))) for part in parts], axis=0)
+    np.testing.assert_array_equal(distance, whole.distance(points, np.zeros(len(points))))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7])
@@ -99,7 +99,7 @@ def test_the_distance_is_that_of_the_nearest_of_many_points_of_the_triangles(rng
     samples = np.einsum("kp,tki->tpi", phi, triangles).reshape(-1, 3)
     nearest = np.min([np.linalg.norm(points - y, axis=1) for y in samples], axis=0)
     spacing = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max() / 40
-    distance = _kernels.Boundary(triangles).distance(points)
+    distance = _kernels.Boundary(triangles).distance(points, np.zeros(len(points)))
     assert np.all(distance <= nearest + ROUNDING)
     assert np.all(np.hypot(distance, spacing) >= nearest)
 
@@ -109,24 +109,48 @@ def test_the_distance_from_a_cube_is_exact(rng):
     beside = np.linalg.norm(points - points.clip(0, 1), axis=1)
     within = np.minimum(points, 1 - points).min(axis=1)
     expected = np.where(within > 0, within, beside)
-    np.testing.assert_allclose(_kernels.Boundary(box()).distance(points), expected, atol=ROUNDING)
+    np.testing.assert_allclose(
+        _kernels.Boundary(box()).distance(points, np.zeros(len(points))), expected, atol=ROUNDING
+    )
 
 
 def test_ways_are_cut_where_they_enter_and_leave_a_cube():
     begin = np.array([[0.3, 0.4, -1.0], [0.3, 0.4, 0.5], [0.3, 0.4, 2.0], [3.0, 3.0, 3.0]])
     end = np.array([[0.3, 0.4, 3.0], [0.3, 0.4, 1.5], [0.3, 0.4, 5.0], [4.0, 3.0, 3.0]])
-    way, place = _kernels.Boundary(box()).cuts(begin, end)
+    ways = np.hstack([begin, end])
+    way, place = _kernels.Boundary(box()).cuts(ways)
     order = np.lexsort((place, way))
     np.testing.assert_array_equal(way[order], [0, 0, 1])
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
+    middles, number = _kernels.parts_of_ways(ways, way[order[::-1]], place[order[::-1]])
+    np.testing.assert_array_equal(number, [0, 0, 0, 1, 1])
+    np.testing.assert_allclose(middles[:, :2], [[0.3, 0.4]] * 5, atol=ROUNDING)
+    np.testing.assert_allclose(middles[:, 2], [-0.5, 0.5, 2.0, 0.75, 1.25], atol=ROUNDING)
+
+
+def test_only_distances_of_interest_are_exact(rng):
+    boundary, points = _kernels.Boundary(box()), rng.uniform(-1, 2, (300, 3))
+    exact = boundary.distance(points, np.zeros(300))
+    found = boundary.distance(points, np.full(300, 0.2))
+    np.testing.assert_array_equal(found[exact > 0.2], exact[exact > 0.2])
+    assert np.all(found[exact <= 0.2] <= 0.2)
+
+
+def test_rows_whose_boxes_meet_a_box_are_found(rng):
+    x, rows = rng.uniform(size=(40, 3)), rng.integers(0, 40, (30, 2), dtype=np.int32)
+    region = np.array([[0.2, 0.4, 0.3], [0.6, 0.7, 0.9]])
+    ends = x[rows]
+    meets = (ends.min(axis=1) <= region[1]) & (ends.max(axis=1) >= region[0])
+    expected = ends[meets.all(axis=1)].reshape(-1, 6)
+    np.testing.assert_array_equal(_kernels.rows_in(x, rows, region), expected)
 
 
 def test_without_triangles_nothing_is_inside():
     boundary, points = _kernels.Boundary(np.empty((0, 3, 3))), np.zeros((2, 3))
     count, at_an_edge = boundary.crossings(points)
     assert not count.any() and not at_an_edge.any() and not boundary.winding(points).any()
-    assert np.isinf(boundary.distance(points)).all()
-    assert not len(boundary.cuts(points, points + 1)[0])
+    assert np.isinf(boundary.distance(points, np.zeros(len(points)))).all()
+    assert not len(boundary.cuts(np.hstack([points, points + 1]))[0])
 
 
 def test_triangles_without_area_change_nothing(rng):
@@ -145,6 +169,6 @@ def test_wrong_shapes_are_refused():
         _kernels.Boundary(np.zeros((2, 3)))
     boundary = _kernels.Boundary(box())
     with pytest.raises(ValueError, match=r"points: expected shape \(any, 3\)"):
-        boundary.distance(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match=r"end: expected shape \(2, 3\)"):
-        boundary.cuts(np.zeros((2, 3)), np.zeros((1, 3)))
+        boundary.distance(np.zeros((2, 2)), np.zeros(2))
+    with pytest.raises(ValueError, match=r"ways: expected shape \(any, 6\)"):
+        boundary.cuts(np.zeros((2, 3)))

@@ -74,9 +74,9 @@ def test_nodes_and_centres_of_cells_inside_are_counted_once(comm, down, cells):
 def test_bodies_that_touch_or_are_apart_do_not_overlap(comm, gap):
     upper = box((0.0, 0.0, 1.0 + gap), (1, 1, 1), (3, 3, 3))
     bodies = bodies_of(comm, box((0, 0, 0), (1, 1, 1), (3, 3, 3)), upper)
-    found, clearance = OverlapSearch(bodies, []).find(bodies[0].V.tabulate_dof_coordinates())
+    found, apart = OverlapSearch(bodies, []).find(bodies[0].V.tabulate_dof_coordinates())
     assert found == []
-    np.testing.assert_allclose(clearance, gap, atol=ROUNDING)
+    np.testing.assert_allclose(apart, [[np.inf, gap], [gap, np.inf]], atol=ROUNDING)
 
 
 @cells_
@@ -104,9 +104,9 @@ def test_a_body_in_the_hollow_of_a_bent_one_does_not_overlap(comm):
     s, y, z = x[bodies[0].nodes].T
     x[bodies[0].nodes] = np.column_stack([(1 - z) * np.cos(s), y, (1 - z) * np.sin(s)])
     search = OverlapSearch(bodies, [])
-    found, clearance = search.find(x)
+    found, apart = search.find(x)
     assert found == []
-    assert clearance < 0  # the boxes around them overlap
+    assert apart.min() < 0  # the boxes around them overlap
     x[bodies[1].nodes] += [-0.75, 0.0, 0.0]
     (overlap,), _ = search.find(x)
     # Of the inner side of the bar, below the outer side of the small body.

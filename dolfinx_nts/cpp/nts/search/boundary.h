@@ -6,6 +6,39 @@
 /// @brief Triangles of the boundary of a body: what is inside of it.
 namespace nts
 {
+/// @brief A point in which a way meets a boundary.
+struct WayCut
+{
+  std::int32_t way; ///< number of the way
+  double s;         ///< place on it, from 0 to 1
+};
+
+/// @brief Middles of the parts into which cuts divide ways.
+/// @param[in] ways Begin and end of each way, (w, 6) [m].
+/// @param[in] cuts The cuts, in any order. Ways without any have no parts.
+/// @param[out] found Called with the number of the way and the middle.
+template <class OnPart>
+void parts_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
+                   OnPart&& found)
+{
+  std::ranges::sort(cuts, {},
+                    [](const WayCut& c) { return std::pair(c.way, c.s); });
+  for (std::size_t i = 0; i < cuts.size(); ++i)
+  {
+    const std::int32_t way = cuts[i].way;
+    const Vec3 begin = vector(ways, 2 * way), end = vector(ways, 2 * way + 1);
+    const auto add = [&](double from, double to)
+    {
+      const double s = (from + to) / 2;
+      found(way, (1 - s) * begin + s * end);
+    };
+    if (i == 0 || cuts[i - 1].way != way)
+      add(0, cuts[i].s);
+    const bool last = i + 1 == cuts.size() || cuts[i + 1].way != way;
+    add(cuts[i].s, last ? 1 : cuts[i + 1].s);
+  }
+}
+
 /// @brief Triangles of a closed boundary, or some of them.
 ///
 /// A ray from a point leaves the boundary once more than it enters it if the
@@ -19,13 +52,6 @@ public:
   {
     int count = 0;
     bool at_an_edge = false; ///< the count may be wrong
-  };
-
-  /// @brief A point in which a way meets the boundary.
-  struct WayCut
-  {
-    std::int32_t way; ///< number of the way
-    double s;         ///< place on it, from 0 to 1
   };
 
   /// @param[in] x Vertices of the triangles in outward sense, (t, 3, 3) [m].
@@ -77,7 +103,10 @@ public:
 
   /// @brief Distance of a point to the nearest triangle [m], infinite without
   /// one.
-  double distance(const Vec3& point) const noexcept
+  /// @param[in] point The point [m].
+  /// @param[in] least Distance below which another triangle may be taken that
+  /// is as near as that [m].
+  double distance(const Vec3& point, double least) const noexcept
   {
     double nearest = INFINITY;
     _tree.nearest(point, nearest,
@@ -85,20 +114,19 @@ public:
                   {
                     nearest = std::min(nearest, std::sqrt(squared_distance(
                                                     point, _triangles[i])));
-                    return nearest;
+                    return nearest > least ? nearest : 0;
                   });
     return nearest;
   }
 
   /// @brief Points in which straight ways meet the triangles.
-  /// @param[in] begin, end Ends of the ways, (w, 3) [m].
-  std::vector<WayCut> cuts(std::span<const double> begin,
-                           std::span<const double> end) const
+  /// @param[in] ways Begin and end of each way, (w, 6) [m].
+  std::vector<WayCut> cuts(std::span<const double> ways) const
   {
     std::vector<WayCut> found;
-    for (std::size_t w = 0; w < begin.size() / 3; ++w)
+    for (std::size_t w = 0; w < ways.size() / 6; ++w)
     {
-      const Vec3 from = vector(begin, w), to = vector(end, w);
+      const Vec3 from = vector(ways, 2 * w), to = vector(ways, 2 * w + 1);
       _tree.along(from, to,
                   [&](std::int32_t i)
                   {

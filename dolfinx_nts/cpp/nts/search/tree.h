@@ -42,6 +42,15 @@ struct Box
     }
   }
 
+  /// @brief Whether it meets another box.
+  bool meets(const Box& other) const noexcept
+  {
+    for (std::size_t i = 0; i < 3; ++i)
+      if (lower[i] > other.upper[i] || upper[i] < other.lower[i])
+        return false;
+    return true;
+  }
+
   /// @brief Whether the way from one point to another meets the box.
   bool meets(const Vec3& begin, const Vec3& end) const noexcept
   {

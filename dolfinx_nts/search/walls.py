@@ -1,0 +1,42 @@
+"""How thick bodies are: the ways straight through them from a surface to its other side."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.surfaces import area_vectors
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
+
+__all__ = ["thinnest_wall"]
+
+# Depth below a triangle in which its way begins, relative to the triangle [-].
+_BELOW = 1e-6
+
+
+def thinnest_wall(comm: MPI.Comm, triangles: Floats) -> float:
+    """Length of the shortest way straight into a body and out of the same surface again.
+
+    The ways begin in the middle of each triangle. Where they do not come out, as the surface
+    has no other side there, they are as long as the whole surface. Collective.
+
+    Args:
+        comm: Communicator.
+        triangles: Vertices of the triangles of this rank in outward sense, ``(t, 3, 3)`` [m].
+
+    Returns:
+        The length, the same on all ranks [m].
+    """
+    corners = triangles.reshape(-1, 3).T
+    least = np.stack([corners.min(axis=1, initial=np.inf), -corners.max(axis=1, initial=-np.inf)])
+    lower, upper = reductions.least(comm, least) * [[1], [-1]]
+    longest = float(np.linalg.norm(upper - lower))
+    normal = area_vectors(triangles, np.ones(len(triangles)))
+    area = np.linalg.norm(normal, axis=1, keepdims=True)
+    inward = -normal / np.where(area > 0, area, np.inf)
+    begin = triangles.mean(axis=1) + _BELOW * np.sqrt(area) * inward
+    ways = joined(comm, np.hstack([begin, begin + longest * inward]))
+    _, places = _kernels.Boundary(triangles).cuts(ways)
+    return longest * float(reductions.least(comm, float(places.min(initial=1.0))))
