@@ -31,6 +31,7 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
+        given: Owned scalar dofs that residual and action take as given, sorted.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
     """
@@ -48,7 +49,7 @@ class Bulk:
         self.u = u
         self.supports = Supports(V, bcs)
         self.supports.check()
-        self._given = self.fixed
+        self.given = self.fixed
         self._direction = fem.Function(V)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._direction_values: Floats = self._direction.x.array
@@ -83,7 +84,7 @@ class Bulk:
         Collective.
         """
         R = self.forces()
-        R[self._given] = 0
+        R[self.given] = 0
         return R
 
     def leave_out(self, cells: Ints, nodes: Ints) -> None:
@@ -100,7 +101,7 @@ class Bulk:
             form.bodies.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
-        self._given = np.union1d(self.fixed, dofs)
+        self.given = np.union1d(self.fixed, dofs)
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
@@ -121,15 +122,19 @@ class Bulk:
         Returns:
             Values at the owned nodes, shape ``(n, 3)`` [N].
         """
-        direction, given = self._direction_values, self._given
+        direction, given = self._direction_values, self.given
         direction[: self.num_owned] = x.ravel()
         direction[given] = 0
         self._direction.x.scatter_forward()
-        y = self._action.assembled()
+        y = self._forces_by(direction[: self.num_owned])
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
         y[given] = x.ravel()[given]
         return y.reshape(-1, 3)
+
+    def _forces_by(self, direction: Floats) -> Floats:
+        """Derivative of the forces in the direction that is set, ``(3 n,)`` [m]. Collective."""
+        return self._action.assembled()
 
 
 class _NodalSum:
@@ -158,6 +163,11 @@ class _NodalSum:
         """Sum of all forms, a copy. Collective."""
         self.num_assembled += 1
         return self._sum([self.bodies, *self._loads])
+
+    def assembled_bodies(self) -> Floats:
+        """The form of the bodies alone, a copy. Collective."""
+        self.num_assembled += 1
+        return self._sum([self.bodies])
 
     def assembled_loads(self) -> Floats:
         """Sum of the forms of the loads, a copy. Collective."""
