@@ -179,7 +179,7 @@ class PairState:
         local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
         """
         law = self.pair.enforcement
-        if not (isinstance(law, LagrangeMultiplier) and law.impact == "elastic"):
+        if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
         gap, history = self.gap(x), self.history
         if self.pair.method != NODES:  # multipliers hold mean gaps

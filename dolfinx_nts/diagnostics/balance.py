@@ -298,7 +298,8 @@ class Diagnostics:
         if body not in self._nodal_mass:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            self._nodal_mass[body] = assembled(compile_form(form)).reshape(-1, 3)[:, 0]
+            masses = assembled(compile_form(form)).reshape(-1, 3)
+            self._nodal_mass[body] = self._stepper.carried(masses)[:, 0]
         mass = self._nodal_mass[body]
         sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
         mean: Floats = sums[:3] / sums[3]

@@ -23,6 +23,8 @@ _WORKS = {
     "facet_change": attrgetter("contact_work.facet_change"),
     "friction": attrgetter("contact_work.friction"),
     "solver": attrgetter("solver_work"),
+    "surface_equilibrium": attrgetter("contact_work.equilibrium"),
+    "refund": attrgetter("contact_work.refund"),
 }
 
 

@@ -112,10 +112,10 @@ class GeneralizedAlpha(ImplicitStepper):
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
             law = pair.enforcement
-            if isinstance(law, LagrangeMultiplier) and law.impact == "elastic":
+            if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
                 raise ValueError(
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
-                    "given elastic impact"
+                    f"given {law.impact} impact"
                 )
         parameters = _Parameters.of(rho_inf)
         self.scheme = Scheme(

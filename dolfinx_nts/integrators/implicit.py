@@ -14,7 +14,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from dolfinx import fem
@@ -28,12 +28,14 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_resid
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
+from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.rates import ConsistentMass
+from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
+from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
@@ -41,12 +43,10 @@ from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
-from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
-from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
 
@@ -86,11 +86,16 @@ class ImplicitStepper(Stepper):
         """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
-        self._mass = ConsistentMass(bodies, self.v)
-        forms = StepForms(bodies, self._rates, self.scheme)
         u_load = self.u if self.scheme.loads_at == "end" else self.u_n
-        works = forms.residual(), self.u, bcs, [load.form(u_load, self.u) for load in self.loads]
-        self._bulk, self._tangent = Bulk(*works), Tangent(*works, forms.nearby_tangent())
+        works = [load.form(u_load, self.u) for load in self.loads]
+        massless = massless_nodes(self.bodies, self.pairs)
+        self._inertia: Inertia
+        if any(map(is_resolved, self.pairs)):
+            rates = cast(MidpointRates, self._rates)
+            self._inertia = ResolvedImpact(bodies, rates, self.scheme, bcs, works, massless)
+        else:
+            self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
+        self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -113,7 +118,7 @@ class ImplicitStepper(Stepper):
         if bcs:
             self._free = np.ones((len(self.node_ids), 3))
             self._free.ravel()[self._bulk.fixed] = 0
-        damping = forms.dissipation()
+        damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
         self._last = _Forces()
 
@@ -124,10 +129,15 @@ class ImplicitStepper(Stepper):
         self._last.load = archive.same("load_norm", self._last.load)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
+        self._inertia.serialize(archive)
 
     def nodal_momentum(self) -> Floats:
-        """Momentum of the owned nodes by the consistent mass, shape ``(n, 3)`` [kg m/s]."""
-        return self._mass.momentum()
+        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
+        return self._inertia.momentum()
+
+    def carried(self, forces: Floats) -> Floats:
+        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
+        return self._inertia.carried(forces)
 
     def _state_was_set(self) -> None:
         self._rates.forget()
@@ -265,7 +275,8 @@ class ImplicitStepper(Stepper):
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         sums = [float(value) for value in (loaded, -damped, solution.R @ du, near)]
-        sums.append(self._rates.accept())
+        defect, settling = self._inertia.accept(steps)
+        sums.append(defect)
         sums = reductions.total(self._comm, sums)
         load_work, damping_work, solver_work, in_reach, self.inertia_defect = sums
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
@@ -282,7 +293,7 @@ class ImplicitStepper(Stepper):
             num_active=solution.report.num_active,
             num_segments=int(in_reach),
             num_sleeping=len(self._sleeping.bodies),
-            contact_work=work,
+            contact_work=work + settling,
             load_work=load_work,
             support_work=support_work,
             damping_work=damping_work,

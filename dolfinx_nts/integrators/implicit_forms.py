@@ -22,11 +22,15 @@ class StepForms:
         bodies: Bodies of one space.
         rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
+        inertia: Whether forms have the inertia, and with it damping.
     """
 
-    def __init__(self, bodies: Sequence[Body], rates: Rates, scheme: Scheme) -> None:
+    def __init__(
+        self, bodies: Sequence[Body], rates: Rates, scheme: Scheme, *, inertia: bool = True
+    ) -> None:
         """Build the deformation gradients at both ends of the step."""
-        self._bodies, self._scheme, self._acceleration = bodies, scheme, rates.acceleration
+        self._bodies, self._scheme = bodies, scheme
+        self._acceleration = rates.acceleration if inertia else None
         self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
         self._F_n, self._F = (ufl.Identity(3) + ufl.grad(u) for u in (rates.u_n, rates.u))
 

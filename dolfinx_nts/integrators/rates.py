@@ -121,10 +121,16 @@ class Rates(ABC):
 class MidpointRates(Rates):
     """Velocity that changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
-    @property
-    def acceleration(self) -> Any:  # type: ignore[override]
-        """Mean acceleration of a step, UFL (3,)."""
-        return 2 / self.dt * ((self.u - self.u_n) / self.dt - self.v)
+    def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
+        """Express the acceleration by the displacements."""
+        super().__init__(state, dt, bodies)
+        self.acceleration = 2 / dt * ((self.u - self.u_n) / dt - self.v)
+
+    def mean_acceleration(self) -> Floats:
+        """Values of `acceleration` at the local dofs, shape ``(3 l,)`` [m/s^2]. Local."""
+        u_n, u, v, dt = self.u_n.x.array, self.u.x.array, self.v.x.array, float(self.dt.value)
+        acceleration: Floats = 2 / dt * ((u - u_n) / dt - v)
+        return acceleration
 
     def _set_velocity(self) -> float:
         v = self.v.x.array

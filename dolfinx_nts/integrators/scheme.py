@@ -24,6 +24,7 @@ class Scheme:
             of that by a strain that is the same at both ends [-].
         load_point: Time of the loads, from 0 at the start of a step to 1 at its end [-].
         loads_at: Displacement at which loads act: the mean of the step or that at its end.
+        resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
     """
 
     contact: Literal["conserving", "midpoint", "static"]
@@ -32,3 +33,4 @@ class Scheme:
     stress_share: float = 0.5
     load_point: float = 0.5
     loads_at: Literal["mean", "end"] = "mean"
+    resolves_impact: bool = False

@@ -98,7 +98,12 @@ class EnergyMomentum(ImplicitStepper):
         EnergyMomentum(t=0.01, dt=0.01, step=1, bodies=2, pairs=1, loads=1)
     """
 
-    scheme = Scheme(contact="conserving", stress=_conserving_stress, rates=MidpointRates)
+    scheme = Scheme(
+        contact="conserving",
+        stress=_conserving_stress,
+        rates=MidpointRates,
+        resolves_impact=True,
+    )
 
 
 class QuasiStatic(ImplicitStepper):

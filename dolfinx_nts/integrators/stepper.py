@@ -18,6 +18,7 @@ from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
@@ -86,6 +87,11 @@ class Stepper(TimeLoop):
                 raise ValueError(
                     f"expected Midpoint with convective friction, given {type(self).__name__}"
                 )
+            if is_resolved(pair) and not self.scheme.resolves_impact:
+                raise ValueError(
+                    "expected EnergyMomentum with impact 'resolved', given "
+                    f"{type(self).__name__}: impact 'elastic' or 'plastic' can do this"
+                )
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")
@@ -110,6 +116,10 @@ class Stepper(TimeLoop):
     @abstractmethod
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes at t, shape ``(n, 3)`` [kg m/s]."""
+
+    def carried(self, forces: Floats) -> Floats:
+        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
+        return forces
 
     @abstractmethod
     def _step(self) -> StepReport:

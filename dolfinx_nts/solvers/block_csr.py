@@ -54,6 +54,12 @@ class BlockCSR:
         csr = start, self._global, self.value
         return PETSc.Mat().createBAIJ(((n, None), (n, None)), 3, csr=csr, comm=self.index_map.comm)
 
+    @property
+    def global_columns(self) -> GlobalInts:
+        """Global column of each block, shape ``(b,)``. Local."""
+        columns: GlobalInts = self._global.astype(np.int64)
+        return columns
+
     def gather(self, nodes: GlobalInts, ends: GlobalInts) -> tuple[GlobalInts, GlobalInts, Floats]:
         """Rows of any nodes, from the ranks that own them. Collective.
 

@@ -39,6 +39,7 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
+        given: Owned scalar dofs that residual and action take as given, sorted.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
     """
@@ -56,7 +57,7 @@ class Bulk:
         self.u = u
         self.supports = Supports(V, bcs)
         self.supports.check()
-        self._given = self.fixed
+        self.given = self.fixed
         self._direction = fem.Function(V)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._direction_values: Floats = self._direction.x.array
@@ -94,7 +95,7 @@ class Bulk:
         Collective.
         """
         R = self.forces()
-        R[self._given] = 0
+        R[self.given] = 0
         return R
 
     def leave_out(self, cells: Ints, nodes: Ints) -> None:
@@ -112,7 +113,7 @@ class Bulk:
             form.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
         dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
-        self._given = np.union1d(self.fixed, dofs)
+        self.given = np.union1d(self.fixed, dofs)
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
@@ -160,14 +161,18 @@ class Bulk:
 
     def _along(self, x: Floats, kernels: Kernels) -> Floats:
         self._set_direction(x)
-        y = self._actions[kernels].assembled()
+        y = self._forces_by(self._actions[kernels], self._direction_values[: self.num_owned])
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        y[self._given] = x.ravel()[self._given]
+        y[self.given] = x.ravel()[self.given]
         return y.reshape(-1, 3)
+
+    def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
+        """Derivative of the forces in the direction that is set, ``(3 n,)`` [m]. Collective."""
+        return action.assembled()
 
     def _set_direction(self, x: Floats) -> None:
         direction = self._direction_values
         direction[: self.num_owned] = x.ravel()
-        direction[self._given] = 0
+        direction[self.given] = 0
         self._direction.x.scatter_forward()

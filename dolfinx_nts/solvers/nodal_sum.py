@@ -54,6 +54,11 @@ class NodalSum:
         self.num_assembled += 1
         return self._sum([self._bodies, *self._loads])
 
+    def assembled_bodies(self) -> Floats:
+        """The form of the bodies alone, a copy. Collective."""
+        self.num_assembled += 1
+        return self._sum([self._bodies])
+
     def assembled_loads(self) -> Floats:
         """Sum of the forms of the loads, a copy. Collective."""
         return self._sum(self._loads)

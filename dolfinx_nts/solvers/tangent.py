@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
@@ -159,9 +159,17 @@ class Tangent:
             vectors.append(vector)
         return PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
 
+    def _created(self, form: fem.Form) -> la.MatrixCSR:
+        """Matrix with the sparsity of a form. Collective."""
+        return fem.create_matrix(form)
+
+    def _add_to(self, rows: BlockCSR) -> Floats | float:
+        """Add to an assembled matrix what no form has; returns it for each node [N/m]. Local."""
+        return 0.0
+
     def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
         if self._rows is None:
-            self._rows = BlockCSR(fem.create_matrix(forms[0]))
+            self._rows = BlockCSR(self._created(forms[0]))
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:
@@ -171,7 +179,8 @@ class Tangent:
         mean = self._rows.diagonal().mean(axis=1)
         comm = self._rows.index_map.comm
         total, count = reductions.total(comm, [np.abs(mean).sum(), len(mean)])
-        self._stiffness = np.maximum(mean, _LEAST_STIFFNESS * total / count)
+        stiffness: Floats = np.maximum(mean, _LEAST_STIFFNESS * total / count)
+        self._stiffness = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
 

@@ -29,6 +29,7 @@ SCHEMES = {
     "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
     "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     "strong": nts.EnergyMomentum,
+    "resolved": partial(with_law, nts.EnergyMomentum, nts.LagrangeMultiplier("resolved"), None),
     "mortar": partial(with_law, nts.EnergyMomentum, None, None, method="mortar"),
 }
 
@@ -36,4 +37,5 @@ SCHEMES = {
 def scene(comm, scheme=nts.EnergyMomentum, **options):
     """Three blocks, whose contacts begin before and after the break."""
     dt = 0.1 * BLOCK_STEP if scheme is SCHEMES["explicit"] else BLOCK_STEP
-    return blocks(comm, scheme, num_bodies=3, dt=dt, **options)
+    layers = 2 if scheme is SCHEMES["resolved"] else 1
+    return blocks(comm, scheme, num_bodies=3, layers=layers, dt=dt, **options)

@@ -419,6 +419,7 @@ def blocks(
     *,
     cell: str = "hexahedron",
     num_bodies: int = 2,
+    layers: int = 1,
     motion: Motion | None = None,
     dt: float = BLOCK_STEP,
     degree: int = 1,
@@ -437,6 +438,7 @@ def blocks(
         enforcement: How contact is enforced.
         cell: Cell type.
         num_bodies: 2 or 3 blocks.
+        layers: Cells through the thickness of each.
         motion: Moves everything, velocities too.
         dt: Step.
         degree: Of the displacements.
@@ -444,7 +446,7 @@ def blocks(
         permute: Renumbers nodes and cells at random.
         owner: As in `distribute`, of midpoints before ``motion``.
     """
-    data, v = block_input(cell, num_bodies)
+    data, v = block_input(cell, num_bodies, layers)
     if permute is not None:
         data = data.permuted(permute)
         v = v[data.numbers]
@@ -462,9 +464,9 @@ def blocks(
     )
 
 
-def block_input(cell: str, num_bodies: int) -> tuple[Input, Array]:
+def block_input(cell: str, num_bodies: int, layers: int = 1) -> tuple[Input, Array]:
     """Return mesh and nodal velocities of `blocks`."""
-    shapes = [(3, 3, 1), (2, 2, 1), (1, 1, 1)][:num_bodies]
+    shapes = [(3, 3, layers), (2, 2, layers), (1, 1, layers)][:num_bodies]
     sizes = [(1.2, 1.2, 0.5), (0.8, 0.8, 0.4), (0.3, 0.4, 0.3)][:num_bodies]
     data = boxes(shapes, sizes, cell)
     X, v = data.X, np.zeros_like(data.X)

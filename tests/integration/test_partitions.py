@@ -17,7 +17,7 @@ ENERGY_TOLERANCE = 1e-10
 POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-MORTAR = SCHEMES["mortar"]
+MORTAR, RESOLVED = SCHEMES["mortar"], SCHEMES["resolved"]
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, MORTAR])
 
 
@@ -84,11 +84,12 @@ def scattered(middle):
 
 
 @cells_
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR])
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED])
 @pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
 def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
-    special = scenes.blocks(comm, scheme, cell=cell, owner=owner)
-    alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell)
+    layers = 2 if scheme is RESOLVED else 1
+    special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
+    alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, layers=layers)
     compare(special, alone, 10)
 
 

@@ -41,7 +41,7 @@ class MultiplierContact(NormalContact):
     ) -> None:
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
-        self._holds, self._law = law.impact == "elastic" and not is_static, law
+        self._holds, self._law = law.holds_gaps and not is_static, law
         # Contact points are others in each step: the mean gap of a node that stays in contact
         # would do work if it had to become 0 again.
         stays = not (search.pairing.follows or is_static)

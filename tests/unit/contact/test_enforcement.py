@@ -60,7 +60,7 @@ def test_active_set_solves_the_complementarity(impact, rng):
 
 
 def test_other_impacts_are_refused():
-    with pytest.raises(ValueError, match="impact 'elastic' or 'plastic', given 'soft'"):
+    with pytest.raises(ValueError, match="impact 'elastic', 'plastic' or 'resolved', given 'soft'"):
         LagrangeMultiplier("soft")
     with pytest.raises(ValueError, match="given 1"):
         LagrangeMultiplier(1)

@@ -10,7 +10,13 @@ from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
 
 CONTACT = ContactWork(
-    persistent=1.0, activation=-2.0, facet_change=4.0, springs=512.0, friction=-8.0
+    persistent=1.0,
+    activation=-2.0,
+    facet_change=4.0,
+    springs=4096.0,
+    friction=-8.0,
+    equilibrium=512.0,
+    refund=-1024.0,
 )
 
 
@@ -70,10 +76,12 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
         "energy_facet_change": 8.0,
         "energy_friction": -16.0,
         "energy_solver": 256.0,
+        "energy_surface_equilibrium": 1024.0,
+        "energy_refund": -2048.0,
     }
     assert ledger.columns() == {
         **causes,
-        "energy_unaccounted": 300.0 - 726.0,
+        "energy_unaccounted": 300.0 + 298.0,
         "external_work": 96.0,
         "friction_dissipation": 16.0,
     }

@@ -28,7 +28,7 @@ FIRST_COLUMNS = (
 )
 LEDGER = (
     "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
-    "friction,solver,unaccounted"
+    "friction,solver,surface_equilibrium,refund,unaccounted"
 )
 
 

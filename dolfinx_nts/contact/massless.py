@@ -1,0 +1,79 @@
+"""Nodes whose impact is resolved: they have no mass, so that they follow the body below them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["is_resolved", "massless_nodes"]
+
+
+def is_resolved(pair: ContactPair) -> bool:
+    """Whether the nodes of a pair have no mass. Local."""
+    law = pair.enforcement
+    return isinstance(law, LagrangeMultiplier) and law.impact == "resolved"
+
+
+def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints:
+    """Find the owned nodes without mass. Collective.
+
+    Args:
+        bodies: Bodies of a stepper.
+        pairs: Its contact pairs.
+
+    Returns:
+        Nodes of all pairs with impact ``"resolved"``, sorted.
+
+    Raises:
+        ValueError: Impact cannot be resolved in such a pair, or not beside the other pairs, or
+            bodies are damped.
+    """
+    resolved = [pair for pair in pairs if is_resolved(pair)]
+    nodes: Ints = np.empty(0, dtype=np.int32)
+    for pair in resolved:
+        _check(pair)
+        nodes = np.union1d(nodes, pair.nodes.nodes)
+    if not resolved:
+        return nodes
+    damped = ", ".join(body.name for body in bodies if body.material.is_damped)
+    if damped:
+        raise ValueError(
+            f"expected bodies without damping with impact 'resolved', given {damped}: "
+            "'elastic' or 'plastic' impact can do this"
+        )
+    for pair in pairs:
+        sides = [pair.segments] if is_resolved(pair) else [pair.nodes, pair.segments]
+        for surface in sides:
+            shared = 0
+            if isinstance(surface, Surface):
+                shared = len(np.intersect1d(surface.nodes, nodes))
+            if shared := reductions.total(pair.nodes.V.mesh.comm, shared):
+                raise ValueError(
+                    "expected surfaces whose nodes have impact 'resolved' only as nodes of such "
+                    f"pairs, given {shared} nodes of {surface.name} also in contact between "
+                    f"{pair.between}: give other surfaces, or 'elastic' impact to all of them"
+                )
+    return nodes
+
+
+def _check(pair: ContactPair) -> None:
+    """Raise unless the impact of a pair can be resolved. Local."""
+    wrong = ""
+    if pair.touches_itself:
+        wrong = "two surfaces, given one that touches itself"
+    elif pair.friction is not None:
+        wrong = f"no friction, given {pair.friction!r}"
+    elif pair.method != NODES:
+        wrong = f"method {NODES!r}, given {pair.method!r}"
+    elif (degree := Element.of(pair.nodes.V).degree) != 1:
+        wrong = f"elements of degree 1, given degree {degree}"
+    if wrong:
+        raise ValueError(f"expected, with impact 'resolved', {wrong}: impact 'elastic' can do this")

@@ -1,0 +1,94 @@
+"""How the mass of bodies acts in the steps of an implicit scheme."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["ConsistentInertia", "Inertia"]
+
+
+class Inertia(ABC):
+    """Base of the ways in which mass acts. Collective, as are all methods.
+
+    Attributes:
+        forms: Forms of a step.
+        bulk: Residual of the bodies.
+        tangent: Matrix of its derivative.
+    """
+
+    forms: StepForms
+    bulk: Bulk
+    tangent: Tangent
+
+    @abstractmethod
+    def momentum(self) -> Floats:
+        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
+
+    @abstractmethod
+    def carried(self, forces: Floats) -> Floats:
+        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
+
+    @abstractmethod
+    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+        """Set the velocity at the end of a step.
+
+        Args:
+            steps: Accepted attempts of the contact pairs.
+
+        Returns:
+            What `Rates.accept` does; and energy that bodies got, the same on all ranks.
+        """
+
+    def serialize(self, archive: Archive) -> None:  # noqa: B027 (most have no state)
+        """Serialize all on which the next step depends beside the rates."""
+
+
+class ConsistentInertia(Inertia):
+    """The consistent mass, as a part of the forms of the bodies.
+
+    Args:
+        bodies: The bodies.
+        rates: How velocities follow from displacements.
+        scheme: The scheme.
+        bcs: Dirichlet conditions.
+        loads: Virtual work of the loads.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        rates: Rates,
+        scheme: Scheme,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form],
+    ) -> None:
+        """Compile the forms."""
+        self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
+        self.forms = StepForms(bodies, rates, scheme)
+        works = self.forms.residual(), rates.u, bcs, loads
+        self.bulk, self.tangent = Bulk(*works), Tangent(*works, self.forms.nearby_tangent())
+
+    def momentum(self) -> Floats:
+        """Multiply the velocity by the mass, see `Inertia.momentum`."""
+        return self._mass.momentum()
+
+    def carried(self, forces: Floats) -> Floats:
+        """Leave forces where they are, see `Inertia.carried`."""
+        return forces
+
+    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+        """Set the velocity, see `Inertia.accept`."""
+        return self._rates.accept(), ContactWork()

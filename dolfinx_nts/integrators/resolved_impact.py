@@ -1,0 +1,271 @@
+r"""Impact that is resolved in time: nodes that touch have no mass.
+
+Their mass acts at nodes below them, see `redistributed_mass`. After each step
+
+* they find their static equilibrium, while all others stay where they are; gaps at which they
+  were caught are closed as far as this costs little energy, and otherwise held,
+* the strain energy that this takes or gives, dV, comes from the vibration of the body: with the
+  velocity v = v_rigid + w, where w is orthogonal to rigid motions with regard to the mass, v
+  becomes v + s w. This changes neither linear nor angular momentum, and s is such that the total
+  energy is what it was before.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.inertia import Inertia
+from dolfinx_nts.integrators.rates import MidpointRates
+from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.vibration import VibrationAnalysis
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.extrapolation import extrapolate, group_of_nodes
+from dolfinx_nts.model.inverted_cells import VolumeRatio
+from dolfinx_nts.model.lumped_mass import lumped_mass
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.redistributed_mass import (
+    RedistributedBulk,
+    RedistributedMass,
+    RedistributedTangent,
+)
+from dolfinx_nts.solvers.surface_equilibrium import Holds, SurfaceEquilibrium
+
+__all__ = ["ResolvedImpact"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Part of the energy of vibration that closing gaps may cost in a step [-], and that the
+# equilibrium may cost in all.
+_CLOSING, _MOST = 0.05, 0.5
+# Cells that waves cross in a step [-] above which a step does not resolve them.
+_RESOLVED = 1.0
+
+
+class _Nodes(NamedTuple):
+    """Nodes that contact holds, of all pairs.
+
+    Attributes:
+        holds: The nodes and their directions; they go as far as closes their gaps.
+        cost: Energy that this costs, about, shape ``(m,)`` [J].
+        group: Group of bodies of each, shape ``(m,)``.
+        active: Whether a node is held otherwise, shape ``(m,)``.
+    """
+
+    holds: Holds
+    cost: Floats
+    group: Ints
+    active: Flags
+
+
+class ResolvedImpact(Inertia):
+    """Mass of the bodies without that of some nodes, and their equilibrium, see `Inertia`.
+
+    Args:
+        bodies: The bodies.
+        rates: How velocities follow from displacements.
+        scheme: The scheme.
+        bcs: Dirichlet conditions.
+        loads: Virtual work of the loads.
+        massless: Owned nodes without mass, sorted.
+
+    Raises:
+        ValueError: There are too few nodes below the surface.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        rates: MidpointRates,
+        scheme: Scheme,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form],
+        massless: Ints,
+    ) -> None:
+        """Compile the forms, and give the mass to the nodes below."""
+        self._rates, u = rates, rates.u
+        self._mass = mass = RedistributedMass(bodies, extrapolate(bodies, massless))
+        self.forms = StepForms(bodies, rates, scheme, inertia=False)
+        residual = self.forms.residual()
+
+        def factor() -> float:
+            return 2 / float(rates.dt.value) ** 2
+
+        acceleration = rates.mean_acceleration
+        self.bulk = RedistributedBulk(residual, u, bcs, loads, mass, acceleration, factor)
+        self.tangent = RedistributedTangent(
+            residual, u, bcs, loads, self.forms.nearby_tangent(), mass, rates.dt, factor
+        )
+        self._stiffness = self._undeformed_stiffness(scheme.stress_share)
+        surface = Bulk(residual, u, bcs)
+        self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, massless, scheme.stress_share)
+        self._volume_ratio = VolumeRatio(u)
+        V = u.function_space
+        self._comm: MPI.Comm = V.mesh.comm
+        n = V.dofmap.index_map.size_local
+        self._X = V.tabulate_dof_coordinates()[:n]
+        group = group_of_nodes(bodies)[:n]
+        numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
+        self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
+        self._group_of = np.searchsorted(numbers, group)
+        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, self.bulk.fixed, n)
+        self._owed: Floats = np.zeros(len(numbers))
+        self._untold_speed = self._cells_per_second(lumped_mass(bodies))
+
+    def _undeformed_stiffness(self, share: float) -> Floats:
+        """Mean stiffness of statics at the owned nodes, where they are free, ``(n,)`` [N/m].
+
+        That of the last matrix would depend on how linear systems were solved.
+        """
+        self.tangent.assemble_nearby()
+        diagonal = self.tangent.rows.diagonal() / share
+        self.tangent.forget()
+        free: Floats = np.ones(diagonal.shape)
+        free.ravel()[self.bulk.fixed] = 0
+        count = free.sum(axis=1)
+        stiffness: Floats = (free * diagonal).sum(axis=1) / np.maximum(count, 1)
+        return np.where(count > 0, stiffness, 1.0)
+
+    def _cells_per_second(self, lumped: Floats) -> float:
+        """How many cells at the surface a wave crosses in a second. Collective.
+
+        In a chain of springs k between masses m it crosses sqrt(k/m) of them, and the last one,
+        which has the mass m/2, has the stiffness k.
+        """
+        massless = self._equilibrium.massless
+        ratio = self._stiffness[massless] / (2 * lumped[massless])
+        return float(np.sqrt(reductions.largest(self._comm, ratio.max(initial=0.0))))
+
+    def _tell(self) -> None:
+        """Say once, when there is contact, if a step does not resolve what waves do in a cell."""
+        speed = self._untold_speed
+        crossings = speed * float(self._rates.dt.value)
+        if crossings <= _RESOLVED:
+            return
+        self._untold_speed = 0.0
+        if self._comm.rank == 0:
+            _logger.warning(
+                "waves cross %.2g cells at the surface in a step, too many for impact 'resolved' "
+                "to be of second order in time: harmless, as the energy is exact nevertheless, "
+                "but 'elastic' does as well in less time; take dt <= %.2g s to resolve impact",
+                crossings,
+                _RESOLVED / speed,
+            )
+
+    def momentum(self) -> Floats:
+        """Multiply the velocity by the mass, see `Inertia.momentum`."""
+        v = self._rates.v.x.array[: self.bulk.num_owned]
+        return self._mass.times(v.reshape(-1, 3))
+
+    def carried(self, forces: Floats) -> Floats:
+        """Take forces to the nodes below, see `Inertia.carried`."""
+        return self._mass.carried(forces)
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the energy that is owed, see `Inertia.serialize`."""
+        self._owed = archive.same("owed_to_vibration", self._owed)
+
+    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+        """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
+        rates, massless = self._rates, self._equilibrium.massless
+        defect, n = rates.accept(), self.bulk.num_owned
+        u, v = (f.x.array[:n].reshape(-1, 3) for f in (rates.u, rates.v))
+        # Nodes without mass have no part in these.
+        vibration = self._vibrations.of(self._X + u, v)
+        strain = self._equilibrate(steps, vibration.energy)
+        wanted = self._owed - strain
+        factors, refund = vibration.factors(wanted)
+        self._owed = wanted - refund
+        for g, factor in zip(self._groups, factors, strict=True):
+            v[g] += factor * vibration.w[g]
+        mean_velocity = rates.mean_velocity.x.array
+        mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
+        v[massless] = mean_velocity[:n].reshape(-1, 3)[massless]
+        rates.v.x.scatter_forward()
+        energies = float(strain.sum()), float(refund.sum())
+        return defect, ContactWork(equilibrium=energies[0], refund=energies[1])
+
+    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> Floats:
+        """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
+
+        ``energy`` is that of the vibration of each group, shape ``(g,)`` [J].
+        """
+        u = self._rates.u.x
+        before = u.array.copy()
+        held = [HeldNodes.of(step) for step in steps]
+        nodes = self._nodes(steps, held)
+        if any(step.num_active for step in steps):
+            self._tell()
+        closed = self._affordable(nodes, _CLOSING * energy)
+        for part in (closed, np.zeros_like(closed)):
+            kept = nodes.active | (part > 0)
+            way = part * nodes.holds.way
+            holds = Holds(nodes.holds.node[kept], nodes.holds.normal[kept], way[kept])
+            dx = self._equilibrium.find(holds, self._stiffness)
+            u.array[: self.bulk.num_owned] += dx.ravel()
+            u.scatter_forward()
+            work = self._equilibrium.work(before)
+            cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
+            if (cost <= _MOST * energy).all() and not self._volume_ratio.inverted():
+                self._remember(steps, held, dx)
+                return cost
+            u.array[:] = before
+        return np.zeros(len(self._groups))
+
+    def _nodes(self, steps: Sequence[ContactStep], held: Sequence[HeldNodes]) -> _Nodes:
+        """Held nodes of all pairs in which impact is resolved."""
+        parts = [
+            (step.state.nodes.nodes[some.node], some)
+            for step, some in zip(steps, held, strict=True)
+            if is_resolved(step.state.pair)
+        ]
+        node = np.concatenate([node for node, _ in parts])
+        normal, gap, force = (
+            np.concatenate([getattr(some, name) for _, some in parts])
+            for name in ("normal", "gap", "force")
+        )
+        active = force > 0
+        cost = np.abs(gap) * np.where(active, force, self._stiffness[node] * np.abs(gap))
+        return _Nodes(Holds(node, normal, -gap), cost, self._group_of[node], active)
+
+    def _affordable(self, nodes: _Nodes, budget: Floats) -> Floats:
+        """Parts of the gaps that may be closed, first of the cheapest, ``(m,)``. Collective."""
+        part: Floats = np.zeros(len(nodes.cost))
+        for number, most in enumerate(budget):
+            mine = nodes.group == number
+            costs = np.sort(np.concatenate(self._comm.allgather(nodes.cost[mine])))
+            sums = np.concatenate([[0.0], np.cumsum(costs)])
+            num_paid = int(np.count_nonzero(sums[1:] <= most))
+            rest = sums[-1] - sums[num_paid]
+            dearest = costs[num_paid - 1] if num_paid else -1.0
+            part[mine] = np.where(
+                nodes.cost[mine] <= dearest,
+                1.0,
+                (most - sums[num_paid]) / rest if rest > 0 else 0.0,
+            )
+        return part
+
+    def _remember(
+        self, steps: Sequence[ContactStep], held: Sequence[HeldNodes], dx: Floats
+    ) -> None:
+        """Let the contact of the step know the gaps of nodes that have moved."""
+        for step, some in zip(steps, held, strict=True):
+            history = step.state.history
+            gap = history.gap.copy()
+            way = dx[step.state.nodes.nodes[some.node]]
+            gap[some.node] = some.gap + (some.normal * way).sum(axis=1)
+            step.state.accept(replace(history, gap=gap))

@@ -1,0 +1,137 @@
+"""Vibration of bodies: their velocity without its rigid part, and the energy in it."""
+
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
+
+__all__ = ["Vibration", "VibrationAnalysis"]
+
+# Mean square of a rigid motion at supports, relative to that of all of them [-], that is none.
+_NO_MOTION = 1e-12
+# Part of the energy of vibration that may be taken in a step, and how many times its own size
+# may be added [-].
+_MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
+
+
+class Vibration(NamedTuple):
+    """Velocities w that are orthogonal to rigid motions with regard to the mass.
+
+    The kinetic energy of a group changes by s b + s^2 a/2 if s w is added to the velocity.
+
+    Attributes:
+        w: Velocities of the owned nodes, shape ``(n, 3)`` [m/s].
+        linear: The numbers b of the groups, shape ``(g,)`` [J].
+        square: The numbers a of the groups, shape ``(g,)`` [J].
+    """
+
+    w: Floats
+    linear: Floats
+    square: Floats
+
+    @property
+    def energy(self) -> Floats:
+        """Most energy that can be taken from each group, shape ``(g,)`` [J]. Local."""
+        safe = np.where(self.square > 0, self.square, 1.0)
+        energy: Floats = np.where(self.square > 0, np.maximum(self.linear, 0) ** 2 / (2 * safe), 0)
+        return energy
+
+    def factors(self, wanted: Floats) -> tuple[Floats, Floats]:
+        """Numbers s by which groups get energy, as far as that can be. Local.
+
+        Args:
+            wanted: Energy that each group should get, shape ``(g,)`` [J].
+
+        Returns:
+            The numbers, and the energy that the groups get [J].
+        """
+        energy = self.energy
+        given = np.clip(wanted, -_MOST_TAKEN * energy, _MOST_ADDED * energy)
+        root = np.sqrt(np.maximum(self.linear**2 + 2 * self.square * given, 0.0))
+        sum_ = self.linear + root
+        factors: Floats = np.divide(2 * given, sum_, out=np.zeros_like(sum_), where=sum_ > 0)
+        return factors, given
+
+
+class VibrationAnalysis:
+    """Splits velocities into rigid motions of groups of bodies and their vibration. Collective.
+
+    Args:
+        comm: Communicator.
+        mass: The mass.
+        groups: Owned nodes of each group of connected bodies.
+        fixed: Owned scalar dofs with a support, which take no part.
+        num_owned: Number of owned nodes.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        mass: RedistributedMass,
+        groups: list[Ints],
+        fixed: Ints,
+        num_owned: int,
+    ) -> None:
+        """Sum up the rows of the mass."""
+        self._comm, self._mass, self._groups = comm, mass, groups
+        self._m = mass.times(np.ones((num_owned, 3)))[:, :1]
+        self._free: Floats = np.ones((num_owned, 3))
+        self._free.ravel()[fixed] = 0
+
+    def of(self, x: Floats, v: Floats) -> Vibration:
+        """Split velocities, ``(n, 3)`` [m/s], at positions, ``(n, 3)`` [m]. Collective."""
+        w = self._free * v
+        Mw, Mx = self._mass.times(w), self._mass.times(x)
+        first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
+        first = reductions.total(self._comm, first.reshape(-1, 4))
+        motions, M_motions = [], []
+        products = np.zeros((len(self._groups), 6, 13))
+        for g, sums, product in zip(self._groups, first, products, strict=True):
+            centre = sums[1:] / sums[0]
+            Z = _rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(6, -1)
+            MZ = _rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(6, -1)
+            motions.append(Z)
+            M_motions.append(MZ)
+            held = Z * (1 - self._free[g].ravel())
+            product[:, :6], product[:, 6], product[:, 7:] = (
+                Z @ MZ.T,
+                Z @ Mw[g].ravel(),
+                held @ held.T,
+            )
+        products = reductions.total(self._comm, products)
+        sums = np.zeros((len(self._groups), 2))
+        vibration = np.zeros_like(v)
+        parts = zip(self._groups, motions, M_motions, products, sums, strict=True)
+        for g, Z, MZ, product, both in parts:
+            amount = _amounts(product[:, :6], product[:, 6], product[:, 7:])
+            rigid = (amount @ Z).reshape(-1, 3)
+            vibration[g] = w[g] - rigid
+            M_vibration = Mw[g] - (amount @ MZ).reshape(-1, 3)
+            # The rigid part has no product with it but that of round-off.
+            both[:] = np.vdot(v[g] - rigid, M_vibration), np.vdot(vibration[g], M_vibration)
+        linear, square = reductions.total(self._comm, sums).T
+        return Vibration(vibration, linear, square)
+
+
+def _rigid_motions(arms: Floats, one: Floats) -> Floats:
+    """Translations and rotations, or the mass times them, shape ``(6, n, 3)``."""
+    units = np.eye(3)[:, None]
+    return np.concatenate([units * one, np.cross(units, arms)])
+
+
+def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:
+    """Amounts of rigid motions, of those alone in which supports stay."""
+    size = np.sqrt(np.diag(gram))
+    scale = 1 / np.where(size > 0, size, 1.0)
+    weighted = at_supports * scale * scale[:, None]
+    values, vectors = np.linalg.eigh(weighted)
+    whole = max(values[-1], 0.0)
+    kept = scale[:, None] * vectors[:, values <= _NO_MOTION * whole]
+    inner = kept.T @ gram @ kept
+    amounts: Floats = kept @ np.linalg.lstsq(inner, kept.T @ right, rcond=None)[0]
+    return amounts

@@ -1,0 +1,205 @@
+"""Extrapolation of affine fields from the nodes of a body to nodes of its surface.
+
+A node of the surface gets a weighted sum of the values at nodes below it. Where two of these lie
+on one line with it, as in meshes that were swept from the surface, they are enough; otherwise
+twelve neighbours or more are fitted by weighted least squares.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import input_ids, listed
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.connected_bodies import connected
+from dolfinx_nts.parallel.communication import joined
+
+__all__ = ["Extrapolation", "extrapolate", "group_of_nodes"]
+
+# How many cells below the surface the nodes may be from which values come.
+_RINGS = 2
+# Numbers of neighbours in a least-squares fit: more where the nearest ones lie in one layer.
+_FITTED = (12, 20, 40)
+# Sum of the absolute values of weights [-] up to which a fit is good, and up to which it is
+# taken: 3 where the way to a node is as long as that between two below it.
+_GOOD, _MOST = 4.0, 10.0
+# Sine of an angle, and distances relative to each other [-], that are round-off.
+_ROUND_OFF = 1e-10
+# Longest way out of a line, relative to the distance of its two nodes [-].
+_FARTHEST = 2.0
+# Error of an affine field [-] from which on it is not extrapolated.
+_ERROR = 1e-8
+# Number of distances that are computed at once.
+_CHUNK = 2_000_000
+
+
+class Extrapolation(NamedTuple):
+    """Values of some nodes as sums of those of others, row by row.
+
+    Attributes:
+        node: Owned nodes whose values follow, sorted, shape ``(m,)``.
+        start: Where each row begins, and the end, shape ``(m + 1,)``.
+        column: Global numbers of the nodes whose values are given, shape ``(b,)``.
+        weight: Their weights, shape ``(b,)`` [-].
+    """
+
+    node: Ints
+    start: GlobalInts
+    column: GlobalInts
+    weight: Floats
+
+
+class _Neighbours(NamedTuple):
+    """Nodes near the surface, from all ranks.
+
+    Attributes:
+        number: Global numbers, shape ``(k,)``.
+        id: Numbers that do not depend on the partition, shape ``(k,)``.
+        X: Positions, shape ``(k, 3)`` [m].
+        group: Number of the group of connected bodies, shape ``(k,)``.
+    """
+
+    number: GlobalInts
+    id: GlobalInts
+    X: Floats
+    group: Ints
+
+
+def group_of_nodes(bodies: Sequence[Body]) -> Ints:
+    """Number of the group of connected bodies to which each local node belongs. Collective.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+
+    Returns:
+        Numbers from 0, shape ``(l,)``.
+    """
+    index_map = bodies[0].V.dofmap.index_map
+    group_of = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    for number, group in enumerate(connected(bodies)):
+        marker = la.vector(index_map)
+        for body in group:
+            marker.array[body.nodes] = 1
+        _share(marker)
+        group_of[marker.array > 0] = number
+    return group_of
+
+
+def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
+    """Find how values at nodes of a surface follow from those below it. Collective.
+
+    Affine fields are reproduced to round-off, and results do not depend on the partition.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+        nodes: Owned nodes of the surface, sorted, shape ``(m,)``.
+
+    Raises:
+        ValueError: A body has no more than one layer of nodes below the surface.
+    """
+    V = bodies[0].V
+    comm: MPI.Comm = V.mesh.comm
+    X, group = V.tabulate_dof_coordinates(), group_of_nodes(bodies)
+    below = _neighbours(bodies, nodes, group)
+    rows = []
+    size = max(1, _CHUNK // max(1, len(below.id)))
+    for first in range(0, len(nodes), size):
+        some = nodes[first : first + size]
+        distance = np.linalg.norm(X[some, None] - below.X, axis=2)
+        distance[group[some, None] != below.group] = np.inf
+        rows += [_row(x, d, below) for x, d in zip(X[some], distance, strict=True)]
+    ids = input_ids(V)[nodes[[row is None for row in rows]]]
+    thin = np.sort(np.concatenate(comm.allgather(ids)))
+    if len(thin):
+        raise ValueError(
+            "expected two layers of nodes below a surface with impact 'resolved', which carry "
+            f"its mass, given fewer at {len(thin)} nodes: {listed(thin)}; mesh the body with more "
+            "cells through its thickness, give fewer of its faces, or take impact 'elastic'"
+        )
+    found = [row for row in rows if row is not None]
+    counts = np.cumsum([0, *(len(column) for column, _ in found)])
+    column = np.concatenate([np.empty(0, dtype=np.int64), *(below.number[c] for c, _ in found)])
+    weight = np.concatenate([np.empty(0), *(weight for _, weight in found)])
+    return Extrapolation(nodes, counts, column, weight)
+
+
+def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours:
+    """Nodes within some cells of given ones but not among them, from all ranks. Collective."""
+    V = bodies[0].V
+    index_map = V.dofmap.index_map
+    n, marker = index_map.size_local, la.vector(index_map)
+    marker.array[nodes] = 1
+    marker.scatter_forward()
+    given = marker.array > 0
+    for _ in range(_RINGS):
+        touched = (marker.array[V.dofmap.list] > 0).any(axis=1)
+        marker.array[V.dofmap.list[touched]] = 1
+        _share(marker)
+    below = np.flatnonzero((marker.array > 0)[:n] & ~given[:n]).astype(np.int32)
+    own = (
+        np.asarray(index_map.local_to_global(below)),
+        input_ids(V)[below],
+        V.tabulate_dof_coordinates()[below],
+        group[below],
+    )
+    return _Neighbours(*(joined(V.mesh.comm, values) for values in own))
+
+
+def _share(marker: la.Vector) -> None:
+    """Let all ranks know what is marked on any of them. Collective."""
+    marker.scatter_reverse(la.InsertMode.add)
+    marker.scatter_forward()
+
+
+def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats] | None:
+    """Neighbours of a node and their weights; None if no affine field can be extrapolated."""
+    num_looked_at = min(_FITTED[-1], int(np.count_nonzero(np.isfinite(distance))))
+    if not num_looked_at:
+        return None
+    near = np.argpartition(distance, num_looked_at - 1)[:num_looked_at].astype(np.int32)
+    # Numbers decide between equal distances.
+    length = np.round(distance[near] / distance[near].min() / _ROUND_OFF) * _ROUND_OFF
+    near = near[np.lexsort((below.id[near], length))]
+    way = below.X[near] - x
+    if (line := _line(near, way)) is not None:
+        return line
+    best: tuple[Ints, Floats] | None = None
+    least = _MOST
+    for number in _FITTED:
+        if (fit := _fit(near, way, number)) is not None and (size := np.abs(fit[1]).sum()) < least:
+            best, least = fit, size
+        if least <= _GOOD:
+            break
+    return best
+
+
+def _line(near: Ints, way: Floats) -> tuple[Ints, Floats] | None:
+    """The nearest node and one beyond it on a line."""
+    first, others = way[0], way[1:] - way[0]
+    length, lengths = np.linalg.norm(first), np.linalg.norm(others, axis=1)
+    sine = np.linalg.norm(np.cross(others, first), axis=1) / (length * lengths)
+    beyond = (sine < _ROUND_OFF) & (others @ first > 0) & (length <= _FARTHEST * lengths)
+    if not beyond.any():
+        return None
+    second = int(beyond.argmax())
+    ratio = length / lengths[second]
+    return near[[0, 1 + second]], np.array([1 + ratio, -ratio])
+
+
+def _fit(near: Ints, way: Floats, number: int) -> tuple[Ints, Floats] | None:
+    """Weighted least squares of the nearest nodes, which are exact for affine fields."""
+    length = np.linalg.norm(way, axis=1)
+    last = length[min(number, len(length)) - 1]
+    some = length <= (1 + _ROUND_OFF) * last
+    near, way, length = near[some], way[some], length[some]
+    B = np.column_stack([np.ones(len(way)), way / last])
+    w = (length[0] / length) ** 2
+    weight = w * (B @ np.linalg.pinv(B.T * w @ B, rcond=_ERROR, hermitian=True)[:, 0])
+    if np.abs(weight @ B - [1, 0, 0, 0]).max() > _ERROR:
+        return None
+    return near, weight

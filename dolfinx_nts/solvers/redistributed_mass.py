@@ -1,0 +1,283 @@
+r"""Mass that nodes of a surface have given to those below them, and systems with it.
+
+With the matrix P that extrapolates values from the nodes below, see `extrapolation`, and the
+consistent mass M the mass is
+
+.. math:: M_r = P^T M P .
+
+Rows and columns of nodes without mass are zero. It is positive on all others, and rigid motions,
+indeed all affine ones, have the momentum and energy that they have with M. Loads act as
+:math:`P^T f`, so that a body in free fall has no strain.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.extrapolation import Extrapolation
+from dolfinx_nts.parallel.communication import exchanged, joined
+from dolfinx_nts.solvers.block_csr import BlockCSR, entries_of_rows, starts
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.nodal_sum import NodalSum
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["RedistributedBulk", "RedistributedMass", "RedistributedTangent"]
+
+
+class RedistributedMass:
+    """Multiplies by the redistributed mass, and takes forces to where the mass is. Collective.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+        below: The nodes without mass, and those that carry it.
+    """
+
+    def __init__(self, bodies: Sequence[Body], below: Extrapolation) -> None:
+        """Assemble both matrices."""
+        V = bodies[0].V
+        trial, test = ufl.TrialFunction(V), ufl.TestFunction(V)
+        form = bulk_form(bodies, lambda material, _, rho: rho * ufl.inner(trial, test))
+        matrix = fem.assemble_matrix(compile_form(form))
+        matrix.scatter_reverse()
+        index_map = V.dofmap.index_map
+        self._mass = _assembled(index_map, _triple(matrix, below))
+        self._times_mass = _Product(self._mass)
+        P = _extrapolating(index_map, below)
+        self._restrict = _Product(_assembled(index_map, _Entries(P.column, P.row, P.value)))
+
+    def times(self, values: Floats) -> Floats:
+        """Multiply values at the owned nodes by the mass, both ``(n, 3)``."""
+        return self._times_mass.of(values)
+
+    def carried(self, forces: Floats) -> Floats:
+        """Take forces at the owned nodes to those with mass, both ``(n, 3)`` [N]."""
+        return self._restrict.of(forces)
+
+    def entries(self, index_map: Any) -> tuple[Ints, Ints, Floats]:
+        """Rows, columns and values of the owned rows, all of shape ``(b,)`` [kg]. Local.
+
+        Columns are local nodes of the map; -1 those that this rank does not know.
+        """
+        start, column, value = self._mass.getValuesCSR()
+        row = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
+        local = np.asarray(index_map.global_to_local(column.astype(np.int64)))
+        return row, local, value
+
+
+class _Product:
+    """Product of a matrix of scalars with three columns.
+
+    Args:
+        matrix: The matrix.
+    """
+
+    def __init__(self, matrix: Any) -> None:
+        self._matrix = matrix
+        size = (matrix.getSizes()[1], (None, 3))
+        self._columns = PETSc.Mat().createDense(size, comm=matrix.comm)
+        self._columns.setUp()
+        # PETSc keeps what it knows of a product in the matrix of its result.
+        self._result = matrix.matMult(self._columns)
+
+    def of(self, values: Floats) -> Floats:
+        """Multiply values at the owned nodes, both ``(n, 3)``. Collective."""
+        self._columns.getDenseArray()[:] = values
+        self._columns.assemble()
+        self._matrix.matMult(self._columns, result=self._result)
+        return np.ascontiguousarray(self._result.getDenseArray())
+
+
+class _Entries(NamedTuple):
+    """Entries of a matrix by global numbers, each of shape ``(b,)``."""
+
+    row: GlobalInts
+    column: GlobalInts
+    value: Floats
+
+
+def _extrapolating(index_map: Any, below: Extrapolation) -> _Entries:
+    """Entries of P in the owned rows. Local."""
+    first, n = index_map.local_range[0], index_map.size_local
+    others = first + np.setdiff1d(np.arange(n), below.node)
+    rows = first + np.repeat(below.node.astype(np.int64), np.diff(below.start))
+    return _Entries(
+        np.concatenate([others, rows]),
+        np.concatenate([others, below.column]),
+        np.concatenate([np.ones(len(others)), below.weight]),
+    )
+
+
+def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
+    """Entries of P^T M P, of any rows. Collective.
+
+    Products of matrices by PETSc sum up in an order that changes from run to run.
+    """
+    M = BlockCSR(matrix)
+    index_map = M.index_map
+    first = index_map.local_range[0]
+    rows = [first + below.node.astype(np.int64), np.diff(below.start), below.column, below.weight]
+    node, length, column, weight = (joined(index_map.comm, part) for part in rows)
+    order = np.argsort(node)
+    start, places = entries_of_rows(starts(length), order)
+    node, column, weight = node[order], column[places], weight[places]
+
+    def expanded(keys: GlobalInts, *others: Any) -> tuple[Any, ...]:
+        """Replace keys by the nodes that carry them; weights; what else entries have."""
+        place = np.minimum(np.searchsorted(node, keys), len(node) - 1)
+        follows = node[place] == keys
+        _, these = entries_of_rows(start, place[follows])
+        counts = np.diff(start)[place[follows]]
+        return (
+            np.concatenate([keys[~follows], column[these]]),
+            np.concatenate([np.ones(np.count_nonzero(~follows)), weight[these]]),
+            *(np.concatenate([o[~follows], np.repeat(o[follows], counts)]) for o in others),
+        )
+
+    row = first + np.repeat(np.arange(len(M.start) - 1, dtype=np.int64), np.diff(M.start))
+    columns, factor, row, value = expanded(M.global_columns, row, M.value[::9])
+    row, second, columns, value = expanded(row, columns, factor * value)
+    return _Entries(row, columns, second * value)
+
+
+def _assembled(index_map: Any, entries: _Entries) -> Any:
+    """PETSc matrix of the sums of entries, from the ranks that have them. Collective."""
+    comm, n = index_map.comm, index_map.size_local
+    first = index_map.local_range[0]
+    row, column, value = entries
+    ends = np.array(comm.allgather(first + n))
+    owner = np.searchsorted(ends, row, side="right")
+    order = np.argsort(owner, kind="stable")
+    cuts = np.searchsorted(owner[order], np.arange(1, comm.size))
+    parts = (np.split(array[order], cuts) for array in (row, column, value))
+    received: Any = exchanged(comm, zip(*parts, strict=True))
+    row, column, value = (np.concatenate(arrays) for arrays in zip(*received, strict=True))
+    order = np.lexsort((column, row))
+    row, column, value = row[order], column[order], value[order]
+    begins = np.ones(len(row), dtype=bool)
+    begins[1:] = (np.diff(row) != 0) | (np.diff(column) != 0)
+    begin = np.flatnonzero(begins)
+    sums: Floats = np.add.reduceat(value, begin) if len(begin) else value
+    start = starts(np.bincount(row[begin] - first, minlength=n))
+    csr = start.astype(PETSc.IntType), column[begin].astype(PETSc.IntType), sums
+    return PETSc.Mat().createAIJ(((n, None), (n, None)), csr=csr, comm=comm)
+
+
+class RedistributedBulk(Bulk):
+    """Residual of bodies whose forms have no inertia, with that of a redistributed mass.
+
+    Args:
+        residual, u, bcs, loads: Arguments of `Bulk`.
+        mass: The mass.
+        acceleration: Returns the mean acceleration of the step at the local dofs, ``(3 l,)``.
+        factor: Returns the derivative of the acceleration by u [1/s^2].
+    """
+
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form],
+        mass: RedistributedMass,
+        acceleration: Callable[[], Floats],
+        factor: Callable[[], float],
+    ) -> None:
+        """Create the forms as `Bulk` does."""
+        super().__init__(residual, u, bcs, loads)
+        self._mass, self._acceleration, self._factor = mass, acceleration, factor
+        self._has_loads = bool(loads)
+
+    def forces(self) -> Floats:
+        """Residual at u on the owned dofs, given or not [N]. Collective."""
+        acceleration = self._acceleration()[: self.num_owned].reshape(-1, 3)
+        R = self._residual.assembled_bodies()
+        R += self._mass.times(acceleration).ravel()
+        if self._has_loads:
+            R -= self.load()
+        return R
+
+    def load(self) -> Floats:
+        """Forces of the loads at u on the owned dofs, at nodes with mass [N]. Collective."""
+        return self._mass.carried(super().load().reshape(-1, 3)).ravel()
+
+    def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
+        y = action.assembled_bodies()
+        y += self._factor() * self._mass.times(direction.reshape(-1, 3)).ravel()
+        if self._has_loads:
+            loads = action.assembled_loads().reshape(-1, 3)
+            y += self._mass.carried(loads).ravel()
+        return y
+
+
+class RedistributedTangent(Tangent):
+    """Matrix of the bodies with a redistributed mass, for preconditioners.
+
+    Args:
+        residual, u, bcs, loads, nearby: Arguments of `Tangent`.
+        mass: The mass.
+        dt: Length of a step, on which the factor depends [s].
+        factor: As of `RedistributedBulk`.
+    """
+
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        bcs: Sequence[fem.DirichletBC],
+        loads: Sequence[ufl.Form],
+        nearby: ufl.Form,
+        mass: RedistributedMass,
+        dt: fem.Constant,
+        factor: Callable[[], float],
+    ) -> None:
+        """Find the entries of the mass that this rank has a place for."""
+        super().__init__(residual, u, bcs, loads, nearby)
+        self._inputs.append(dt.value)
+        self._factor = factor
+        V = u.function_space
+        index_map = V.dofmap.index_map
+        row, column, value = mass.entries(index_map)
+        # What has no place is moved to the diagonal, which keeps the matrix definite.
+        unknown = column < 0
+        column, value = np.where(unknown, row, column), np.where(unknown, np.abs(value), value)
+        self._entries = row, column, value
+        self._diagonal: Any = np.bincount(row, value * (row == column), index_map.size_local)
+        free = la.vector(index_map, 3)
+        free.array[:] = 1
+        for bc in bcs:
+            free.array[bc.dof_indices()[0]] = 0
+        self._free: Floats = free.array.reshape(-1, 3)
+        self._place: Ints | None = None
+
+    def _created(self, form: fem.Form) -> la.MatrixCSR:
+        row, column, _ = self._entries
+        pattern = fem.create_sparsity_pattern(form)
+        for entry in np.column_stack([row, column]):
+            pattern.insert(*map(int, entry))
+        pattern.finalize()
+        return la.matrix_csr(pattern)
+
+    def _add_to(self, rows: BlockCSR) -> Floats:
+        row, column, value = self._entries
+        if self._place is None:
+            columns = rows.matrix.index_map(1)
+            width = columns.size_local + columns.num_ghosts
+            known = np.repeat(np.arange(len(rows.start) - 1), np.diff(rows.start)) * width
+            known += rows.column
+            order = np.argsort(known)
+            self._place = order[
+                np.searchsorted(known[order], row.astype(np.int64) * width + column)
+            ]
+        blocks = rows.value.reshape(-1, 9)[:, ::4]
+        added = self._factor() * value[:, None] * self._free[row] * self._free[column]
+        np.add.at(blocks, self._place, added)
+        stiffness: Floats = self._factor() * self._diagonal
+        return stiffness

@@ -1,0 +1,176 @@
+"""Static equilibrium of nodes without mass, while all others stay where they are.
+
+Each of these nodes hangs on others that do not move, so that conjugate gradients need few
+iterations, whatever the size of the surface.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem, la
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+
+__all__ = ["Holds", "SurfaceEquilibrium"]
+
+# Reduction of the residual [-]: what is left is of the size of what one step of Newton's method
+# leaves, and the next step goes on with it.
+_REDUCTION = 1e-2
+_MAX_ITERATIONS = 200
+# Residual, relative to the stiffness of a node times the size of its displacement [-], that is
+# round-off.
+_ROUND_OFF = 16 * np.finfo(np.float64).eps
+# Part of a unit normal [-] that a support leaves free, below which it decides on the gap.
+_NO_FREEDOM = 1e-3
+
+
+class Holds(NamedTuple):
+    """Nodes that keep a distance from what they touch, in one pair or several.
+
+    Attributes:
+        node: Owned nodes of the space, one may come several times, shape ``(m,)``.
+        normal: Direction in which the gap opens, of unit length, shape ``(m, 3)``.
+        way: How far each moves in this direction, shape ``(m,)`` [m].
+    """
+
+    node: Ints
+    normal: Floats
+    way: Floats
+
+
+class SurfaceEquilibrium:
+    """Finds the displacement of nodes without mass. Collective, as are its methods.
+
+    Args:
+        bulk: Forces between u_n and u of bodies without inertia, conserving ones, used by nobody
+            else. With u_n = u they are those of statics.
+        u_n: Displacement at the start of a step.
+        massless: The owned nodes, shape ``(m,)``.
+        share: Derivative of the forces by u, as a part of that of statics [-].
+    """
+
+    def __init__(self, bulk: Bulk, u_n: fem.Function, massless: Ints, share: float) -> None:
+        """Leave out all cells but those at the nodes."""
+        V = u_n.function_space
+        index_map = V.dofmap.index_map
+        self._bulk, self._u, self._u_n, self._share = bulk, bulk.u.x, u_n.x.array, share
+        self._comm: MPI.Comm = bulk.comm
+        self.massless = massless
+        marker = la.vector(index_map)
+        marker.array[massless] = 1
+        marker.scatter_forward()
+        owned = V.mesh.topology.index_map(3).size_local
+        beside = (marker.array[V.dofmap.list[:owned]] == 0).all(axis=1)
+        others = np.setdiff1d(np.arange(index_map.size_local, dtype=np.int32), massless)
+        bulk.leave_out(np.flatnonzero(beside).astype(np.int32), others)
+
+    def find(self, holds: Holds, stiffness: Floats) -> Floats:
+        """Solve for increments of all owned nodes, shape ``(n, 3)`` [m].
+
+        It is one step of Newton's method from u. Nodes that nothing holds are free; where the
+        surface is about to buckle it is a step towards less energy.
+
+        Args:
+            holds: What the nodes keep.
+            stiffness: That of the owned nodes, for the preconditioner, shape ``(n,)`` [N/m].
+        """
+        with self._start(self._u.array):
+            return self._find(holds, stiffness[:, None])
+
+    def work(self, u_before: Floats) -> Floats:
+        """Strain energy that increments from a displacement to u gave, node by node.
+
+        Args:
+            u_before: Displacement of the local dofs before them, shape ``(3 l,)`` [m].
+
+        Returns:
+            Parts whose sum is the change of energy, shape ``(n,)`` [J].
+        """
+        n = self._bulk.num_owned
+        with self._start(u_before):
+            forces = self._bulk.residual()
+        du = self._u.array[:n] - u_before[:n]
+        work: Floats = (forces * du).reshape(-1, 3).sum(axis=1)
+        return work
+
+    @contextmanager
+    def _start(self, u: Floats) -> Iterator[None]:
+        """Context in which a step starts at a displacement."""
+        u_n = self._u_n.copy()
+        self._u_n[:] = u
+        try:
+            yield
+        finally:
+            self._u_n[:] = u_n
+
+    def _find(self, holds: Holds, stiffness: Floats) -> Floats:
+        bulk = self._bulk
+        r: Floats = -bulk.residual().reshape(-1, 3)
+        free, x = self._constrain(holds, r.shape)
+
+        def project(y: Floats) -> Floats:
+            y[free.node] = np.einsum("mij,mj->mi", free.projection, y[free.node])
+            return y
+
+        moves = reductions.anywhere(self._comm, bool(x.any()))
+        if moves:
+            r -= self._times(x)
+        r = project(r)
+        size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
+        floor = _ROUND_OFF * size * stiffness[self.massless]
+        limits = reductions.total(self._comm, np.array([np.vdot(r, r), np.vdot(floor, floor)]))
+        limit = max(_REDUCTION**2 * limits[0], limits[1])
+        z = project(r / stiffness)
+        p, squares = z.copy(), limits[0]
+        rz = reductions.total(self._comm, float(np.vdot(r, z)))
+        for _ in range(_MAX_ITERATIONS):
+            if not squares > limit:
+                break
+            y = project(self._times(p))
+            curvature = reductions.total(self._comm, float(np.vdot(p, y)))
+            if not curvature > 0:
+                break
+            x += rz / curvature * p
+            r -= rz / curvature * y
+            z = project(r / stiffness)
+            last = rz
+            sums = reductions.total(self._comm, np.array([np.vdot(r, z), np.vdot(r, r)]))
+            rz, squares = float(sums[0]), float(sums[1])
+            p = z + rz / last * p
+        return x
+
+    def _times(self, x: Floats) -> Floats:
+        """Stiffness of statics times increments that are zero at all other nodes."""
+        y = self._bulk.action(x)
+        y /= self._share
+        y.ravel()[self._bulk.given] = 0
+        return y
+
+    def _constrain(self, holds: Holds, shape: tuple[int, ...]) -> tuple["_Free", Floats]:
+        """What is free at held nodes, and the shortest increments that hold, of a shape."""
+        node, place = np.unique(holds.node, return_inverse=True)
+        normal = np.zeros((len(place), 3))
+        free: Floats = np.ones(shape)
+        free.ravel()[self._bulk.given] = 0
+        normal[:] = holds.normal * free[holds.node]
+        normal[np.linalg.norm(normal, axis=1) < _NO_FREEDOM] = 0
+        squares, ways = np.zeros((len(node), 3, 3)), np.zeros((len(node), 3))
+        np.add.at(squares, place, normal[:, :, None] * normal[:, None])
+        np.add.at(ways, place, normal * holds.way[:, None])
+        inverse = np.linalg.pinv(squares, rcond=_NO_FREEDOM**2, hermitian=True)
+        x: Floats = np.zeros(shape)
+        x[node] = np.einsum("mij,mj->mi", inverse, ways)
+        return _Free(node.astype(np.int32), np.eye(3) - inverse @ squares), x
+
+
+class _Free(NamedTuple):
+    """Held nodes, shape ``(k,)``, and projections on what is free there, ``(k, 3, 3)``."""
+
+    node: Ints
+    projection: Floats

@@ -1,0 +1,183 @@
+"""Impact that is resolved in time, by nodes without mass: order, energy, momenta and forces."""
+
+from dataclasses import dataclass
+from functools import cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from helpers import shapes
+
+# Of the total energy and of momenta, relative.
+ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-10, 1e-11
+CELLS, SPEED, GAP = 10, 0.1, 0.01  # of a bar of length 1, wave speed 1
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A run of a bar against a wall.
+
+    Attributes:
+        u, v: At the nodes behind the end that strikes, at the end.
+        force: Contact force of each step over that of wave theory.
+        energy_error: Largest change of the energy, relative.
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    force: np.ndarray
+    energy_error: float
+
+
+@cache
+def bar(law, dt, until):
+    """Let a bar in uniaxial strain strike a wall. Collective."""
+    side = 1 / CELLS
+    mesh, tags, facets, tag = nts.read_mesh(
+        lambda model: parts.add_box(
+            model, "bar", corner=(GAP, 0, 0), size=(1, side, side), cells=(CELLS, 1, 1)
+        ),
+        MPI.COMM_WORLD,
+    )
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
+    wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
+    end = nts.Surface(V, facets, tag["bar_left"])
+    pair = nts.ContactPair(end, wall, nts.LagrangeMultiplier(law))
+    bcs = [
+        shapes.rollers(V, facets, [tag[f"bar_{side}"] for side in sides], axis)
+        for axis, sides in ((1, ("front", "back")), (2, ("bottom", "top")))
+    ]
+    stepper = nts.EnergyMomentum([body], [pair], dt=dt, bcs=bcs)
+    stepper.set_velocity(body, (-SPEED, 0, 0))
+    diagnostics = nts.Diagnostics(stepper)
+    energy, force = [diagnostics.balance().total_energy], []
+    for _ in stepper.run(until):
+        energy.append(diagnostics.balance().total_energy)
+        force.append(diagnostics.contact_force()[0] / (SPEED * side**2))
+    behind = V.tabulate_dof_coordinates()[:, 0] > GAP + 0.5 / CELLS
+    u, v = (f.x.array.reshape(-1, 3)[behind] for f in (stepper.u, stepper.v))
+    error = np.abs(np.array(energy) / energy[0] - 1).max()
+    return Bar(u, v, np.array(force), float(error))
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("until", [1.2, 2.6], ids=["loading", "release"])
+def test_error_is_of_second_order_in_the_step_also_through_release(until):
+    # A wave takes 0.1 through a cell.
+    *runs, finest = (bar("resolved", dt, until) for dt in (0.02, 0.01, 0.0025))
+    for name in ("u", "v"):
+        exact = getattr(finest, name)
+        coarse, fine = (np.linalg.norm(getattr(run, name) - exact) for run in runs)
+        assert np.log2(coarse / fine) >= 1.9
+    assert max(run.energy_error for run in (*runs, finest)) <= ENERGY_TOLERANCE
+
+
+@pytest.mark.serial
+def test_force_is_that_of_waves_where_elastic_impact_hops():
+    resolved, elastic = (bar(law, 0.02, 2.6).force for law in ("resolved", "elastic"))
+    # Contact from 0.1 to 2.1 s with the force 1 of wave theory.
+    impulses = [force.sum() * 0.02 / 2 for force in (resolved, elastic)]
+    assert impulses == pytest.approx([1, 1], abs=0.02)
+    zigzag = [np.abs(np.diff(f, 2)).sum() / (4 * f.sum()) for f in (resolved, elastic)]
+    assert zigzag[0] <= 0.01
+    assert zigzag[1] >= 0.5
+    finest = bar("resolved", 0.0025, 2.6).force
+    coarse, fine = (
+        np.sqrt(np.mean((force - finest.reshape(len(force), -1).mean(axis=1)) ** 2))
+        for force in (resolved, bar("resolved", 0.01, 2.6).force)
+    )
+    assert coarse <= 0.05
+    assert fine <= coarse / 3
+
+
+def ball(comm, cell, dt, loads=()):
+    """Return a stepper of a hollow ball that flies obliquely onto a plane, and the ball."""
+    mesh, cells, facets, tag = nts.read_mesh(
+        lambda model: parts.add_hollow_ball(
+            model,
+            "ball",
+            centre=(0, 0, 1.02),
+            inner_radius=0.7,
+            outer_radius=1.0,
+            cells_per_edge=3,
+            layers=3,
+            cell=cell,
+        ),
+        comm,
+    )
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["ball"], nts.NeoHookean(1e5, 0.3, 1e3))
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["ball_outer"]),
+        nts.RigidPlane((0, 0, 0), (0, 0, 1)),
+        nts.LagrangeMultiplier("resolved"),
+    )
+    loads = [load([body]) for load in loads]
+    stepper = nts.EnergyMomentum([body], [pair], dt=dt, loads=loads)
+    stepper.set_velocity(body, (0.3, 1.0, -1.0))
+    return stepper, body
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_ball_on_a_plane_keeps_energy_and_the_momenta_that_the_plane_leaves(comm, agree, cell):
+    stepper, _ = ball(comm, cell, 0.005)
+    diagnostics = nts.Diagnostics(stepper)
+    first, refund, active = diagnostics.balance(), 0.0, 0
+    for step in stepper.run(0.15):
+        balance = diagnostics.balance()
+        assert agree(abs(balance.total_energy / first.total_energy - 1) <= ENERGY_TOLERANCE)
+        change = balance.linear_momentum - first.linear_momentum
+        scale = MOMENTUM_TOLERANCE * np.linalg.norm(first.linear_momentum)
+        assert agree(np.abs(change[:2]).max() <= scale)
+        turn = balance.angular_momentum[2] - first.angular_momentum[2]
+        assert agree(abs(turn) <= scale)
+        refund, active = refund + abs(step.contact_work.refund), max(active, step.num_active)
+    assert agree(active >= 4)
+    assert agree(refund > 1e-6 * first.total_energy)
+
+
+def test_gravity_lets_a_body_fall_without_strain(comm, agree):
+    stepper, body = ball(comm, "hexahedron", 0.01, [lambda b: nts.Gravity(b, (1.0, 0, -9.81))])
+    stepper.set_velocity(body, (0.0, 0.0, 3.0))
+    diagnostics = nts.Diagnostics(stepper)
+    steps = list(stepper.run(0.05))
+    kinetic = diagnostics.kinetic_energy()
+    assert agree(diagnostics.strain_energy() <= 1e-14 * kinetic)
+    velocity = [0.05, 0.0, 3.0 - 9.81 * 0.05]
+    assert agree(diagnostics.body_velocity(body) == pytest.approx(velocity, rel=1e-12, abs=1e-12))
+    work = sum(step.load_work for step in steps)
+    gained = kinetic - 0.5 * 9.0 * kinetic / (0.5 * np.dot(velocity, velocity))
+    assert agree(work == pytest.approx(gained, rel=1e-11))
+
+
+@pytest.mark.serial
+def test_reversed_motion_leads_back_to_where_it_came_from():
+    errors = []
+    for dt in (0.004, 0.001):
+        stepper, body = ball(MPI.COMM_SELF, "hexahedron", dt)
+        start = stepper.x.copy()
+        list(stepper.run(0.12))
+        assert stepper.contacts[0].history.active.any()
+        stepper.v.x.array[:] *= -1
+        stepper.set_velocity(body, stepper.v)
+        list(stepper.run(0.24))
+        errors.append(np.linalg.norm(stepper.x - start, axis=1).max())
+    assert errors[1] <= 1e-3  # of the radius
+    assert errors[1] <= errors[0] / 3
+
+
+@pytest.mark.serial
+def test_steps_that_do_not_resolve_a_cell_are_told_once(caplog):
+    bar.__wrapped__("resolved", 0.15, 0.6)
+    (message,) = (m for m in caplog.messages if "waves cross" in m)
+    assert "waves cross 1.4 cells" in message
+    assert "take dt <= 0.11 s" in message
+    caplog.clear()
+    bar.__wrapped__("resolved", 0.04, 0.3)
+    assert not caplog.messages
