@@ -1,4 +1,4 @@
-r"""Contact solved exactly in complete factors of the bulk: a dense Schur complement.
+r"""Contact solved exactly in complete factors of the bulk, or in those with fill: a dense system.
 
 Near incompressibility a contact node that moves by itself changes the volume of its cells,
 so that what contact does is felt far around, and no correction of its neighbourhood is good.
@@ -34,11 +34,11 @@ _MOST_NODES = 400  # whose columns are kept, also of contacts that have moved on
 
 
 class ContactComplement:
-    """Corrects solutions of complete factors for contact.
+    """Corrects solutions of factors of the bulk for contact.
 
     Args:
         tangent: Matrix of the bulk.
-        bulk: Preconditioner of the bulk, whose factors have to be complete when used.
+        bulk: Preconditioner of the bulk, which has to have responses when used.
 
     Attributes:
         num_columns: Solutions of the bulk for unit forces so far.

@@ -8,8 +8,8 @@
 namespace nts
 {
 /// @brief Pattern of incomplete factors of a sparse matrix, row by row.
-/// @tparam Matrix `BlockMatrix` or `BlockRows`; columns beyond its rows are left
-/// out.
+/// @tparam Matrix `BlockMatrix` or `BlockRows`; columns beyond its rows are
+/// left out.
 template <class Matrix>
 class FactorPattern
 {
@@ -23,7 +23,8 @@ public:
   /// @param[in] A The matrix.
   /// @param[in] order Its rows in the order of elimination.
   /// @param[in] fill Whether the pattern has, beside the entries of the matrix,
-  /// those between nodes that are neighbours of a node eliminated before, ILU(1).
+  /// those between nodes that are neighbours of a node eliminated before,
+  /// ILU(1).
   FactorPattern(const Matrix& A, std::span<const std::int32_t> order, bool fill)
       : _A(A), _order(order), _place(order.size()), _last(order.size(), -1),
         _fill(fill)
@@ -107,9 +108,8 @@ public:
       for (const auto& [column, e] : entries)
       {
         at[column] = static_cast<std::int32_t>(row.size());
-        row.push_back(e == pattern.filled
-                          ? Columns{}
-                          : A.block(e, _scale).without_dust());
+        row.push_back(e == pattern.filled ? Columns{}
+                                          : A.block(e, _scale).without_dust());
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
       if (!(diagonal < row.size()
