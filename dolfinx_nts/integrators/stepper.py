@@ -30,6 +30,7 @@ from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies, common_space
+from dolfinx_nts.model.locking import warn_of_locking
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
@@ -75,6 +76,7 @@ class Stepper(TimeLoop):
         comm = common_space(bodies).mesh.comm
         meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)
+        warn_of_locking(bodies)
         check_volumes(bodies)
         self.bodies = tuple(bodies)
         self.pairs = instances(ContactPair, pairs)

@@ -294,6 +294,18 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
+    @cached_property
+    def poisson_ratio(self) -> float:
+        """Poisson's ratio of small strains [-]; NaN for energies with fields.
+
+        Of an anisotropic material it is that of the nearest isotropic one.
+        """
+        if self._has_fields:
+            return np.nan
+        bulk = 4 / 9 * self._curve.curvature(np.eye(3))
+        shear = (np.trace(self.moduli) - 3 * bulk) / 10
+        return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
+
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
 

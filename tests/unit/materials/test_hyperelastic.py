@@ -244,3 +244,4 @@ def test_moduli_at_rest_are_those_of_lame(material):
     expected = 2 * MU * np.eye(6) + LMBDA * np.outer(trace, trace)
     np.testing.assert_allclose(material.moduli, expected, rtol=0, atol=50 * EPS * expected.max())
     assert material.least_modulus == pytest.approx(2 * MU)
+    assert material.poisson_ratio == pytest.approx(LMBDA / (2 * (LMBDA + MU)))
