@@ -21,7 +21,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
 
-__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "poisson_ratio", "right_cauchy_green"]
 
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -294,18 +294,6 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
-    @cached_property
-    def poisson_ratio(self) -> float:
-        """Poisson's ratio of small strains [-]; NaN for energies with fields.
-
-        Of an anisotropic material it is that of the nearest isotropic one.
-        """
-        if self._has_fields:
-            return np.nan
-        bulk = 4 / 9 * self._curve.curvature(np.eye(3))
-        shear = (np.trace(self.moduli) - 3 * bulk) / 10
-        return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
-
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
 
@@ -393,3 +381,21 @@ class MassOnly(Hyperelastic):
         return ufl.zero(3, 3)
 
     conserving_stress = linear_stress = stress
+
+
+def poisson_ratio(material: Hyperelastic) -> float:
+    """Poisson's ratio of small strains. Local.
+
+    Args:
+        material: The material.
+
+    Returns:
+        The ratio [-], of an anisotropic material that of the nearest isotropic one; NaN for
+        energies with fields.
+    """
+    if np.isnan(material.least_modulus):
+        return np.nan
+    volume = np.einsum("aii->a", material.strain_basis())
+    bulk = volume @ material.moduli @ volume / 9
+    shear = (np.trace(material.moduli) - 3 * bulk) / 10
+    return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.materials.hyperelastic import poisson_ratio
 from dolfinx_nts.model.bodies import Body
 
 __all__ = ["warn_of_locking"]
@@ -26,7 +27,7 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     element = Element.of(V)
     if (element.cell, element.degree) != ("tetrahedron", 1) or V.mesh.comm.rank > 0:
         return
-    names = [b.name for b in bodies if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
+    names = [b.name for b in bodies if poisson_ratio(b.material) >= _NEARLY_INCOMPRESSIBLE]
     if names:
         _logger.warning(
             "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, those of %s: "
