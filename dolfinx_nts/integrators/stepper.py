@@ -35,6 +35,7 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.locking import warn_of_locking
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.meeting import meet
@@ -76,6 +77,7 @@ class Stepper(TimeLoop):
         comm = common_space(bodies).mesh.comm
         meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)
+        warn_of_locking(bodies)
         check_volumes(bodies)
         self.bodies = tuple(bodies)
         self.pairs = instances(ContactPair, pairs)

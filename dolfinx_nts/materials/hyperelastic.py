@@ -21,7 +21,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
 
-__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "poisson_ratio", "right_cauchy_green"]
 
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -381,3 +381,21 @@ class MassOnly(Hyperelastic):
         return ufl.zero(3, 3)
 
     conserving_stress = linear_stress = stress
+
+
+def poisson_ratio(material: Hyperelastic) -> float:
+    """Poisson's ratio of small strains. Local.
+
+    Args:
+        material: The material.
+
+    Returns:
+        The ratio [-], of an anisotropic material that of the nearest isotropic one; NaN for
+        energies with fields.
+    """
+    if np.isnan(material.least_modulus):
+        return np.nan
+    volume = np.einsum("aii->a", material.strain_basis())
+    bulk = volume @ material.moduli @ volume / 9
+    shear = (np.trace(material.moduli) - 3 * bulk) / 10
+    return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))

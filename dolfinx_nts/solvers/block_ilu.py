@@ -27,13 +27,15 @@ class BlockILU:
 
     Args:
         rows: Owned rows of the matrix; their values may change.
+        fill: Whether they have more entries than the matrix: those between
+            nodes with a neighbour that is eliminated before, ILU(1).
 
     ``str`` tells the kind of factors.
     """
 
-    def __init__(self, rows: BlockCSR) -> None:
+    def __init__(self, rows: BlockCSR, *, fill: bool = False) -> None:
         """Create the factors, without values before `build`. Collective."""
-        self._rows = rows
+        self._rows, self._fill = rows, fill
         self._alone = bool(rows.index_map.comm.size == 1)
         self._order: Ints | None = None
         # It is used again, as new memory takes 20 times as long to fill.
@@ -45,7 +47,8 @@ class BlockILU:
 
     def __str__(self) -> str:
         """Kind of the factors, and how several ranks work together."""
-        return f"{'' if self._alone else 'ASM of '}ILU in single precision"
+        kind = "ILU(1)" if self._fill else "ILU"
+        return f"{'' if self._alone else 'ASM of '}{kind} in single precision"
 
     def build(self) -> bool:
         """Factorise the present values. Collective.
@@ -59,18 +62,27 @@ class BlockILU:
             start, column, value = self._overlapping()
         if self._order is None:
             self._order = _order(start, column, self._rows.index_map.size_local)
-        exist: bool = self._factors.factorise(start, column, value, self._order)
+        exist: bool = self._factors.factorise(start, column, value, self._order, self._fill)
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
-        known = r.array_r.reshape(-1, 3)
+        self._apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+
+    def solve_all(self, b: Floats) -> Floats:
+        """Solve for the columns of an array, shape ``(3 n, k)``, by columns. Collective."""
+        x = np.empty_like(b)
+        for known, unknown in zip(b.T, x.T, strict=True):
+            self._apply(known.reshape(-1, 3), unknown.reshape(-1, 3))
+        return x
+
+    def _apply(self, known: Floats, unknown: Floats) -> None:
         if not self._alone:
             values = self._vector.array.reshape(-1, 3)
             values[: len(known)] = known
             self._vector.scatter_forward()
             known = values
-        self._factors.apply(known, z.array.reshape(-1, 3))
+        self._factors.apply(known, unknown)
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
         """Rows of all nodes that this rank solves for, with local columns. Collective."""

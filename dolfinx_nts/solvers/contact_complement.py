@@ -1,4 +1,4 @@
-r"""Contact solved exactly in complete factors of the bulk: a dense Schur complement.
+r"""Contact solved exactly in complete factors of the bulk, or in those with fill: a dense system.
 
 Near incompressibility a contact node that moves by itself changes the volume of its cells,
 so that what contact does is felt far around, and no correction of its neighbourhood is good.
@@ -34,11 +34,11 @@ _MOST_NODES = 400  # whose columns are kept, also of contacts that have moved on
 
 
 class ContactComplement:
-    """Corrects solutions of complete factors for contact.
+    """Corrects solutions of factors of the bulk for contact.
 
     Args:
         tangent: Matrix of the bulk.
-        bulk: Preconditioner of the bulk, whose factors have to be complete when used.
+        bulk: Preconditioner of the bulk, which has to have responses when used.
 
     Attributes:
         num_columns: Solutions of the bulk for unit forces so far.
@@ -51,8 +51,7 @@ class ContactComplement:
         # digit, so that a resumed run has to do alike.
         self._batches: list[GlobalInts] = []
         self._version = -1  # of the factors
-        self._num_solved = 0  # batches
-        self._columns: Floats = np.empty((0, 0))  # of owned dofs, shape (3 n, 3 k)
+        self._columns: list[Floats] = []  # of owned dofs, shape (3 n, 3 k) for k nodes of a batch
         self._flexibility: Floats = np.empty((0, 0))  # shape (3 k, 3 k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of dofs of these contacts
         self._response: Floats = np.empty((0, 0))  # force C s + F lambda by U^T z_0
@@ -77,7 +76,7 @@ class ContactComplement:
             new = nodes
         if len(new):
             self._batches.append(new.astype(np.int64))
-        if self._num_solved < len(self._batches):
+        if len(self._columns) < len(self._batches):
             self._solve()
         known = self._known
         order = np.argsort(known)
@@ -93,12 +92,20 @@ class ContactComplement:
             z: Values at the owned nodes, shape ``(n, 3)``, overwritten.
         """
         owned, place = self._owned(self._known)
-        known = np.zeros(self._columns.shape[1])
+        known = np.zeros(len(self._flexibility))
         known[_dofs(place)] = z[owned].ravel()
         known = reductions.total(self._tangent.comm, known)
         force = np.zeros_like(known)
         force[self._reached] = self._response @ known[self._reached]
-        z -= (self._columns @ force).reshape(-1, 3)
+        if self._bulk.is_strong:
+            ends = np.cumsum([columns.shape[1] for columns in self._columns])
+            for columns, part in zip(self._columns, np.split(force, ends[:-1]), strict=True):
+                z -= (columns @ part).reshape(-1, 3)
+            return
+        # To apply incomplete factors costs less than to read all columns.
+        forces = np.zeros((z.size, 1), order="F")
+        forces[_dofs(owned), 0] = force[_dofs(place)]
+        z -= self._bulk.responses(forces).reshape(-1, 3)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the nodes of the columns, after the factors. Collective."""
@@ -115,7 +122,7 @@ class ContactComplement:
 
     def _forget(self, batches: Sequence[Array]) -> None:
         """Have nodes, whose columns are not known, with the present factors."""
-        self._version, self._batches, self._num_solved = self._bulk.num_builds, list(batches), 0
+        self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
         """Owned ones of some nodes: their local numbers, and their places among them."""
@@ -126,18 +133,16 @@ class ContactComplement:
     def _solve(self) -> None:
         """Solve for unit forces at nodes that have no columns. Collective."""
         n = 3 * self._tangent.rows.index_map.size_local
-        columns = [self._columns if self._num_solved else np.empty((n, 0))]
-        for batch in self._batches[self._num_solved :]:
+        for batch in self._batches[len(self._columns) :]:
             forces = np.zeros((n, 3 * len(batch)), order="F")
             owned, place = self._owned(batch)
             forces[_dofs(owned), _dofs(place)] = 1
-            columns.append(self._bulk.responses(forces))
+            self._columns.append(self._bulk.responses(forces))
             self.num_columns += 3 * len(batch)
-        self._num_solved = len(self._batches)
-        self._columns = np.hstack(columns)
         owned, place = self._owned(self._known)
-        flexibility = np.zeros((self._columns.shape[1],) * 2)
-        flexibility[_dofs(place)] = self._columns[_dofs(owned)]
+        rows = [columns[_dofs(owned)] for columns in self._columns]
+        flexibility = np.zeros((3 * len(self._known),) * 2)
+        flexibility[_dofs(place)] = np.hstack(rows)
         self._flexibility = reductions.total(self._tangent.comm, flexibility)
 
 

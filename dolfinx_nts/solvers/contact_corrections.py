@@ -12,8 +12,8 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactCorrections"]
 
-# Iterations per decade, with complete factors of the bulk, from which on a correction around
-# the contacts is poor; and nodes in contact up to which the dense complement is cheaper.
+# Iterations per decade, with factors of the bulk that know responses, from which on a correction
+# around the contacts is poor; and nodes in contact up to which the dense complement is cheaper.
 _POOR, _MOST_NODES = 4.0, 100
 # Decades that count at least, as a solve that asks for less takes an iteration, too.
 _FEWEST_DECADES = 0.3
@@ -63,7 +63,7 @@ class ContactCorrections:
 
     def choose(self, num_active: int) -> bool:
         """Choose for a number of active nodes; returns whether this is another one. Local."""
-        use = self._schwarz_is_poor and self._bulk.is_complete and num_active <= _MOST_NODES
+        use = self._schwarz_is_poor and self._bulk.has_responses and num_active <= _MOST_NODES
         last, self._present = self._present, self._complement if use else self._schwarz
         self.least_reduction = _CHEAP_REDUCTION if use else _ANY_REDUCTION
         return self._present is not last
@@ -76,7 +76,7 @@ class ContactCorrections:
             decades: Reduction that was asked for.
         """
         slow = iterations > _POOR * max(decades, _FEWEST_DECADES)
-        self._schwarz_is_poor |= slow and self._bulk.is_complete
+        self._schwarz_is_poor |= slow and self._bulk.has_responses
 
     def update(self, elimination: Elimination) -> None:
         """Take the contacts of a Newton iteration."""

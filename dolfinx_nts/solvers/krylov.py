@@ -32,12 +32,13 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
-# Cost of assembling and factorising the bulk, in Krylov iterations; the stronger
+# Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Iterations per decade of reduction from which on the stronger factors are cheaper
-# than new ones of the first kind.
-_SLOW = 15.0
+# Iterations per decade of reduction from which on the next stronger factors are cheaper
+# than new ones of the same kind; and from which on those with fill are cheaper than those
+# without, if these decades have shown it.
+_SLOW, _FILL_PAYS, _DECADES_SHOW = 15.0, 6.0, 4.0
 # Cells that waves cross in a step, from which on this is known beforehand.
 _MOST_CROSSINGS = 50.0
 # How often the number of systems doubles for which a method that failed is not tried.
@@ -204,7 +205,7 @@ class LinearSolver:
             self._build()
             is_new = True
         self._hopeless = _Hopeless()
-        if is_new and preconditioner.gives_way and self._age.rate > _SLOW:
+        if preconditioner.gives_way and self._is_slow(is_new):
             preconditioner.strengthen()
             self._build()
         if not (num_active and self._contacts.reach_far):
@@ -251,10 +252,16 @@ class LinearSolver:
         self._crossings = self._wave_crossings()
         is_first = preconditioner.point is None
         if is_first and preconditioner.gives_way and self._crossings > _MOST_CROSSINGS:
-            preconditioner.strengthen()
+            preconditioner.strengthen(fully=True)
         preconditioner.build()
         self._operator.forget()
         self._age = _Age()
+
+    def _is_slow(self, is_new: bool) -> bool:
+        """Whether stronger factors are cheaper. Local."""
+        age = self._age
+        pays = self._preconditioner.is_plain and age.decades > _DECADES_SHOW
+        return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS)
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
         bulk = self._operator.bulk

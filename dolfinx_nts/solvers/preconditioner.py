@@ -18,6 +18,8 @@ __all__ = ["BulkPreconditioner"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Strengths of factors: incomplete ones, those with fill, and complete ones or multigrid.
+_PLAIN, _FILLED, _STRONG = range(3)
 # Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
 # Options of multigrid: one sweep with incomplete factors smooths best (stiff bodies).
@@ -36,15 +38,15 @@ _TAKE_BLOCKS = {"asm", "bjacobi", "ilu"}
 class BulkPreconditioner:
     """Factors of the tangent of the bulk, and stronger ones where these do not suffice.
 
-    The first are `BlockILU`, or what PETSc makes of the user's options; the
-    stronger ones are complete factors, or multigrid where unknowns are many.
+    The first are `BlockILU`, the next ones the same with fill, and the strong ones
+    complete factors, or multigrid where unknowns are many. What PETSc makes of the
+    user's options takes the place of both incomplete ones.
 
     Args:
         tangent: Matrix of the bulk.
         options: Options of the user.
 
     Attributes:
-        is_strong: Whether the stronger ones have taken over.
         point: `Tangent.point` of the factors; None before the first.
         num_builds: Factorisations so far.
 
@@ -55,13 +57,23 @@ class BulkPreconditioner:
         """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
         self._factors: BlockILU | _PetscFactors | None = None
-        self.is_strong = False
+        self._strength = _PLAIN
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
 
     def __str__(self) -> str:
         """Kind of the factors, empty before the first."""
         return "" if self._factors is None else str(self._factors)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the factors are the first ones of the project's own choice."""
+        return self._strength == _PLAIN and not self._options.bulk
+
+    @property
+    def is_strong(self) -> bool:
+        """Whether the strongest ones have taken over."""
+        return self._strength == _STRONG
 
     @property
     def gives_way(self) -> bool:
@@ -72,9 +84,9 @@ class BulkPreconditioner:
         return not (self.is_strong or self._options.bulk)
 
     @property
-    def is_complete(self) -> bool:
-        """Whether the present factors are complete ones of the project's own choice."""
-        return self.is_strong and self._is_small
+    def has_responses(self) -> bool:
+        """Whether `responses` are good and affordable: of factors with fill, or complete ones."""
+        return self._is_small and self._strength > _PLAIN
 
     def build(self) -> None:
         """Assemble and factorise the matrix near the tangent. Collective."""
@@ -86,15 +98,20 @@ class BulkPreconditioner:
         self.point = self._tangent.point
         self.num_builds += 1
 
-    def strengthen(self) -> None:
-        """Let the next `build` make stronger factors. Local."""
+    def strengthen(self, *, fully: bool = False) -> None:
+        """Let the next `build` make stronger factors. Local.
+
+        Args:
+            fully: Whether to make the strongest ones.
+        """
         if self._options.bulk and self._tangent.rows.index_map.comm.rank == 0:
             text = (
                 "%s of petsc_options fails, and stronger factors take its place: harmless for the "
                 "results, but leave the option out, or choose another one, to save time"
             )
             _logger.warning(text, str(self))
-        self.is_strong, self._factors = True, None
+        fully |= bool(self._options.bulk)
+        self._strength, self._factors = _STRONG if fully else self._strength + 1, None
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
@@ -102,7 +119,7 @@ class BulkPreconditioner:
         self._factors.apply(pc, r, z)
 
     def responses(self, forces: Floats) -> Floats:
-        """Solutions of complete factors for many right-hand sides. Collective.
+        """Solutions of the factors for many right-hand sides. Collective.
 
         Args:
             forces: One column each, at the owned dofs, shape ``(3 n, k)``, by columns.
@@ -110,19 +127,19 @@ class BulkPreconditioner:
         Returns:
             The solutions, the same shape.
         """
-        assert self.is_complete and isinstance(self._factors, _PetscFactors)
+        assert self.has_responses and self._factors is not None
         return self._factors.solve_all(forces)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state of which the factors are, and that of the matrix. Collective."""
         tangent = self._tangent
         shared = archive.same("factors_are_last", self.point is tangent.point)
-        strong = archive.same("factors_are_strong", self.is_strong)
+        strength = archive.same("strength_of_factors", self._strength)
         last = archive.local("tangent", tangent.point)
         point = last if shared else archive.local("factors", self.point)
         if not archive.giving or (last is tangent.point and point is self.point):
             return
-        self.is_strong, self.point, self._factors = strong, None, None
+        self._strength, self.point, self._factors = strength, None, None
         tangent.forget()
         if point is not None:
             with tangent.at(point):
@@ -143,7 +160,7 @@ class BulkPreconditioner:
             return _PetscFactors(lambda: make(tangent, prefix))
         if options.bulk:
             return _PetscFactors(lambda: _chosen(tangent, options))
-        return BlockILU(tangent.rows)
+        return BlockILU(tangent.rows, fill=self._strength == _FILLED)
 
 
 class _PetscFactors:

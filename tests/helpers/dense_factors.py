@@ -24,6 +24,12 @@ def definition(A, pattern):
     return L, U
 
 
+def filled(pattern):
+    """Pattern with the entries that the elimination of its rows fills, one level of fill."""
+    lower, upper = np.tril(pattern, -1), np.triu(pattern, 1)
+    return pattern | (lower.astype(int) @ upper.astype(int) > 0)
+
+
 def dense(blocks):
     return blocks.transpose(0, 2, 1, 3).reshape(3 * len(blocks), -1)
 

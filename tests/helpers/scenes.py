@@ -246,6 +246,7 @@ def ball_plate(
     dt: float = BALL_PLATE_STEP,
     friction: nts.Coulomb | None = None,
     method: str = "node-to-segment",
+    rubber: nts.Hyperelastic | None = None,
 ) -> Scene:
     """Return a hollow ball that flies against a plate, both free. Collective.
 
@@ -258,6 +259,7 @@ def ball_plate(
         dt: Step.
         friction: Law of friction.
         method: Method of the contact pair.
+        rubber: Material of both.
     """
     motion = motion or Motion.none()
     mesh, cells, facets, tag = nts.read_mesh(BALL_PLATE, comm)
@@ -265,7 +267,7 @@ def ball_plate(
     mesh.geometry.x[ball_nodes] += shift
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = nts.SaintVenantKirchhoff(*BALL_PLATE_RUBBER)
+    rubber = rubber or nts.SaintVenantKirchhoff(*BALL_PLATE_RUBBER)
     bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate")}
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),

@@ -9,7 +9,7 @@ using Factors = IncompleteFactors;
 
 bool factorise(Factors& factors, const In<std::int64_t>& start,
                const In<std::int32_t>& column, const Doubles& value,
-               const In<std::int32_t>& order)
+               const In<std::int32_t>& order, bool fill)
 {
   const BlockMatrix A = block_matrix(start, column, value);
   const std::size_t n = start.size() - 1;
@@ -21,7 +21,7 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
       throw nb::value_error("order: expected each row once");
     found[row] = true;
   }
-  return factors.factorise(A, view(order));
+  return factors.factorise(A, view(order), fill);
 }
 
 void apply(Factors& factors, const Doubles& b, Out<double> x)
@@ -56,9 +56,10 @@ void factors(nb::module_& m)
                       "single precision, see nts/solvers/incomplete_factors.h")
       .def(nb::init<>())
       .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
-           nb::arg("value"), nb::arg("order"),
+           nb::arg("value"), nb::arg("order"), nb::arg("fill") = false,
            "Factorise rows, columns beyond them left out; false if singular: "
-           "(n + 1,), (b,), (9 b,), (n,) rows in the order of elimination")
+           "(n + 1,), (b,), (9 b,), (n,) rows in the order of elimination, "
+           "whether to keep what the elimination of a neighbour fills")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
            "Solve for x at the first m rows: (n, 3), (m, 3)");
   nb::class_<SingleMatrix>(m, "SingleMatrix",

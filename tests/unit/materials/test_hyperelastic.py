@@ -12,6 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
 import dolfinx_nts as nts
+from dolfinx_nts.materials.hyperelastic import poisson_ratio
 from reference.bulk import rotation, taylor_order
 
 EPS = np.finfo(float).eps
@@ -244,3 +245,4 @@ def test_moduli_at_rest_are_those_of_lame(material):
     expected = 2 * MU * np.eye(6) + LMBDA * np.outer(trace, trace)
     np.testing.assert_allclose(material.moduli, expected, rtol=0, atol=50 * EPS * expected.max())
     assert material.least_modulus == pytest.approx(2 * MU)
+    assert poisson_ratio(material) == pytest.approx(LMBDA / (2 * (LMBDA + MU)))

@@ -6,7 +6,7 @@ import pytest
 from dolfinx_nts.solvers import block_ilu
 from dolfinx_nts.solvers.block_ilu import BlockILU
 from helpers import scenes
-from helpers.dense_factors import definition, dense, rounding
+from helpers.dense_factors import definition, dense, filled, rounding
 
 
 @pytest.mark.serial
@@ -18,11 +18,12 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
     np.testing.assert_array_equal(order, [3, 5, 2, 1, 0, 4])
 
 
-def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
+@pytest.mark.parametrize("fill", [False, True])
+def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng, fill):
     tangent = scenes.blocks(comm).stepper._tangent
     tangent.assemble_nearby()
     N = tangent.rows.index_map.size_global
-    factors = BlockILU(tangent.rows)
+    factors = BlockILU(tangent.rows, fill=fill)
     assert factors.build()
     nodes = tangent.rows.matrix.index_map(1)
     numbers = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
@@ -37,7 +38,8 @@ def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
     order = numbers[factors._order]
     n = len(order)
     A = A.reshape(N, 3, N, 3).transpose(0, 2, 1, 3)[np.ix_(order, order)]
-    L, U = definition(A, pattern[np.ix_(order, order)])
+    pattern = pattern[np.ix_(order, order)]
+    L, U = definition(A, filled(pattern) if fill else pattern)
     r = comm.bcast(rng.normal(size=(N, 3)))
     expected = np.linalg.solve(dense(L) @ dense(U), r[order].ravel()).reshape(-1, 3)
     z, b = matrix.createVecs()
@@ -47,6 +49,7 @@ def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng):
     inside = factors._order < len(z)
     error = np.abs(z[factors._order[inside]] - expected[inside])
     assert np.all(error < rounding(L, U, expected).reshape(n, 3)[inside])
+    np.testing.assert_array_equal(factors.solve_all(b.array[:, None].copy("F")).ravel(), z.ravel())
 
 
 def _csr(matrix):

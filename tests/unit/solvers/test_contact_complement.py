@@ -16,10 +16,11 @@ from helpers.contact_blocks import NODES, ROUNDING, blocks, dense, kinds
 
 
 class Bulk:
-    """Complete factors of a dense matrix, whose rows the ranks share."""
+    """Factors of a dense matrix, whose rows the ranks share."""
 
-    def __init__(self, comm, rng):
+    def __init__(self, comm, rng, *, is_strong=True):
         """Draw a matrix."""
+        self.is_strong = is_strong
         self.first, self.last = (NODES * rank // comm.size for rank in (comm.rank, comm.rank + 1))
         self.K = 5 * np.eye(3 * NODES) + 0.1 * rng.normal(size=(3 * NODES, 3 * NODES))
         self.num_builds, self.comm = 1, comm
@@ -43,8 +44,9 @@ def elimination(comm, *contacts):
 
 
 @kinds
-def test_whole_system_is_solved(comm, kind, rng):
-    bulk, arrays = Bulk(comm, rng), blocks(kind, rng)
+@pytest.mark.parametrize("is_strong", [False, True])
+def test_whole_system_is_solved(comm, kind, is_strong, rng):
+    bulk, arrays = Bulk(comm, rng, is_strong=is_strong), blocks(kind, rng)
     _, G, F, C = dense(*arrays)
     complement = ContactComplement(bulk.tangent, bulk)
     complement.update(elimination(comm, arrays))

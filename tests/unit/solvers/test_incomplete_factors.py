@@ -4,12 +4,21 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from helpers.dense_factors import BEYOND, EPS, NODES, definition, dense, matrix, rounding
+from helpers.dense_factors import (
+    BEYOND,
+    EPS,
+    NODES,
+    definition,
+    dense,
+    filled,
+    matrix,
+    rounding,
+)
 
 
-def solve(rows, order, b):
+def solve(rows, order, b, *, fill=False):
     factors = _kernels.IncompleteFactors()
-    assert factors.factorise(*rows, order.astype(np.int32))
+    assert factors.factorise(*rows, order.astype(np.int32), fill)
     x = np.full_like(b, np.nan)
     factors.apply(b, x)
     return x
@@ -17,12 +26,14 @@ def solve(rows, order, b):
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize("is_natural", [True, False])
-def test_factors_are_those_of_the_definition(rng, share, is_natural):
+@pytest.mark.parametrize("fill", [False, True])
+def test_factors_are_those_of_the_definition(rng, share, is_natural, fill):
     rows, A, pattern = matrix(rng, share)
     order = np.arange(NODES) if is_natural else rng.permutation(NODES)
     b = rng.normal(size=(NODES, 3))
-    x = solve(rows, order, b)
-    L, U = definition(A[order][:, order], pattern[order][:, order])
+    x = solve(rows, order, b, fill=fill)
+    pattern = pattern[order][:, order]
+    L, U = definition(A[order][:, order], filled(pattern) if fill else pattern)
     expected = np.linalg.solve(dense(L) @ dense(U), b[order].ravel())
     error = np.abs(x[order].ravel() - expected)
     assert np.all(error < rounding(L, U, expected))

@@ -120,6 +120,16 @@ def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     assert solver.num_direct == 0
 
 
+def test_cells_that_are_nearly_incompressible_and_do_not_lock_take_factors_with_fill(comm):
+    rubber = nts.SaintVenantKirchhoff(1e5, 0.49, 1e3, one_point="volumetric")
+    stepper = scenes.ball_plate(comm, shift=scenes.NO_TIES, dt=0.03, rubber=rubber).stepper
+    newton = sum(stepper.advance().newton_iterations for _ in range(6))
+    work = stepper.statistics.solver
+    # Without fill there are more than 30 for each system.
+    assert "ILU(1)" in work.preconditioner
+    assert work.num_direct == 0 and work.num_iterations < 20 * newton
+
+
 @pytest.fixture(scope="module")
 def wide_free():
     return iterations_of_wide_contact(scenes.MPI.COMM_WORLD, nts.LagrangeMultiplier(), None)

@@ -179,6 +179,17 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
+def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
+    monkeypatch.setattr("dolfinx_nts.solvers.krylov._FILL_PAYS", 0.0)
+    stepper = scenes.blocks(comm).stepper
+    for _ in range(NUM_STEPS):
+        stepper.advance()
+    work, (expected, iterations) = stepper.statistics.solver, default
+    assert agree(work.preconditioner.endswith("ILU(1) in single precision"))
+    assert work.num_direct == 0 and work.num_iterations <= iterations
+    np.testing.assert_allclose(positions(stepper), expected, atol=AGREEMENT)
+
+
 def test_multigrid_in_single_precision_converges_as_that_of_petsc(comm, monkeypatch):
     monkeypatch.setattr("dolfinx_nts.solvers.krylov._MOST_CROSSINGS", 0.0)
     monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
@@ -219,9 +230,9 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
     reference.stepper.advance()
     build = _kernels.IncompleteFactors.factorise
 
-    def factorise(kernel, start, column, value, order):
+    def factorise(kernel, start, column, value, *options):
         values = value if comm.rank else 0 * value
-        return build(kernel, start, column, values, order)
+        return build(kernel, start, column, values, *options)
 
     monkeypatch.setattr(_kernels.IncompleteFactors, "factorise", factorise)
     singular.stepper.advance()
@@ -238,7 +249,7 @@ def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agre
     stepper.serialize(before)
     factors = stepper._solver._preconditioner
     kind = str(factors)
-    factors.strengthen()
+    factors.strengthen(fully=True)
     factors.build()
     assert agree(factors.is_strong and str(factors) != kind)
     stepper.serialize(before.rewind())

@@ -23,7 +23,7 @@ for name in ("CellIntegral", "IncompleteFactors", "SingleMatrix", "Segments"):
     setattr(_kernels, name, counted(getattr(_kernels, name)))
 steppers = [blocks(MPI.COMM_SELF).stepper]
 steppers[0].advance()
-krylov._SLOW, preconditioner._DIRECT_UP_TO = 0.0, 0
+krylov._MOST_CROSSINGS, preconditioner._DIRECT_UP_TO = 0.0, 0
 steppers.append(blocks(MPI.COMM_SELF).stepper)
 steppers[1].advance()
 os.write(1, (str(steppers[1].statistics) + "\\n").encode())

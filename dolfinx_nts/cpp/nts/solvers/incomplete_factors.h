@@ -3,11 +3,79 @@
 #include "nts/solvers/blocks.h"
 
 #include <utility>
+#include <vector>
 
 namespace nts
 {
-/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks, in the
-/// pattern of the matrix, ILU(0), and in single precision.
+/// @brief Pattern of incomplete factors of a sparse matrix, row by row.
+/// @tparam Matrix `BlockMatrix` or `BlockRows`; columns beyond its rows are
+/// left out.
+template <class Matrix>
+class FactorPattern
+{
+public:
+  /// Of an entry that the matrix has not got.
+  static constexpr std::int64_t filled = -1;
+
+  /// @brief Columns in the order of elimination, each with its entry.
+  using Entries = std::vector<std::pair<std::int32_t, std::int64_t>>;
+
+  /// @param[in] A The matrix.
+  /// @param[in] order Its rows in the order of elimination.
+  /// @param[in] fill Whether the pattern has, beside the entries of the matrix,
+  /// those between nodes that are neighbours of a node eliminated before,
+  /// ILU(1).
+  FactorPattern(const Matrix& A, std::span<const std::int32_t> order, bool fill)
+      : _A(A), _order(order), _place(order.size()), _last(order.size(), -1),
+        _fill(fill)
+  {
+    for (std::size_t i = 0; i < order.size(); ++i)
+      _place[order[i]] = static_cast<std::int32_t>(i);
+  }
+
+  /// @brief Entries of row i in any order, until the next call.
+  Entries& row(std::int32_t i)
+  {
+    _entries.clear();
+    for_each(i, [&](std::int32_t column, std::int64_t e)
+             { _entries.push_back({column, e}); });
+    if (_fill)
+    {
+      for (const auto& [column, e] : _entries)
+        _last[column] = i;
+      for (std::size_t own = _entries.size(), c = 0; c < own; ++c)
+        if (const std::int32_t k = _entries[c].first; k < i)
+          for_each(k,
+                   [&](std::int32_t column, std::int64_t)
+                   {
+                     if (column > k && std::exchange(_last[column], i) != i)
+                       _entries.push_back({column, filled});
+                   });
+    }
+    return _entries;
+  }
+
+private:
+  /// @brief Call a function for each entry of the matrix in row i.
+  template <class Function>
+  void for_each(std::int32_t i, const Function& function) const
+  {
+    const std::int32_t node = _order[i];
+    for (std::int64_t e = _A.start[node]; e < _A.start[node + 1]; ++e)
+      if (static_cast<std::size_t>(_A.column[e]) < _order.size())
+        function(_place[_A.column[e]], e);
+  }
+
+  const Matrix& _A;
+  std::span<const std::int32_t> _order;
+  std::vector<std::int32_t> _place; // of rows in the order
+  std::vector<std::int32_t> _last;  // row that had this column
+  bool _fill;
+  Entries _entries;
+};
+
+/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks in single
+/// precision, see `FactorPattern`.
 ///
 /// Memory has them in the order in which solving reads them: the rows of L
 /// forward, then the rows of U backward, each with the inverse of its diagonal
@@ -19,32 +87,29 @@ public:
   /// @param[in] A Rows, `BlockMatrix` or `BlockRows`; columns beyond them are
   /// left out.
   /// @param[in] order The rows in the order of elimination.
+  /// @param[in] fill See `FactorPattern`.
   /// @return False if a block on the diagonal is singular.
   template <class Matrix>
-  bool factorise(const Matrix& A, std::span<const std::int32_t> order)
+  bool factorise(const Matrix& A, std::span<const std::int32_t> order,
+                 bool fill = false)
   {
     const std::size_t n = order.size();
     _order.assign(order.begin(), order.end());
-    // Of rows in the order, and of columns in the present row.
-    std::vector<std::int32_t> place(n), at(n, -1);
-    for (std::size_t i = 0; i < n; ++i)
-      place[order[i]] = static_cast<std::int32_t>(i);
-    allocate(A, place);
-    std::vector<std::pair<std::int32_t, std::int64_t>> entries;
+    FactorPattern<Matrix> pattern(A, order, fill);
+    allocate(A, pattern);
+    std::vector<std::int32_t> at(n, -1); // columns in the present row
     std::vector<Columns> row;
     for (std::size_t i = 0; i < n; ++i)
     {
-      entries.clear();
-      for (std::int64_t e = A.start[order[i]]; e < A.start[order[i] + 1]; ++e)
-        if (static_cast<std::size_t>(A.column[e]) < n)
-          entries.push_back({place[A.column[e]], e});
+      auto& entries = pattern.row(static_cast<std::int32_t>(i));
       if (!std::ranges::is_sorted(entries))
         std::ranges::sort(entries);
       row.clear();
       for (const auto& [column, e] : entries)
       {
         at[column] = static_cast<std::int32_t>(row.size());
-        row.push_back(A.block(e, _scale).without_dust());
+        row.push_back(e == pattern.filled ? Columns{}
+                                          : A.block(e, _scale).without_dust());
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
       if (!(diagonal < row.size()
@@ -116,24 +181,19 @@ public:
 private:
   /// @brief Count the blocks of each row, and find the scale of the matrix.
   template <class Matrix>
-  void allocate(const Matrix& A, std::span<const std::int32_t> place)
+  void allocate(const Matrix& A, FactorPattern<Matrix>& pattern)
   {
-    const std::size_t n = place.size();
+    const std::size_t n = _order.size();
     _begin.assign(2 * n + 1, 0);
     double largest = 0;
-    for (std::size_t node = 0; node < n; ++node)
-    {
-      const auto i = static_cast<std::size_t>(place[node]);
-      for (std::int64_t e = A.start[node]; e < A.start[node + 1]; ++e)
-        if (const auto column = static_cast<std::size_t>(A.column[e]);
-            column < n)
-        {
-          const bool lower = place[column] < place[node];
-          ++_begin[lower ? i + 1 : 2 * n - i];
-          if (column == node)
-            largest = std::max(largest, A.diagonal(e));
-        }
-    }
+    for (std::size_t i = 0; i < n; ++i)
+      for (const auto& [column, e] : pattern.row(static_cast<std::int32_t>(i)))
+      {
+        const auto j = static_cast<std::size_t>(column);
+        ++_begin[j < i ? i + 1 : 2 * n - i];
+        if (j == i && e != pattern.filled)
+          largest = std::max(largest, A.diagonal(e));
+      }
     for (std::size_t i = 0; i < 2 * n; ++i)
       _begin[i + 1] += _begin[i];
     _scale = power_of_two(largest);

@@ -1,0 +1,37 @@
+"""Bodies whose elements lock: they can hardly deform without change of volume."""
+
+import logging
+from collections.abc import Sequence
+
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.materials.hyperelastic import poisson_ratio
+from dolfinx_nts.model.bodies import Body
+
+__all__ = ["warn_of_locking"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Poisson's ratio of small strains [-], rounded, from which on tetrahedra of degree 1 are useless.
+_NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
+
+
+def warn_of_locking(bodies: Sequence[Body]) -> None:
+    """Warn of nearly incompressible bodies of tetrahedra of degree 1. Local.
+
+    No quadrature helps these: they have more cells than nodes, and each keeps its volume.
+
+    Args:
+        bodies: Bodies of one space.
+    """
+    V = bodies[0].V
+    element = Element.of(V)
+    if (element.cell, element.degree) != ("tetrahedron", 1) or V.mesh.comm.rank > 0:
+        return
+    names = [b.name for b in bodies if poisson_ratio(b.material) >= _NEARLY_INCOMPRESSIBLE]
+    if names:
+        _logger.warning(
+            "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, those of %s: "
+            "energies are right for the mesh, but bodies bend and rebound as if they were far "
+            "stiffer; take degree 2, or hexahedra",
+            ", ".join(names),
+        )

@@ -1,0 +1,36 @@
+"""Users are told of elements that lock."""
+
+import logging
+
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.model.locking import warn_of_locking
+from helpers import scenes
+
+
+def body(comm, cell, degree, nu):
+    mesh, cells, _, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 3)], [(1.0,) * 3], cell))
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    return nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e5, nu, 1e3))
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "nu"),
+    [("tetrahedron", 1, 0.44), ("tetrahedron", 2, 0.49), ("hexahedron", 1, 0.49)],
+)
+def test_other_elements_and_materials_are_fine(comm, cell, degree, nu, caplog):
+    warn_of_locking([body(comm, cell, degree, nu)])
+    assert not caplog.records
+
+
+def test_a_stepper_tells_of_tetrahedra_that_lock(comm, caplog):
+    nts.EnergyMomentum([body(comm, "tetrahedron", 1, 0.45)], dt=0.01)
+    told = [(record.levelno, record.getMessage()) for record in caplog.records]
+    text = (
+        "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, those of body 0: "
+        "energies are right for the mesh, but bodies bend and rebound as if they were far "
+        "stiffer; take degree 2, or hexahedra"
+    )
+    assert told == ([(logging.WARNING, text)] if comm.rank == 0 else [])
