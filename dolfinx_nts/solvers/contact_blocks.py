@@ -1,6 +1,7 @@
 """What the active contacts put into a linear system: constraints and tangent."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ class ContactBlocks(NamedTuple):
         normal: Unit normal at the constrained node, shape ``(m, 3)``.
         gradients: Of the constraints, ``9 l`` numbers in any shape.
         columns: Force per multiplier, ``9 l`` numbers in any shape.
+        slopes: Derivative of the multipliers by what the constraints are about, in springs
+            and friction, shape ``(m, 3, 3)``.
         tangent_nodes: Nodes of the blocks, shape ``(p, k)``.
         tangent: Blocks, shape ``(p, 3 k, 3 k)``.
     """
@@ -37,6 +40,7 @@ class ContactBlocks(NamedTuple):
     normal: Floats
     gradients: Floats
     columns: Floats
+    slopes: Floats
     tangent_nodes: Array
     tangent: Floats
 
@@ -48,6 +52,29 @@ class ContactBlocks(NamedTuple):
     def kernel(self) -> _kernels.Elimination:
         """The same for the kernels."""
         return _kernels.Elimination(*self)
+
+    def rows(self) -> Iterator[tuple[Array, Floats, Floats]]:
+        """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
+        gradients, columns = self.gradients.ravel(), self.columns.ravel()
+        for first, last in pairwise(map(int, self.start)):
+            part = slice(9 * first, 9 * last)
+            rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
+            yield self.nodes[first:last], *rows
+
+    def tangents(self) -> Iterator[tuple[Array, Floats]]:
+        """Nodes, ``(k,)``, and matrices, ``(3 k, 3 k)``, whose sum is the contact tangent."""
+        yield from zip(self.tangent_nodes, self.tangent, strict=True)
+        for (nodes, gradients, columns), slope in zip(self.rows(), self.slopes, strict=True):
+            if slope.any():
+                yield nodes, columns.T @ slope @ gradients
+
+    def slopes_at_nodes(self) -> Floats:
+        """The part of ``slopes`` in the tangent of the constrained nodes, ``(m, 3, 3)``."""
+        first, width = 9 * self.start[:-1, None, None], 3 * np.diff(self.start)[:, None, None]
+        entries = first + width * np.arange(3)[:, None] + np.arange(3)
+        gradients, columns = self.gradients.ravel()[entries], self.columns.ravel()[entries]
+        parts: Floats = columns.transpose(0, 2, 1) @ self.slopes @ gradients
+        return parts
 
     def renumbered(self, number: Callable[[Array], Array]) -> "ContactBlocks":
         """The same with other numbers of the nodes.
@@ -83,6 +110,7 @@ class ContactBlocks(NamedTuple):
             self.normal[constraints],
             self.gradients.reshape(-1, 9)[entries],
             self.columns.reshape(-1, 9)[entries],
+            self.slopes[constraints],
             self.tangent_nodes[blocks],
             self.tangent[blocks],
         )

@@ -170,7 +170,7 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
                 # Lists may name a node twice.
                 np.add.at(dense.T, dofs, rows[entries].reshape(3, -1)[:rank].T)
                 result.append(dense)
-        for block, some in zip(blocks.tangent, blocks.tangent_nodes, strict=True):
+        for some, block in blocks.tangents():
             dofs = _dofs(np.searchsorted(nodes, some))
             np.add.at(C, np.ix_(dofs, dofs), block)
     forces: Floats = np.vstack(F).T

@@ -111,8 +111,12 @@ class ContactSchwarz:
     def _has_changed(self, elimination: Elimination) -> bool:
         """Whether the tangent of the same contacts is another one. Collective."""
         changes = [
-            np.abs(pairs.blocks.tangent - known.tangent).max(initial=0.0)
+            np.abs(now - then).max(initial=0.0)
             for pairs, known in zip(elimination.pairs, self._contacts, strict=True)
+            for now, then in (
+                (pairs.blocks.tangent, known.tangent),
+                (pairs.blocks.slopes_at_nodes(), known.slopes_at_nodes()),
+            )
         ]
         comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
         softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))

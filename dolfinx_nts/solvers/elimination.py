@@ -60,7 +60,7 @@ class ActivePairs:
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
-            *(pairs.normal, pairs.gradients, state.columns),
+            *(pairs.normal, pairs.gradients, state.columns, state.slopes),
         )
         tangent_nodes, tangent = pairs.blocks.nodes, state.tangent
         if not state.active.all():
@@ -68,11 +68,10 @@ class ActivePairs:
             arrays = tuple(array.take(active, axis=0) for array in arrays)
             loaded = pairs.blocks.of(state.active)
             tangent_nodes, tangent = tangent_nodes[loaded], tangent[loaded]
-        self.fixed, self.excess, dofs, rank, normal, gradients, columns = arrays
+        self.fixed, self.excess, dofs, rank, *rows = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        constraints = start, nodes, rank, normal, gradients, columns
-        self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
+        self.blocks = blocks = ContactBlocks(start, nodes, rank, *rows, tangent_nodes, tangent)
         needed = blocks
         # Takes the part of a vector; None where that is the vector itself.
         self._scatter: PartialScatter | None = None
@@ -132,18 +131,16 @@ class CoupledPairs(ActivePairs):
     def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
         """Multiply constraints and directions."""
         super().__init__(candidates, state)
-        blocks = self.blocks
-        c = max(1, int(blocks.rank.max(initial=1)))
-        normal = blocks.rank[:, None, None] == 1
-        directions = np.where(normal, blocks.normal[:, None], np.eye(3)[:c])
-        self._directions = directions * (np.arange(c) < blocks.rank[:, None])[:, :, None]
-        self._rows = blocks.gradients[:, :c], blocks.columns[:, :c]
-        self._dofs = self._needed.nodes.reshape(self._pair_dofs.shape)
-        dofs = self._pair_dofs
+        blocks, dofs = self.blocks, self._pair_dofs
+        self._dofs = self._needed.nodes.reshape(dofs.shape)
+        rows = blocks.gradients, blocks.columns
         self._gradients, self._forces = (
-            NodalSystem(self.ghosts, dofs, blocks.rank, rows, self._directions, transposed=t)
-            for rows, t in zip(self._rows, (False, True), strict=True)
+            NodalSystem(self.ghosts, dofs, blocks.rank, some, blocks.normal, transposed=t)
+            for some, t in zip(rows, (False, True), strict=True)
         )
+        self._directions = self._gradients.directions
+        c = self._directions.shape[1]
+        self._rows = rows[0][:, :c], rows[1][:, :c]
 
     @property
     def is_regular(self) -> bool:

@@ -126,15 +126,20 @@ class PointBlocks(PairBlocks):
         tangent *= free[:, :, None] * free[:, None, :]
         return force * self._free[self.dofs].reshape(force.shape)
 
-    def balance(self, normal: Floats, reduced: Floats, columns: Floats, active: Flags) -> Floats:
+    def at_nodes(self, force: Floats) -> Floats:
+        """Sum up the forces of all pairs, see `PairBlocks.at_nodes`."""
+        total = np.zeros((self._scatter.index_map.size_local, 3))
+        self._scatter.add(total, self.dofs, force.reshape(*self.dofs.shape, 3))
+        return total[self.dofs[:, 0]]
+
+    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Solve for all multipliers at once, see `PairBlocks.balance`."""
-        rank, directions = active.astype(np.int32), normal[:, None]
-        rows = columns[:, :1]
-        system = NodalSystem(self._scatter, self.dofs, rank, rows, directions, transposed=True)
-        force = np.einsum("mi,mi->m", normal, reduced)
-        lambda_N = system.solve(-force[:, None])[:, 0]
+        system = NodalSystem(self._scatter, self.dofs, rank, columns, normal, transposed=True)
+        solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
+        multipliers = np.zeros((len(rank), 3))
         # Where there is no solution the whole linear system gives one.
-        return np.where(np.isfinite(lambda_N), lambda_N, 0.0)
+        multipliers[:, : solution.shape[1]] = np.where(np.isfinite(solution), solution, 0.0)
+        return multipliers
 
     def close_gaps(
         self,
@@ -146,8 +151,8 @@ class PointBlocks(PairBlocks):
         u: Floats,
     ) -> None:
         """Solve for all ways at once, see `PairBlocks.close_gaps`."""
-        rank, directions = held.astype(np.int32), normal[:, None]
-        system = NodalSystem(self._scatter, self.dofs, rank, gradients[:, :1], directions)
+        rank = held.astype(np.int32)
+        system = NodalSystem(self._scatter, self.dofs, rank, gradients, normal)
         way = system.solve(gap[:, None])[:, 0]
         # Neither where it is not a number.
         near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)

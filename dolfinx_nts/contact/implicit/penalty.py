@@ -63,11 +63,10 @@ class PenaltyContact(NormalContact):
         """Springs are no constraints."""
         return np.zeros(len(active), dtype=np.int32)
 
-    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
-        """Add the stiffness of the springs."""
-        tangent += (
-            self._slope[:, None, None] * columns[:, 0, :, None] * pairs.gradients[:, 0, None, :]
-        )
+    @property
+    def slope(self) -> Floats:
+        """Stiffness of the springs, see `NormalContact.slope`."""
+        return self._slope
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of the springs and gap at which they begin, see `NormalContact.energy`."""
