@@ -35,8 +35,8 @@ def check_method(pair: Any) -> None:
         wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
     elif not isinstance(law, LagrangeMultiplier):
         wrong = f"LagrangeMultiplier, given {law!r}"
-    elif pair.friction is not None:
-        wrong = f"no friction, given {pair.friction!r}"
+    elif pair.is_convective:
+        wrong = f"friction by the law 'objective', given {pair.friction!r}"
     if wrong:
         raise ValueError(
             f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"

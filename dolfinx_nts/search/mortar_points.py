@@ -6,7 +6,7 @@ surface carries a multiplier, which acts at all points of the facets around the 
 with the shape function psi of the multiplier; its gap is the mean gap of these points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,8 +70,18 @@ class Shares:
 
     def mean(self, values: Floats) -> Floats:
         """Mean of values at the points, ``(p,)``, for each node, NaN without points, ``(m,)``."""
-        means = _sums(self.node, self.value * values[self.point], len(self.area))
+        means = self.sums(values[self.point])
         return np.where(self.area > 0, means, np.nan)
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum of values of the shares, ``(i, ...)``, for each node, ``(m, ...)``."""
+        sums: Floats = np.zeros((len(self.area), *values.shape[1:]))
+        np.add.at(sums, self.node, (self.value * values.T).T)
+        return sums
+
+    def weighted(self, value: Floats) -> "Shares":
+        """Make the same shares with other values, shape ``(i,)``."""
+        return replace(self, value=value)
 
     def spread(self, values: Floats, num_points: int) -> Floats:
         """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
@@ -184,11 +194,14 @@ class MortarPoints:
         there: Floats = np.einsum("pk,pki->pi", self.phi, values[self.facets])
         return there
 
-    def rows(self, values: Floats) -> Floats:
-        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``."""
-        s = self.shares
-        shares = s.start, s.point, s.value, s.place
-        return _kernels.sum_rows(self.phi, *shares, s.lists.shape[1], values)
+    def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
+        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.
+
+        ``shares`` may have other values than those of the points.
+        """
+        s = self.shares if shares is None else shares
+        of_shares = s.start, s.point, s.value, s.place
+        return _kernels.sum_rows(self.phi, *of_shares, s.lists.shape[1], values)
 
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""

@@ -138,14 +138,13 @@ class CoupledPairs(ActivePairs):
             NodalSystem(self.ghosts, dofs, blocks.rank, some, blocks.normal, transposed=t)
             for some, t in zip(rows, (False, True), strict=True)
         )
-        self._directions = self._gradients.directions
-        c = self._directions.shape[1]
+        c = self._gradients.directions.shape[1]
         self._rows = rows[0][:, :c], rows[1][:, :c]
 
     @property
     def is_regular(self) -> bool:
         """Whether both systems can be solved, see `ActivePairs.is_regular`."""
-        ones = np.ones(self._directions.shape[:2])
+        ones = np.ones(self._gradients.directions.shape[:2])
         parts = [system.solve(ones) for system in (self._gradients, self._forces)]
         return all(bool(np.isfinite(part).all()) for part in parts)
 
@@ -158,7 +157,7 @@ class CoupledPairs(ActivePairs):
             missing += values[:, : missing.shape[1]]
         way = self._gradients.solve(missing)
         x[self.blocks.nodes[self.blocks.start[:-1]]] += np.einsum(
-            "mc,mci->mi", way, self._directions
+            "mc,mci->mi", way, self._gradients.directions
         )
         return self.part(x)
 
@@ -168,7 +167,7 @@ class CoupledPairs(ActivePairs):
         self._kernel.add_tangent(part, own)
         self._put(own, y)
         first = self.blocks.nodes[self.blocks.start[:-1]]
-        force = np.einsum("mi,mci->mc", y[first], self._directions)
+        force = np.einsum("mi,mci->mc", y[first], self._forces.directions)
         lambda_N = self._forces.solve(force)
         forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
         own = self._own(y)

@@ -29,7 +29,7 @@ SCHEMES = {
     "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
     "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     "strong": nts.EnergyMomentum,
-    "mortar": partial(with_law, nts.EnergyMomentum, None, None, method="mortar"),
+    "mortar": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3), method="mortar"),
 }
 
 

@@ -5,10 +5,11 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
 from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
-from dolfinx_nts.model.kinematics import ContactKinematics
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar_search import MortarCandidates
 from dolfinx_nts.search.scatter import NodalScatter
@@ -67,6 +68,12 @@ class MortarPairing(Pairing):
         mean = _of_nodes(points, contact)
         unknown = None if free is None else free[points.shares.lists].reshape(mean.force.shape)
         return PairKinematics(node, segment, unknown, mean, blocks)
+
+    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        """Sum up the slip of points, see `Pairing.slip`."""
+        points = self._of(node)
+        slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
+        return MortarSlip(points, slip)
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """All: no node has a segment of its own, see `Pairing.is_same`."""

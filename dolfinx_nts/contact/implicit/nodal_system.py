@@ -24,8 +24,9 @@ class NodalSystem:
         dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
         rank: Number of constraints, 0, 1 or 3, shape ``(m,)``; those with 0 are left out.
         rows: Their rows, the first of ``(m, 1 or 3, 3 d)``.
-        normal: Unit normals, which nodes with one constraint give up, shape ``(m, 3)``; with
-            three they give up all.
+        normal: Unit normals, which nodes with one constraint give up, shape ``(m, 3)``. Those
+            with three give up all, in the directions of their own parts of the rows, which
+            puts the largest entries on the diagonal.
         transposed: Whether the system is E^T G.
 
     Attributes:
@@ -48,7 +49,7 @@ class NodalSystem:
         self._is_local = scatter.is_local
         m = len(rank)
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
-        directions = np.where((rank == 1)[:, None, None], normal[:, None], np.eye(3)[:c])
+        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :3])
         self._held = np.arange(c) < rank[:, None]
         self.directions: Floats = directions * self._held[:, :, None]
         E = np.zeros((scatter.num_local, c, 3))

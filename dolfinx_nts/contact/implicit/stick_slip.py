@@ -132,10 +132,7 @@ class StickSlip(Friction):
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
-        search = self._search
-        points = search.points.take(pairs.node)
-        slip = search.candidates.slip(self._law.law, points, search.x_n, x, pairs.segment)
-        pairs.add_slip(slip)
+        pairs.add_slip(self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment))
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
@@ -246,10 +243,12 @@ class StickSlip(Friction):
         t = self.traction[node]
         parts: dict[str, Any] = {
             "traction": np.zeros_like(old.traction),
+            "normal": np.zeros_like(old.normal),
             "slip": old.slip.copy(),
             "dissipation": np.zeros_like(old.dissipation),
         }
         parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
+        parts["normal"][node] = slip.normal
         length = np.linalg.norm(slip.value, axis=1)
         parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
         dx = (x - self._search.x_n)[pairs.dofs]

@@ -1,0 +1,128 @@
+"""Friction of surface-to-surface contact: exact ledger, objectivity, a patch test of shear."""
+
+from functools import cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+
+pytestmark = pytest.mark.serial
+
+# A node that sticks by multipliers, and one on a spring [N/m]; with either, some nodes slide.
+LAWS = {"multipliers": nts.Coulomb(1.0), "springs": nts.Coulomb(1.0, eps_T=1e5)}
+laws = pytest.mark.parametrize("law", LAWS)
+NUM_STEPS = 25
+
+
+@cache
+def impact(law: str, method: str = "mortar") -> tuple[scenes.Scene, dict[str, np.ndarray]]:
+    """Throw the hollow ball against the plate at an angle; energies and momenta by step."""
+    scene = scenes.ball_plate(MPI.COMM_WORLD, friction=LAWS[law], method=method)
+    totals, rows = scenes.Totals(scene), {"nodes": [], "total": [], "dissipation": []}
+    rows["total"].append(totals.row())
+    for _ in range(NUM_STEPS):
+        scene.stepper.advance()
+        history = scene.stepper.contacts[0].history
+        rows["total"].append(totals.row())
+        rows["dissipation"].append([history.dissipation.sum(), history.energy.sum()])
+        rows["nodes"].append([(history.active & ~history.sliding).sum(), history.sliding.sum()])
+        assert history.dissipation.min() >= -1e-12
+    return scene, {name: np.array(values) for name, values in rows.items()}
+
+
+@laws
+def test_energy_and_what_friction_took_are_conserved(law):
+    """Springs of friction store a part; some nodes stick, others slide."""
+    _, rows = impact(law)
+    energy = rows["total"][:, 1:3].sum(axis=1)
+    taken = np.cumsum(rows["dissipation"][:, 0]) + rows["dissipation"][:, 1]
+    np.testing.assert_allclose(energy[1:] + taken, energy[0], rtol=1e-12)
+    assert taken[-1] > 0.03 * energy[0]
+    assert rows["nodes"].max(axis=0).min() >= 3
+
+
+@laws
+def test_momenta_are_conserved_with_friction(law):
+    _, rows = impact(law)
+    for momentum in (rows["total"][:, 3:6], rows["total"][:, 6:]):
+        change = np.linalg.norm(momentum - momentum[0], axis=1).max()
+        assert change <= 1e-12 * np.linalg.norm(momentum[0])
+
+
+def test_friction_takes_what_it_takes_between_nodes_and_segments():
+    """But for the mesh: five nodes of the ball touch at first."""
+    (_, mortar), (_, nodes) = impact("multipliers"), impact("multipliers", "node-to-segment")
+    taken = [rows["dissipation"][:, 0].sum() for rows in (mortar, nodes)]
+    assert taken[0] == pytest.approx(taken[1], rel=0.1)
+
+
+def test_linear_systems_with_friction_need_no_complete_factors():
+    scene, _ = impact("multipliers")
+    assert scene.stepper.statistics.solver.num_direct == 0
+
+
+@laws
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_moved_bodies_have_moved_results(law, cell, rng):
+    """Friction is the same in all directions of the surface."""
+    motion = scenes.Motion.random(rng)
+
+    def stepper(bodies, pairs, dt):
+        pairs = [
+            nts.ContactPair(p.nodes, p.segments, method="mortar", friction=friction) for p in pairs
+        ]
+        return nts.EnergyMomentum(bodies, pairs, dt=dt)
+
+    friction = nts.Coulomb(0.3, eps_T=None if law == "multipliers" else 20.0)
+    fixed, moved = (
+        scenes.blocks(MPI.COMM_WORLD, stepper, cell=cell, motion=m) for m in (None, motion)
+    )
+    histories = fixed.run(10), moved.run(10)
+    assert np.abs(moved.positions() - motion(fixed.positions())).max() <= 1e-11
+    assert max(histories[0].num_active) >= 5
+
+
+@pytest.mark.parametrize("cells", [(3, 4), (4, 3)])
+def test_blocks_that_stick_are_sheared_as_one(cells):
+    """A patch test: nodes do not match, stress and deformation are homogeneous all the same."""
+    data = scenes.boxes([(n, n, 2) for n in cells], [(1, 1, 0.5)] * 2)
+    data.X[np.unique(data.cells[data.body == 1]), 2] += 0.5
+    for side, (axis, place) in {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1)}.items():
+        data.surfaces[side] = np.flatnonzero(data.X[:, axis] == place)
+    mesh, tags, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(1.0, 0.3, 1.0)
+    bodies = [nts.Body(V, tags, tag[f"body {number}"], material) for number in (0, 1)]
+    surfaces = {name: nts.Surface(V, facets, tag[name]) for name in data.surfaces}
+    pair = nts.ContactPair(
+        surfaces["bottom 1"], surfaces["top 0"], friction=nts.Coulomb(5.0), method="mortar"
+    )
+    F = np.eye(3) + np.array([[0.0, 0.0, 0.003], [0.0, 0.0, 0.001], [0.0, 0.0, -0.01]])
+    strain = (F.T @ F - np.eye(3)) / 2
+    lmbda, mu = material.parameters["lmbda"], material.parameters["mu"]
+    stress = F @ (lmbda * np.trace(strain) * np.eye(3) + 2 * mu * strain)
+    loads = []
+    for name, normal in {
+        "x0": [-1, 0, 0],
+        "x1": [1, 0, 0],
+        "y0": [0, -1, 0],
+        "y1": [0, 1, 0],
+    }.items():
+        loads.append(nts.Traction(surfaces[name], stress @ normal))
+    whole = fem.Function(V)
+    whole.interpolate(lambda x: (F - np.eye(3)) @ x)
+    ends = [fem.locate_dofs_topological(V, 2, facets.find(tag[s])) for s in ("bottom 0", "top 1")]
+    bcs = [fem.dirichletbc(whole, np.concatenate(ends))]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, loads=loads)
+    stepper.advance()
+    (contact,) = stepper.contacts
+    assert contact.history.active.all() and not contact.history.sliding.any()
+    assert np.abs(stepper.u.x.array - whole.x.array).max() <= 1e-10
+    # Of the whole surface: pressure and shear of the stress.
+    tractions = contact.history.force.sum(axis=0)
+    np.testing.assert_allclose(tractions, -stress @ [0, 0, 1], atol=1e-4 * np.abs(stress).max())
