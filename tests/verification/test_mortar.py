@@ -43,6 +43,16 @@ def test_blocks_that_are_compressed_in_large_steps_still_pass():
     assert np.ptp(blocks.stress) <= 1e-7
 
 
+def test_patch_test_by_springs_is_passed_but_for_their_compliance():
+    """Springs of nodes, not of areas: their differences vanish as they become stiff."""
+    spreads = []
+    for stiffness in (10.0, 1e3):
+        pairs = partial(MORTAR, enforcement=nts.Penalty(stiffness))
+        spreads.append(np.ptp(compress(4, 6, pairs, compression=0.01).stress))
+    assert spreads[1] <= 1e-3
+    assert spreads[0] == pytest.approx(100 * spreads[1], rel=0.2)
+
+
 @cache
 def impact(method: str) -> tuple[scenes.Scene, scenes.History]:
     """Throw the hollow ball against the plate."""

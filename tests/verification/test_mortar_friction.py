@@ -13,8 +13,12 @@ from helpers import scenes
 
 pytestmark = pytest.mark.serial
 
-# A node that sticks by multipliers, and one on a spring [N/m]; with either, some nodes slide.
-LAWS = {"multipliers": nts.Coulomb(1.0), "springs": nts.Coulomb(1.0, eps_T=1e5)}
+# Nodes stick by multipliers or on springs [N/m]; with any of these, some slide.
+LAWS = {
+    "multipliers": (None, nts.Coulomb(1.0)),
+    "springs": (None, nts.Coulomb(1.0, eps_T=3e4)),
+    "penalty": (nts.Penalty(1e5), nts.Coulomb(1.0, eps_T=3e4)),
+}
 laws = pytest.mark.parametrize("law", LAWS)
 NUM_STEPS = 25
 
@@ -22,11 +26,14 @@ NUM_STEPS = 25
 @cache
 def impact(law: str, method: str = "mortar") -> tuple[scenes.Scene, dict[str, np.ndarray]]:
     """Throw the hollow ball against the plate at an angle; energies and momenta by step."""
-    scene = scenes.ball_plate(MPI.COMM_WORLD, friction=LAWS[law], method=method)
+    enforcement, friction = LAWS[law]
+    scene = scenes.ball_plate(
+        MPI.COMM_WORLD, enforcement=enforcement, friction=friction, method=method
+    )
     totals, rows = scenes.Totals(scene), {"nodes": [], "total": [], "dissipation": []}
     rows["total"].append(totals.row())
     for _ in range(NUM_STEPS):
-        scene.stepper.advance()
+        assert scene.stepper.advance().newton_iterations <= 10
         history = scene.stepper.contacts[0].history
         rows["total"].append(totals.row())
         rows["dissipation"].append([history.dissipation.sum(), history.energy.sum()])
@@ -74,10 +81,11 @@ def test_moved_bodies_have_moved_results(law, cell, rng):
 
     def stepper(bodies, pairs, dt):
         pairs = [
-            nts.ContactPair(p.nodes, p.segments, method="mortar", friction=friction) for p in pairs
+            nts.ContactPair(p.nodes, p.segments, enforcement, friction, "mortar") for p in pairs
         ]
         return nts.EnergyMomentum(bodies, pairs, dt=dt)
 
+    enforcement = nts.Penalty(50.0) if law == "penalty" else None
     friction = nts.Coulomb(0.3, eps_T=None if law == "multipliers" else 20.0)
     fixed, moved = (
         scenes.blocks(MPI.COMM_WORLD, stepper, cell=cell, motion=m) for m in (None, motion)
