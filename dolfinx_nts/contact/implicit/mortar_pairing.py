@@ -66,7 +66,7 @@ class MortarPairing(Pairing):
         contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
         blocks = PointBlocks(points, candidates.scatter, free, contact.tangent)
         mean = _of_nodes(points, contact)
-        unknown = None if free is None else free[points.shares.lists].reshape(mean.force.shape)
+        unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
         return PairKinematics(node, segment, unknown, mean, blocks)
 
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
@@ -95,7 +95,7 @@ class MortarPairing(Pairing):
 
 
 class PointBlocks(PairBlocks):
-    """One block for each contact point; multipliers of neighbours are coupled.
+    """One block for the points of a facet on a segment; multipliers of neighbours are coupled.
 
     Args:
         points: Contact points of the pairs' nodes.
@@ -112,18 +112,18 @@ class PointBlocks(PairBlocks):
     ) -> None:
         """Take nodes of facets and segments as those of the blocks."""
         self._points, self._scatter, self._tangent = points, scatter, tangent
-        self.dofs, self.nodes = points.shares.lists, np.hstack([points.facets, points.vertices])
+        self.dofs, self.nodes = points.lists, points.patch_nodes
         self._free = free
 
     def tangent(self, lambda_N: Floats) -> Floats:
         """Scale blocks by what all multipliers do at a point, see `PairBlocks.tangent`."""
-        force = self._points.shares.spread(lambda_N, len(self.nodes))
-        return _kernels.expand(self._points.phi, force, self._tangent)
+        force = self._points.shares.spread(lambda_N, len(self._tangent))
+        return self._points.blocks(force, self._tangent)
 
     def of(self, active: Flags) -> Ints:
-        """Points of active nodes, see `PairBlocks.of`."""
+        """Blocks with points of active nodes, see `PairBlocks.of`."""
         shares = self._points.shares
-        return np.unique(shares.point[active[shares.node]])
+        return np.unique(self._points.patch[shares.point[active[shares.node]]])
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
         """Clear what is given, see `PairBlocks.restrict`."""

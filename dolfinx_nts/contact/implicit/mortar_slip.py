@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.kinematics import Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
@@ -31,7 +30,7 @@ class MortarSlip(Slip):
         self._parts = shares.value[:, None, None] * turns
         m = len(shares.area)
         value, frame = np.zeros((m, 2)), np.zeros((m, 2, 3))
-        rows = np.zeros((m, 2, 2, 3 * shares.lists.shape[1]))
+        rows = np.zeros((m, 2, 2, 3 * points.lists.shape[1]))
         both = np.stack([slip.force, slip.gradient], axis=2)
         for a, b in np.ndindex(2, 2):
             part = shares.weighted(self._parts[:, a, b])
@@ -47,11 +46,10 @@ class MortarSlip(Slip):
         )
 
     def hessian(self, t: Floats) -> Floats:
-        """Twice the derivative of the forces of points, ``(p, 3 k, 3 k)``, see `PairBlocks`."""
+        """Twice the derivative of the forces of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
         shares, of_points = self._points.shares, np.zeros_like(self._slip.value)
         np.add.at(of_points, shares.point, np.einsum("iab,ia->ib", self._parts, t[shares.node]))
-        ones = np.ones(len(of_points))
-        return _kernels.expand(self._points.phi, ones, self._slip.hessian(of_points))
+        return self._points.blocks(np.ones(len(of_points)), self._slip.hessian(of_points))
 
 
 def _tangents(normal: Floats) -> Floats:
