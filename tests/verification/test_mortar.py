@@ -11,6 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from helpers import scenes
 from helpers.compressed_blocks import compress
+from helpers.homogeneous_blocks import deform
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -30,6 +31,18 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells):
     # The difference between the two stress measures is of the size of the strain.
     assert abs(blocks.stress.mean() - 1) <= 1e-4
     assert pressure.mean() == pytest.approx(blocks.mean_pressure, rel=1e-3)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [(8, 12), (5, 4)])
+def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells):
+    """All sides are pressed alike, so that nothing slides down."""
+    Q = rotation([1.0, 2.0, -0.5], 0.7)
+    stepper, error, _ = deform(cells, 0.99 * np.eye(3), cell=cell, slope=0.3, Q=Q)
+    (contact,) = stepper.contacts
+    pressure = contact.pressure
+    assert error <= EXACT * 0.01
+    assert np.ptp(pressure) <= EXACT * pressure.mean()
 
 
 def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms():
