@@ -152,3 +152,26 @@ def test_facets_that_pass_through_a_surface_in_one_step_are_told():
     with pytest.raises(nts.ConvergenceError):
         for _ in range(4):
             scene.stepper.advance()
+
+
+def test_rubber_of_tetrahedra_that_collides_and_parts_conserves_everything():
+    """Bodies of neo-Hooke's material, until long after their release."""
+
+    old = scenes.blocks(MPI.COMM_WORLD, cell="tetrahedron").stepper
+    material = nts.NeoHookean(*scenes.BLOCK_RUBBER)
+    bodies = [scenes.of_material(body, material) for body in old.bodies]
+    (pair,) = old.pairs
+    stepper = nts.EnergyMomentum(bodies, [MORTAR(pair.nodes, pair.segments)], dt=old.dt)
+    stepper.v.x.array[:] = old.v.x.array
+    diagnostics = nts.Diagnostics(stepper)
+    start, active = diagnostics.balance(), []
+    for report in stepper.run(2.0):
+        now = diagnostics.balance()
+        assert now.total_energy == pytest.approx(start.total_energy, rel=1e-10)
+        for name in ("linear_momentum", "angular_momentum"):
+            before = getattr(start, name)
+            change = np.linalg.norm(getattr(now, name) - before)
+            assert change <= 1e-11 * np.linalg.norm(before)
+        active.append(report.num_active)
+    assert max(active) >= 5
+    assert max(active[len(active) // 2 :]) == 0
