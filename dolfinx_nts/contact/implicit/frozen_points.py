@@ -56,10 +56,9 @@ class FrozenPoints(LocalSearch):
 
     def _choose(self, x: Floats) -> None:
         """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
-        self._x_chosen = x.copy()
         ends = self.x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
-        self.pairing = MortarPairing(self.candidates, points, self.x_n)
+        self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         self.segment, every = points.nearest, self._every
         gap_n, gap_trial = (
             self.pairing.gaps(end, every, self.segment) for end in (self.x_n, self._trial)
@@ -103,5 +102,5 @@ class SettlingPoints(FrozenPoints):
 
     def _has_left(self, x: Floats, node: Ints) -> bool:
         near = self._near(node)
-        moved = self.pairing.places(x, near) - self.pairing.places(self._x_chosen, near)
+        moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
         return bool(np.abs(moved).max(initial=0.0) > _SETTLED)

@@ -16,7 +16,7 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["MortarPairing", "PointBlocks"]
 
-# How far beyond an edge of its segment a point may be, in coordinates of the reference segment.
+# How far beyond an edge of its segment a point may slide, in coordinates of the reference segment.
 _BEYOND = _kernels.OVERHANG
 
 
@@ -27,6 +27,10 @@ class MortarPairing(Pairing):
         candidates: Facets of the points, and segments that the points may face.
         points: Contact points of all nodes of the surface.
         x_n: Positions at t_n, shape ``(l, 3)`` [m].
+        x_chosen: Those at which the points were chosen.
+
+    Attributes:
+        x_chosen: The argument.
     """
 
     follows = False
@@ -36,8 +40,10 @@ class MortarPairing(Pairing):
         candidates: MortarCandidates,
         points: MortarPoints,
         x_n: Floats,
+        x_chosen: Floats,
     ) -> None:
         """Take what does not change in the step."""
+        self.x_chosen = x_chosen
         self.area = points.shares.area
         self.reached = np.concatenate(
             [candidates.facets.vertices.ravel(), candidates.segments.ravel()]
@@ -80,12 +86,18 @@ class MortarPairing(Pairing):
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        """Count points that are far outside of their segments, see `Pairing.num_beyond`."""
+        """Count points that have left their segments since they were chosen, see `Pairing.num_beyond`."""
+        # A point may be outside from the start, where facet and segment are not parallel.
+        before = np.fmax(self._outside(self.x_chosen, node), 0.0)
+        return int(np.count_nonzero(self._outside(x, node) > before + _BEYOND))
+
+    def _outside(self, x: Floats, node: Ints) -> Floats:
+        """How far the points of nodes are outside of the reference segment, shape ``(p,)``."""
         xi = self.places(x, node)
         is_triangle = self._candidates.segments.shape[1] == 3
         farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
-        outside = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
-        return int(np.count_nonzero(outside > _BEYOND))
+        outside: Floats = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
+        return outside
 
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
