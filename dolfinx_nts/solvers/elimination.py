@@ -68,10 +68,11 @@ class ActivePairs:
             arrays = tuple(array.take(active, axis=0) for array in arrays)
             loaded = pairs.blocks.of(state.active)
             tangent_nodes, tangent = tangent_nodes[loaded], tangent[loaded]
-        self.fixed, self.excess, dofs, rank, *rows = arrays
+        self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        self.blocks = blocks = ContactBlocks(start, nodes, rank, *rows, tangent_nodes, tangent)
+        constraints = start, nodes, rank, normal, gradients, columns, slopes
+        self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
         needed = blocks
         # Takes the part of a vector; None where that is the vector itself.
         self._scatter: PartialScatter | None = None

@@ -156,7 +156,6 @@ def test_facets_that_pass_through_a_surface_in_one_step_are_told():
 
 def test_rubber_of_tetrahedra_that_collides_and_parts_conserves_everything():
     """Bodies of neo-Hooke's material, until long after their release."""
-
     old = scenes.blocks(MPI.COMM_WORLD, cell="tetrahedron").stepper
     material = nts.NeoHookean(*scenes.BLOCK_RUBBER)
     bodies = [scenes.of_material(body, material) for body in old.bodies]

@@ -86,7 +86,7 @@ class MortarPairing(Pairing):
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        """Count points that have left their segments since they were chosen, see `Pairing.num_beyond`."""
+        """Count points that have left their segments, see `Pairing.num_beyond`."""
         # A point may be outside from the start, where facet and segment are not parallel.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
         return int(np.count_nonzero(self._outside(x, node) > before + _BEYOND))

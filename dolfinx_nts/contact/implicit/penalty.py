@@ -65,7 +65,8 @@ class PenaltyContact(NormalContact):
         if search.pairing.follows:  # gaps on other segments may be other ones
             return super().needs(node)
         inside = (search.gap[node] < 0) | (search.approach.gap_n[node] < 0)
-        return self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
+        flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
+        return flags
 
     def rank(self, active: Flags) -> Ints:
         """Springs are no constraints."""

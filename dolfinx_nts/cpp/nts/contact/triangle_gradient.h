@@ -26,8 +26,8 @@ inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
   const Pair<Tri3> mean = midpoint(pair_n, pair);
   const Vec3 d = 0.5 * (p_n.normal + p.normal);
   const Vec3 E0 = mean.node - mean.segment[0];
-  const std::array<Vec3, 2> E = {mean.segment[1] - mean.segment[0],
-                                 mean.segment[2] - mean.segment[0]};
+  const std::array<Vec3, 2> E
+      = {mean.segment[1] - mean.segment[0], mean.segment[2] - mean.segment[0]};
   const double volume = dot(d, cross(E[0], E[1]));
   contact.valid
       = p_n.converged && p.converged
@@ -36,8 +36,8 @@ inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
     return;
   set_ends(p_n, p, contact);
 
-  const std::array<Vec3, 2> c = {(1 / volume) * cross(E[1], d),
-                                 (1 / volume) * cross(d, E[0])};
+  const std::array<Vec3, 2> c
+      = {(1 / volume) * cross(E[1], d), (1 / volume) * cross(d, E[0])};
   const Vec2 beta = {dot(c[0], E0), dot(c[1], E0)};
   const std::array<double, 4> w
       = {1, beta[0] + beta[1] - 1, -beta[0], -beta[1]};
@@ -59,8 +59,7 @@ inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
   }
   for (std::size_t i = 0; i < 2; ++i)
     for (std::size_t B = 0; B < 4; ++B)
-      dbeta[i][B]
-          = 0.5 * w[B] * c[i] - height * dot(c[i], turn[B]) * p.normal;
+      dbeta[i][B] = 0.5 * w[B] * c[i] - height * dot(c[i], turn[B]) * p.normal;
   for (std::size_t A = 0; A < 4; ++A)
     for (std::size_t B = 0; B < 4; ++B)
     {

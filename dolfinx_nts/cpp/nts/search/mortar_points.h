@@ -167,15 +167,15 @@ void integrate(const Polygon& p, std::size_t count, Add&& add)
   // Root of the matrix of the second moments, lower triangle.
   const double along = std::sqrt(xx / size - mean[0] * mean[0]);
   const double skew = (xy / size - mean[0] * mean[1]) / along;
-  const double across = std::sqrt(
-      std::max(yy / size - mean[1] * mean[1] - skew * skew, 0.0));
+  const double across
+      = std::sqrt(std::max(yy / size - mean[1] * mean[1] - skew * skew, 0.0));
   const double root = std::sqrt(2.);
-  static const std::array<Vec2, 3> three
-      = {{{root, 0}, {-root / 2, std::sqrt(1.5)}, {-root / 2, -std::sqrt(1.5)}}};
+  static const std::array<Vec2, 3> three = {
+      {{root, 0}, {-root / 2, std::sqrt(1.5)}, {-root / 2, -std::sqrt(1.5)}}};
   static const std::array<Vec2, 4> four
       = {{{1, 1}, {1, -1}, {-1, 1}, {-1, -1}}};
-  for (const Vec2& e : count == 3 ? std::span<const Vec2>(three)
-                                  : std::span<const Vec2>(four))
+  for (const Vec2& e :
+       count == 3 ? std::span<const Vec2>(three) : std::span<const Vec2>(four))
     add({p[0][0] + mean[0] + along * e[0],
          p[0][1] + mean[1] + skew * e[0] + across * e[1]},
         std::abs(size) / static_cast<double>(count));
