@@ -46,12 +46,14 @@ class Shares:
     """Shares of ``m`` nodes with multipliers in ``p`` contact points, ``i`` in all. Local.
 
     Attributes:
+        nodes: The nodes, shape ``(m,)``.
         area: Area on which the multiplier of each node acts, shape ``(m,)`` [m^2].
         start: Where the shares of each node begin, and the end, shape ``(m + 1,)``.
         point: Points of the shares, shape ``(i,)``.
         value: Part of the point in the mean of the node, shape ``(i,)`` [-].
     """
 
+    nodes: Ints
     area: Floats
     start: GlobalInts
     point: Ints
@@ -64,7 +66,7 @@ class Shares:
 
     def mean(self, values: Floats) -> Floats:
         """Mean of values at the points, ``(p,)``, for each node, NaN without points, ``(m,)``."""
-        means = self.sums(values[self.point])
+        means = _sums(self.node, self.value * values[self.point], len(self.area))
         return np.where(self.area > 0, means, np.nan)
 
     def sums(self, values: Floats) -> Floats:
@@ -87,7 +89,8 @@ class Shares:
         start = _starts(counts)
         entries = np.repeat(self.start[nodes] - start[:-1], counts) + np.arange(start[-1])
         used, point = np.unique(self.point[entries], return_inverse=True)
-        return Shares(self.area[nodes], start, point.astype(np.int32), self.value[entries]), used
+        of_nodes, of_shares = (self.nodes[nodes], self.area[nodes]), point.astype(np.int32)
+        return Shares(*of_nodes, start, of_shares, self.value[entries]), used
 
 
 @dataclass(frozen=True)
@@ -95,20 +98,16 @@ class MortarPoints:
     """Contact points of nodes, see `ContactPoints`. Local.
 
     Attributes:
-        own: Nodes with multipliers, shape ``(m,)``.
-        facets: Nodes of the facet of each point, shape ``(p, k)``.
+        reached: Nodes of the facet of each point and vertices of its segment, ``(p, 2 k)``.
         phi: Shape functions of the facet there, shape ``(p, k)``.
         segment: Candidate of each point, shape ``(p,)``.
-        vertices: Vertices of the segment, shape ``(p, k)``.
         patch: Numbers from 0 of the part that facet and segment of each point share, ``(p,)``.
         shares: Shares of the nodes in them.
     """
 
-    own: Ints
-    facets: Ints
+    reached: Ints
     phi: Floats
     segment: Ints
-    vertices: Ints
     patch: Ints
     shares: Shares
 
@@ -143,7 +142,8 @@ class MortarPoints:
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
-        on_facet, vertices = facets.vertices[facet], candidates.segments[segment]
+        on_facet = facets.vertices[facet]
+        reached = np.hstack([on_facet, candidates.segments[segment]])
         point, column = np.nonzero(number[on_facet] >= 0)
         node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
         area = _sums(node, value, len(facets.nodes))
@@ -153,6 +153,7 @@ class MortarPoints:
         order = order[carries[node[order]]]
         node, of_share = node[order], point[order].astype(np.int32)
         shares = Shares(
+            facets.nodes,
             np.where(carries, area, 0.0),
             _starts(np.bincount(node, minlength=len(area))),
             of_share,
@@ -161,7 +162,7 @@ class MortarPoints:
         _, patch = np.unique(
             facet.astype(np.int64) * (1 + len(candidates.key)) + segment, return_inverse=True
         )
-        return cls(facets.nodes, on_facet, phi, segment, vertices, patch.astype(np.int32), shares)
+        return cls(reached, phi, segment, patch.astype(np.int32), shares)
 
     @property
     def nodes(self) -> Ints:
@@ -184,7 +185,9 @@ class MortarPoints:
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
-        there: Floats = np.einsum("pk,pki->pi", self.phi, values[self.facets])
+        there: Floats = np.einsum(
+            "pk,pki->pi", self.phi, values[self.reached[:, : self.phi.shape[1]]]
+        )
         return there
 
     def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
@@ -208,8 +211,8 @@ class MortarPoints:
     @cached_property
     def _rows(self) -> tuple[Ints, Ints]:
         """Lists, and places of the nodes of facet and segment of each share in them, (i, 2 k)."""
-        reached = np.hstack([self.facets, self.vertices])[self.shares.point]
-        return _rows(self.own, self.shares.node, reached)
+        shares = self.shares
+        return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
     def blocks(self, factor: Floats, matrix: Floats) -> Floats:
         """Sum matrices of pairs, ``(p, 3 (1 + k), 3 (1 + k))``, to those of the patches.
@@ -223,15 +226,14 @@ class MortarPoints:
     @cached_property
     def patch_nodes(self) -> Ints:
         """Nodes of facet and segment of each patch, shape ``(b, 2 k)``."""
-        first = np.unique(self.patch, return_index=True)[1]
-        return np.hstack([self.facets[first], self.vertices[first]])
+        return self.reached[np.unique(self.patch, return_index=True)[1]]
 
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
         patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        segments = self.segment[used], self.vertices[used], patch
-        return MortarPoints(self.own[nodes], self.facets[used], self.phi[used], *segments, shares)
+        of_points = self.reached[used], self.phi[used], self.segment[used]
+        return MortarPoints(*of_points, patch, shares)
 
 
 def _sums(row: Array, values: Floats, num_rows: int) -> Floats:

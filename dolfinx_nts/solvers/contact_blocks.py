@@ -10,7 +10,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.solvers.block_csr import entries_of_rows, starts
 
-__all__ = ["ContactBlocks"]
+__all__ = ["ContactBlocks", "rows_of", "slopes_at_nodes", "tangents_of"]
 
 
 class ContactBlocks(NamedTuple):
@@ -52,29 +52,6 @@ class ContactBlocks(NamedTuple):
     def kernel(self) -> _kernels.Elimination:
         """The same for the kernels."""
         return _kernels.Elimination(*self)
-
-    def rows(self) -> Iterator[tuple[Array, Floats, Floats]]:
-        """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
-        gradients, columns = self.gradients.ravel(), self.columns.ravel()
-        for first, last in pairwise(map(int, self.start)):
-            part = slice(9 * first, 9 * last)
-            rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
-            yield self.nodes[first:last], *rows
-
-    def tangents(self) -> Iterator[tuple[Array, Floats]]:
-        """Nodes, ``(k,)``, and matrices, ``(3 k, 3 k)``, whose sum is the contact tangent."""
-        yield from zip(self.tangent_nodes, self.tangent, strict=True)
-        for (nodes, gradients, columns), slope in zip(self.rows(), self.slopes, strict=True):
-            if slope.any():
-                yield nodes, columns.T @ slope @ gradients
-
-    def slopes_at_nodes(self) -> Floats:
-        """The part of ``slopes`` in the tangent of the constrained nodes, ``(m, 3, 3)``."""
-        first, width = 9 * self.start[:-1, None, None], 3 * np.diff(self.start)[:, None, None]
-        entries = first + width * np.arange(3)[:, None] + np.arange(3)
-        gradients, columns = self.gradients.ravel()[entries], self.columns.ravel()[entries]
-        parts: Floats = columns.transpose(0, 2, 1) @ self.slopes @ gradients
-        return parts
 
     def renumbered(self, number: Callable[[Array], Array]) -> "ContactBlocks":
         """The same with other numbers of the nodes.
@@ -122,8 +99,28 @@ class ContactBlocks(NamedTuple):
         _, *arrays = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return cls(starts(np.concatenate(lengths)), *arrays)
 
-    @classmethod
-    def listed(cls, arrays: Sequence[Array]) -> list["ContactBlocks"]:
-        """Those of several contact pairs, whose arrays follow each other."""
-        width = len(cls._fields)
-        return [cls(*arrays[i : i + width]) for i in range(0, len(arrays), width)]
+
+def rows_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
+    """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
+    gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
+    for first, last in pairwise(map(int, blocks.start)):
+        part = slice(9 * first, 9 * last)
+        rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
+        yield blocks.nodes[first:last], *rows
+
+
+def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
+    """Nodes, ``(k,)``, and matrices, ``(3 k, 3 k)``, whose sum is the contact tangent."""
+    yield from zip(blocks.tangent_nodes, blocks.tangent, strict=True)
+    for (nodes, gradients, columns), slope in zip(rows_of(blocks), blocks.slopes, strict=True):
+        if slope.any():
+            yield nodes, columns.T @ slope @ gradients
+
+
+def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
+    """The part of the slopes in the tangent of the constrained nodes, ``(m, 3, 3)``."""
+    first, width = 9 * blocks.start[:-1, None, None], 3 * np.diff(blocks.start)[:, None, None]
+    entries = first + width * np.arange(3)[:, None] + np.arange(3)
+    gradients, columns = blocks.gradients.ravel()[entries], blocks.columns.ravel()[entries]
+    parts: Floats = columns.transpose(0, 2, 1) @ blocks.slopes @ gradients
+    return parts

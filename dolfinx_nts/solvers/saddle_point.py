@@ -18,6 +18,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -81,10 +82,10 @@ class SaddlePointSystem:
         right[: last - first] = -R
         for p in pairs:
             blocks = p.global_blocks()
-            for nodes, tangent in blocks.tangents():
+            for nodes, tangent in tangents_of(blocks):
                 dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)
-            for i, (nodes, gradients, columns) in enumerate(blocks.rows()):
+            for i, (nodes, gradients, columns) in enumerate(rows_of(blocks)):
                 dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
                 for a in range(blocks.rank[i]):
                     A.setValues(dofs, multiplier, columns[a], addv=True)

@@ -102,7 +102,9 @@ class MortarPairing(Pairing):
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
         points = self._of(node)
-        pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+        pairs = np.concatenate(
+            [points.of(x)[:, None], x[self._candidates.segments[points.segment]]], axis=1
+        )
         return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
 
 

@@ -59,7 +59,7 @@ shapes = pytest.mark.parametrize("k", [3, 4])
 def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
     _, _, x, points = choose(k, rng)
     assert points.shares.area.sum() == pytest.approx(0.81, rel=1e-12)
-    pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+    pairs = np.concatenate([points.of(x)[:, None], x[points.reached[:, k:]]], axis=1)
     xi, gap, _, status = _kernels.project(pairs, np.ones(len(pairs)))
     assert not status.any()
     assert gap == pytest.approx(0.1, abs=1e-12)
@@ -140,7 +140,7 @@ def test_rows_are_sums_over_the_points_of_a_node(k, rng):
     field = rng.normal(size=x.shape)
     # The work of a row is the mean of the work of the points.
     work = np.einsum("mcd,md->mc", rows, field[some.lists].reshape(len(nodes), -1))
-    there = np.concatenate([some.of(field)[:, None], field[some.vertices]], axis=1)
+    there = np.concatenate([some.of(field)[:, None], field[some.reached[:, k:]]], axis=1)
     of_points = np.einsum("pcd,pd->pc", values, there.reshape(len(there), -1))
     for c in range(2):
         assert work[:, c] == pytest.approx(some.shares.mean(of_points[:, c]), rel=1e-10, abs=1e-12)
@@ -160,7 +160,7 @@ def test_expanded_matrices_are_those_of_facets_and_segments(k, rng):
     assert len(blocks) < p
     a, b = rng.normal(size=(2, *x.shape))
     there = [
-        np.concatenate([points.of(f)[:, None], f[points.vertices]], axis=1).reshape(p, -1)
+        np.concatenate([points.of(f)[:, None], f[points.reached[:, k:]]], axis=1).reshape(p, -1)
         for f in (a, b)
     ]
     on_nodes = [f[points.patch_nodes].reshape(len(blocks), -1) for f in (a, b)]
