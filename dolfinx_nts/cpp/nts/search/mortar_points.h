@@ -139,46 +139,52 @@ Vec2 pulled_back(const Vec2& y, const std::array<Vec2, S::vertices>& c) noexcept
   return xi;
 }
 
-/// @brief Call add(xi, weight) for three or four points of a rule on a convex
-/// polygon that is exact for polynomials of degree 2.
-///
-/// They lie on an ellipse around the centroid with the moments of the polygon,
-/// which is inside of it (Kannan, Lovasz, Simonovits 1995). On a rectangle the
-/// four points are those of Gauss.
+/// @brief Call add(xi, weight) for the points of a rule on a convex polygon
+/// that is exact for polynomials of degree 2.
 template <class Add>
-void integrate(const Polygon& p, std::size_t count, Add&& add)
+void integrate(const Polygon& p, Add&& add)
 {
-  // Moments relative to the first vertex, from a fan of triangles.
-  double size = 0, xx = 0, xy = 0, yy = 0;
-  Vec2 first = {};
-  for (std::size_t i = 1; i + 1 < p.size(); ++i)
+  if (p.size() == 4)
   {
-    const Vec2 a = {p[i][0] - p[0][0], p[i][1] - p[0][1]};
-    const Vec2 b = {p[i + 1][0] - p[0][0], p[i + 1][1] - p[0][1]};
-    const Vec2 sum = {a[0] + b[0], a[1] + b[1]};
-    const double part = (a[0] * b[1] - a[1] * b[0]) / 2;
-    size += part;
-    first = {first[0] + part / 3 * sum[0], first[1] + part / 3 * sum[1]};
-    xx += part / 12 * (a[0] * a[0] + b[0] * b[0] + sum[0] * sum[0]);
-    xy += part / 12 * (a[0] * a[1] + b[0] * b[1] + sum[0] * sum[1]);
-    yy += part / 12 * (a[1] * a[1] + b[1] * b[1] + sum[1] * sum[1]);
+    static const double offset = std::sqrt(1. / 12);
+    for (const double a : {0.5 - offset, 0.5 + offset})
+      for (const double b : {0.5 - offset, 0.5 + offset})
+      {
+        Vec2 xi, d1, d2;
+        for (std::size_t d = 0; d < 2; ++d)
+        {
+          xi[d] = (1 - a) * (1 - b) * p[0][d] + a * (1 - b) * p[1][d]
+                  + a * b * p[2][d] + (1 - a) * b * p[3][d];
+          d1[d] = (1 - b) * (p[1][d] - p[0][d]) + b * (p[2][d] - p[3][d]);
+          d2[d] = (1 - a) * (p[3][d] - p[0][d]) + a * (p[2][d] - p[1][d]);
+        }
+        add(xi, std::abs(d1[0] * d2[1] - d1[1] * d2[0]) / 4);
+      }
+    return;
   }
-  const Vec2 mean = {first[0] / size, first[1] / size};
-  // Root of the matrix of the second moments, lower triangle.
-  const double along = std::sqrt(xx / size - mean[0] * mean[0]);
-  const double skew = (xy / size - mean[0] * mean[1]) / along;
-  const double across
-      = std::sqrt(std::max(yy / size - mean[1] * mean[1] - skew * skew, 0.0));
-  const double root = std::sqrt(2.);
-  static const std::array<Vec2, 3> three = {
-      {{root, 0}, {-root / 2, std::sqrt(1.5)}, {-root / 2, -std::sqrt(1.5)}}};
-  static const std::array<Vec2, 4> four
-      = {{{1, 1}, {1, -1}, {-1, 1}, {-1, -1}}};
-  for (const Vec2& e :
-       count == 3 ? std::span<const Vec2>(three) : std::span<const Vec2>(four))
-    add({p[0][0] + mean[0] + along * e[0],
-         p[0][1] + mean[1] + skew * e[0] + across * e[1]},
-        std::abs(size) / static_cast<double>(count));
+  // From the mean of the vertices, so that it does not matter which is the
+  // first.
+  Vec2 mean = {};
+  for (const Vec2& vertex : p)
+    for (std::size_t d = 0; d < 2; ++d)
+      mean[d] += vertex[d] / static_cast<double>(p.size());
+  const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
+  {
+    const double weight = std::abs(area({corner[0], corner[1], corner[2]})) / 3;
+    for (std::size_t q = 0; q < 3; ++q)
+    {
+      Vec2 xi;
+      for (std::size_t d = 0; d < 2; ++d)
+        xi[d] = (corner[0][d] + corner[1][d] + corner[2][d] + 3 * corner[q][d])
+                / 6;
+      add(xi, weight);
+    }
+  };
+  if (p.size() == 3)
+    add_triangle({p[0], p[1], p[2]});
+  else
+    for (std::size_t i = 0; i < p.size(); ++i)
+      add_triangle({mean, p[i], p[(i + 1) % p.size()]});
 }
 
 /// @brief Contact points, in the order of their facets.
@@ -332,14 +338,8 @@ private:
     std::vector<Point> points;
     if (covered <= (1 + MortarRule::overlap) * cell)
       for (const Below& below : found)
-      {
-        const auto add = [&](const Vec2& xi, double weight)
-        { points.push_back({xi, weight, below.segment}); };
-        // Shape functions of a facet need as many points as it has vertices,
-        // and not only in slivers.
-        const bool is_large = std::abs(area(below.part)) > cell / 2;
-        integrate(below.part, is_large ? k : 3, add);
-      }
+        integrate(below.part, [&](const Vec2& xi, double weight)
+                  { points.push_back({xi, weight, below.segment}); });
     else
       covered = pair_nearest(e, found, points);
     add_points(e, points, covered >= MortarRule::whole * cell);
@@ -377,9 +377,9 @@ private:
         const double a = i * h, b = j * h;
         if constexpr (k == 3)
         {
-          integrate({{a, b}, {a + h, b}, {a, b + h}}, k, add);
+          integrate({{a, b}, {a + h, b}, {a, b + h}}, add);
           if (i + j + 1 < parts)
-            integrate({{a + h, b}, {a + h, b + h}, {a, b + h}}, k, add);
+            integrate({{a + h, b}, {a + h, b + h}, {a, b + h}}, add);
         }
         else
           add({a + h / 2, b + h / 2}, h * h);
