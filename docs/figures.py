@@ -3,7 +3,8 @@
     python3 docs/figures.py [NAME...]
 
 runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``impact``
-is the animation of the README. Takes a few minutes.
+is the animation of the README, ``methods`` the pressure by both methods of contact. Takes a few
+minutes.
 """
 
 import os
@@ -16,11 +17,13 @@ from typing import Any
 
 from mpi4py import MPI
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import meshing
 from dolfinx_nts.plotting.movie import Movie
 
 ROOT = Path(__file__).parents[1]
@@ -78,6 +81,68 @@ def impact() -> None:
     with Movie(FIGURES / "impact.gif", 10.0) as movie:
         for now, pair in zip(times, bodies, strict=True):
             movie.write(frame(pair, t[t <= now + 1e-9], lost))
+
+
+def methods() -> None:
+    """Nodal pressure below a paraboloid on a block by both methods of contact, and Hertz's."""
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), dpi=150, sharey=True, layout="constrained")
+    line = np.linspace(0, 1, 200)
+    for ax, method in zip(axes, ("node-to-segment", "mortar"), strict=True):
+        for label, marker, swapped in (("finer", ".", False), ("coarser", "x", True)):
+            ax.plot(*hertz(method, swapped), marker, ms=5, label=f"{label} side has the nodes")
+        ax.plot(line, np.sqrt(1 - line**2), "k", lw=1, label="Hertz")
+        ax.set(title=f'method="{method}"', xlabel="r / a", xlim=(0, 1.3))
+    axes[0].set_ylabel("p / p_0")
+    axes[1].legend()
+    figure.savefig(FIGURES / "methods_pressure.png")
+
+
+def hertz(method: Any, swapped: bool) -> tuple[Any, Any]:
+    """Press a paraboloid of radius 4 m on a block, a quarter of both; radii and pressures."""
+    E, nu, radius, depth = 1.0, 0.3, 4.0, 0.02
+
+    def build(model: Any) -> None:
+        for name, z, n in (("lower", -1.0, 12), ("upper", 1.0, 16)):
+            box = {"corner": (0, 0, z), "size": (1, 1, 1), "cells": (n, n, n // 2)}
+            meshing.add_box(model, name, **box)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    # Cells grow from the origin; the bottom of the upper block is curved.
+    x = mesh.geometry.x
+    upper = x[:, 2] > 0.5
+    x[upper, 2] -= 1
+    x[:] = np.sign(x) * (0.8 * np.abs(x) ** 2.2 + 0.2 * np.abs(x))
+    x[upper, 2] += (1 - x[upper, 2]) * (x[upper, :2] ** 2).sum(axis=1) / 2 / radius
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E, nu, 1.0)
+    bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
+    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    way = fem.Constant(mesh, 0.0)
+
+    def hold(axis: int, value: Any, *names: str) -> fem.DirichletBC:
+        held = np.sort(np.concatenate([facets.find(tag[name]) for name in names]))
+        dofs = fem.locate_dofs_topological(V.sub(axis), 2, held)
+        return fem.dirichletbc(value, dofs, V.sub(axis))
+
+    def update(t: float) -> None:
+        way.value = -depth * t
+
+    zero, ends = np.float64(0.0), ("lower_bottom", "upper_top")
+    bcs = [
+        hold(0, zero, "lower_left", "upper_left", *ends),
+        hold(1, zero, "lower_front", "upper_front", *ends),
+        hold(2, zero, "lower_bottom"),
+        hold(2, way, "upper_top"),
+    ]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1 / 3, bcs=bcs, update=update)
+    for _ in stepper.run(1.0):
+        pass
+    (contact,) = stepper.contacts
+    force = -4 * contact.history.lambda_N.sum()
+    a = (1.5 * force * radius * (1 - nu**2) / E) ** (1 / 3)
+    r = np.hypot(*stepper.x[contact.nodes.nodes, :2].T)
+    return r / a, contact.pressure / (1.5 * force / np.pi / a**2)
 
 
 def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
@@ -150,5 +215,6 @@ def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    for wanted in sys.argv[1:] or [*DEMOS, "impact"]:
-        impact() if wanted == "impact" else demo(wanted)
+    others = {"impact": impact, "methods": methods}
+    for wanted in sys.argv[1:] or [*DEMOS, *others]:
+        others.get(wanted, lambda name=wanted: demo(name))()

@@ -2,7 +2,6 @@
 
 from typing import Any, Literal
 
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface
 
@@ -25,7 +24,6 @@ def check_method(pair: Any) -> None:
         raise ValueError(f"expected method {names}, given {pair.method!r}")
     if pair.method == NODES:
         return
-    law = pair.enforcement
     wrong = ""
     if not isinstance(pair.segments, Surface):
         wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
@@ -33,10 +31,8 @@ def check_method(pair: Any) -> None:
         wrong = "two surfaces, given one that touches itself"
     elif Element.of(pair.nodes.V).degree != 1:
         wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
-    elif not isinstance(law, LagrangeMultiplier):
-        wrong = f"LagrangeMultiplier, given {law!r}"
-    elif pair.friction is not None:
-        wrong = f"no friction, given {pair.friction!r}"
+    elif pair.is_convective:
+        wrong = f"friction by the law 'objective', given {pair.friction!r}"
     if wrong:
         raise ValueError(
             f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"

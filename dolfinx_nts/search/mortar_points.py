@@ -6,7 +6,8 @@ surface carries a multiplier, which acts at all points of the facets around the 
 with the shape function psi of the multiplier; its gap is the mean gap of these points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -45,25 +46,20 @@ class Shares:
     """Shares of ``m`` nodes with multipliers in ``p`` contact points, ``i`` in all. Local.
 
     Attributes:
+        nodes: The nodes, shape ``(m,)``.
         area: Area on which the multiplier of each node acts, shape ``(m,)`` [m^2].
         start: Where the shares of each node begin, and the end, shape ``(m + 1,)``.
         point: Points of the shares, shape ``(i,)``.
         value: Part of the point in the mean of the node, shape ``(i,)`` [-].
-        place: Places of the nodes of facet and segment in the row of the node, ``(i, 2 k)``.
-        lists: Nodes of each row, that with the multiplier first, and again where a row is
-            shorter than others, shape ``(m, d)``.
-        lengths: Nodes of each row, shape ``(m,)``.
     """
 
+    nodes: Ints
     area: Floats
     start: GlobalInts
     point: Ints
     value: Floats
-    place: Ints
-    lists: Ints
-    lengths: Ints
 
-    @property
+    @cached_property
     def node(self) -> Ints:
         """Node of each share, shape ``(i,)``."""
         return np.repeat(np.arange(len(self.area), dtype=np.int32), np.diff(self.start))
@@ -72,6 +68,16 @@ class Shares:
         """Mean of values at the points, ``(p,)``, for each node, NaN without points, ``(m,)``."""
         means = _sums(self.node, self.value * values[self.point], len(self.area))
         return np.where(self.area > 0, means, np.nan)
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum of values of the shares, ``(i, ...)``, for each node, ``(m, ...)``."""
+        sums: Floats = np.zeros((len(self.area), *values.shape[1:]))
+        np.add.at(sums, self.node, (self.value * values.T).T)
+        return sums
+
+    def weighted(self, value: Floats) -> "Shares":
+        """Make the same shares with other values, shape ``(i,)``."""
+        return replace(self, value=value)
 
     def spread(self, values: Floats, num_points: int) -> Floats:
         """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
@@ -83,10 +89,8 @@ class Shares:
         start = _starts(counts)
         entries = np.repeat(self.start[nodes] - start[:-1], counts) + np.arange(start[-1])
         used, point = np.unique(self.point[entries], return_inverse=True)
-        lengths = self.lengths[nodes]
-        lists = self.lists[nodes, : lengths.max(initial=1)]
-        of_shares = point.astype(np.int32), self.value[entries], self.place[entries]
-        return Shares(self.area[nodes], start, *of_shares, lists, lengths), used
+        of_nodes, of_shares = (self.nodes[nodes], self.area[nodes]), point.astype(np.int32)
+        return Shares(*of_nodes, start, of_shares, self.value[entries]), used
 
 
 @dataclass(frozen=True)
@@ -94,17 +98,17 @@ class MortarPoints:
     """Contact points of nodes, see `ContactPoints`. Local.
 
     Attributes:
-        facets: Nodes of the facet of each point, shape ``(p, k)``.
+        reached: Nodes of the facet of each point and vertices of its segment, ``(p, 2 k)``.
         phi: Shape functions of the facet there, shape ``(p, k)``.
         segment: Candidate of each point, shape ``(p,)``.
-        vertices: Vertices of the segment, shape ``(p, k)``.
+        patch: Numbers from 0 of the part that facet and segment of each point share, ``(p,)``.
         shares: Shares of the nodes in them.
     """
 
-    facets: Ints
+    reached: Ints
     phi: Floats
     segment: Ints
-    vertices: Ints
+    patch: Ints
     shares: Shares
 
     @classmethod
@@ -138,7 +142,8 @@ class MortarPoints:
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
-        on_facet, vertices = facets.vertices[facet], candidates.segments[segment]
+        on_facet = facets.vertices[facet]
+        reached = np.hstack([on_facet, candidates.segments[segment]])
         point, column = np.nonzero(number[on_facet] >= 0)
         node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
         area = _sums(node, value, len(facets.nodes))
@@ -147,18 +152,17 @@ class MortarPoints:
         order = np.lexsort((point, candidates.key[segment[point]], node))
         order = order[carries[node[order]]]
         node, of_share = node[order], point[order].astype(np.int32)
-        reached = np.hstack([on_facet, vertices])[of_share]
-        lists, lengths, place = _rows(facets.nodes, node, reached, len(x))
         shares = Shares(
+            facets.nodes,
             np.where(carries, area, 0.0),
             _starts(np.bincount(node, minlength=len(area))),
             of_share,
             value[order] / area[node],
-            place,
-            lists,
-            lengths,
         )
-        return cls(on_facet, phi, segment, vertices, shares)
+        _, patch = np.unique(
+            facet.astype(np.int64) * (1 + len(candidates.key)) + segment, return_inverse=True
+        )
+        return cls(reached, phi, segment, patch.astype(np.int32), shares)
 
     @property
     def nodes(self) -> Ints:
@@ -181,20 +185,55 @@ class MortarPoints:
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
-        there: Floats = np.einsum("pk,pki->pi", self.phi, values[self.facets])
+        there: Floats = np.einsum(
+            "pk,pki->pi", self.phi, values[self.reached[:, : self.phi.shape[1]]]
+        )
         return there
 
-    def rows(self, values: Floats) -> Floats:
-        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``."""
-        s = self.shares
-        shares = s.start, s.point, s.value, s.place
-        return _kernels.sum_rows(self.phi, *shares, s.lists.shape[1], values)
+    def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
+        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.
+
+        ``shares`` may have other values than those of the points.
+        """
+        s = self.shares if shares is None else shares
+        lists, place = self._rows
+        of_shares = s.start, s.point, s.value, place
+        return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
+
+    @property
+    def lists(self) -> Ints:
+        """Nodes of each row, that with the multiplier first, shape ``(m, d)``.
+
+        It comes again where a row is shorter than others.
+        """
+        return self._rows[0]
+
+    @cached_property
+    def _rows(self) -> tuple[Ints, Ints]:
+        """Lists, and places of the nodes of facet and segment of each share in them, (i, 2 k)."""
+        shares = self.shares
+        return _rows(shares.nodes, shares.node, self.reached[shares.point])
+
+    def blocks(self, factor: Floats, matrix: Floats) -> Floats:
+        """Sum matrices of pairs, ``(p, 3 (1 + k), 3 (1 + k))``, to those of the patches.
+
+        ``factor`` is that of each point, shape ``(p,)``; the result has the shape
+        ``(b, 6 k, 6 k)``.
+        """
+        count = len(self.patch_nodes)
+        return _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
+
+    @cached_property
+    def patch_nodes(self) -> Ints:
+        """Nodes of facet and segment of each patch, shape ``(b, 2 k)``."""
+        return self.reached[np.unique(self.patch, return_index=True)[1]]
 
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
-        segments = self.segment[used], self.vertices[used]
-        return MortarPoints(self.facets[used], self.phi[used], *segments, shares)
+        patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
+        of_points = self.reached[used], self.phi[used], self.segment[used]
+        return MortarPoints(*of_points, patch, shares)
 
 
 def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
@@ -206,25 +245,21 @@ def _starts(counts: Array) -> GlobalInts:
     return starts
 
 
-def _rows(own: Ints, row: Ints, nodes: Ints, num_nodes: int) -> tuple[Ints, Ints, Ints]:
-    """Nodes of the rows, how many each has, and places of the nodes of shares in them.
+def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Nodes of the rows, and places of the nodes of shares in them, see `MortarPoints`.
 
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
-    ``nodes`` the nodes that it reaches, ``(i, 2 k)``. Returns as of `MortarPoints`.
+    ``nodes`` the nodes that it reaches, ``(i, 2 k)``.
     """
-    # The own node comes before all others.
+    # The own node comes before all others; rows without shares have it, too.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)
-    # Rows without shares have their own node, too.
-    keys = np.concatenate([np.arange(len(own)), np.repeat(row, nodes.shape[1])]).astype(np.int64)
-    keys = keys * (num_nodes + 1)
-    keys[len(own) :] += rank.ravel()
+    width = 1 + int(rank.max(initial=0))
+    keys = np.concatenate([width * np.arange(len(own)), (width * row[:, None] + rank).ravel()])
     unique, inverse = np.unique(keys, return_inverse=True)
-    in_row, node = np.divmod(unique, num_nodes + 1)
-    lengths = np.bincount(in_row, minlength=len(own)).astype(np.int32)
-    start = _starts(lengths)
-    place = np.arange(len(unique)) - start[in_row]
+    in_row, node = np.divmod(unique, width)
+    lengths = np.bincount(in_row, minlength=len(own))
+    place = np.arange(len(unique)) - _starts(lengths)[in_row]
     lists = np.repeat(own[:, None], lengths.max(initial=1), axis=1).astype(np.int32)
     others = node > 0
     lists[in_row[others], place[others]] = node[others] - 1
-    places = place[inverse[len(own) :]].reshape(nodes.shape).astype(np.int32)
-    return lists, lengths, places
+    return lists, place[inverse[len(own) :]].reshape(nodes.shape).astype(np.int32)

@@ -1,6 +1,7 @@
 """What the active contacts put into a linear system: constraints and tangent."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.solvers.block_csr import entries_of_rows, starts
 
-__all__ = ["ContactBlocks"]
+__all__ = ["ContactBlocks", "rows_of", "slopes_at_nodes", "tangents_of"]
 
 
 class ContactBlocks(NamedTuple):
@@ -27,6 +28,8 @@ class ContactBlocks(NamedTuple):
         normal: Unit normal at the constrained node, shape ``(m, 3)``.
         gradients: Of the constraints, ``9 l`` numbers in any shape.
         columns: Force per multiplier, ``9 l`` numbers in any shape.
+        slopes: Derivative of the multipliers by what the constraints are about, in springs
+            and friction, shape ``(m, 3, 3)``.
         tangent_nodes: Nodes of the blocks, shape ``(p, k)``.
         tangent: Blocks, shape ``(p, 3 k, 3 k)``.
     """
@@ -37,6 +40,7 @@ class ContactBlocks(NamedTuple):
     normal: Floats
     gradients: Floats
     columns: Floats
+    slopes: Floats
     tangent_nodes: Array
     tangent: Floats
 
@@ -83,6 +87,7 @@ class ContactBlocks(NamedTuple):
             self.normal[constraints],
             self.gradients.reshape(-1, 9)[entries],
             self.columns.reshape(-1, 9)[entries],
+            self.slopes[constraints],
             self.tangent_nodes[blocks],
             self.tangent[blocks],
         )
@@ -94,8 +99,28 @@ class ContactBlocks(NamedTuple):
         _, *arrays = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return cls(starts(np.concatenate(lengths)), *arrays)
 
-    @classmethod
-    def listed(cls, arrays: Sequence[Array]) -> list["ContactBlocks"]:
-        """Those of several contact pairs, whose arrays follow each other."""
-        width = len(cls._fields)
-        return [cls(*arrays[i : i + width]) for i in range(0, len(arrays), width)]
+
+def rows_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
+    """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
+    gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
+    for first, last in pairwise(map(int, blocks.start)):
+        part = slice(9 * first, 9 * last)
+        rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
+        yield blocks.nodes[first:last], *rows
+
+
+def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
+    """Nodes, ``(k,)``, and matrices, ``(3 k, 3 k)``, whose sum is the contact tangent."""
+    yield from zip(blocks.tangent_nodes, blocks.tangent, strict=True)
+    for (nodes, gradients, columns), slope in zip(rows_of(blocks), blocks.slopes, strict=True):
+        if slope.any():
+            yield nodes, columns.T @ slope @ gradients
+
+
+def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
+    """The part of the slopes in the tangent of the constrained nodes, ``(m, 3, 3)``."""
+    first, width = 9 * blocks.start[:-1, None, None], 3 * np.diff(blocks.start)[:, None, None]
+    entries = first + width * np.arange(3)[:, None] + np.arange(3)
+    gradients, columns = blocks.gradients.ravel()[entries], blocks.columns.ravel()[entries]
+    parts: Floats = columns.transpose(0, 2, 1) @ blocks.slopes @ gradients
+    return parts

@@ -23,7 +23,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks, tangents_of
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
@@ -175,7 +175,7 @@ def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[Contact
                 # Lists may name a node twice.
                 np.add.at(dense.T, dofs, rows[entries].reshape(3, -1)[:rank].T)
                 result.append(dense)
-        for block, some in zip(blocks.tangent, blocks.tangent_nodes, strict=True):
+        for some, block in tangents_of(blocks):
             dofs = _dofs(np.searchsorted(nodes, some))
             np.add.at(C, np.ix_(dofs, dofs), block)
     forces: Floats = np.vstack(F).T

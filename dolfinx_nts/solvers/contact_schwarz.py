@@ -9,7 +9,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
 from dolfinx_nts.solvers.tangent import Tangent
@@ -94,7 +94,9 @@ class ContactSchwarz:
             return
         self._version = _NOTHING
         if known is not None:
-            self._contacts = ContactBlocks.listed(known)
+            width = len(ContactBlocks.__annotations__)
+            parts = (known[i : i + width] for i in range(0, len(known), width))
+            self._contacts = [ContactBlocks(*part) for part in parts]
             self._version = version
             self._build()
 
@@ -111,8 +113,12 @@ class ContactSchwarz:
     def _has_changed(self, elimination: Elimination) -> bool:
         """Whether the tangent of the same contacts is another one. Collective."""
         changes = [
-            np.abs(pairs.blocks.tangent - known.tangent).max(initial=0.0)
+            np.abs(now - then).max(initial=0.0)
             for pairs, known in zip(elimination.pairs, self._contacts, strict=True)
+            for now, then in (
+                (pairs.blocks.tangent, known.tangent),
+                (slopes_at_nodes(pairs.blocks), slopes_at_nodes(known)),
+            )
         ]
         comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
         softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))

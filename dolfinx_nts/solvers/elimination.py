@@ -60,7 +60,7 @@ class ActivePairs:
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
-            *(pairs.normal, pairs.gradients, state.columns),
+            *(pairs.normal, pairs.gradients, state.columns, state.slopes),
         )
         tangent_nodes, tangent = pairs.blocks.nodes, state.tangent
         if not state.active.all():
@@ -68,10 +68,10 @@ class ActivePairs:
             arrays = tuple(array.take(active, axis=0) for array in arrays)
             loaded = pairs.blocks.of(state.active)
             tangent_nodes, tangent = tangent_nodes[loaded], tangent[loaded]
-        self.fixed, self.excess, dofs, rank, normal, gradients, columns = arrays
+        self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        constraints = start, nodes, rank, normal, gradients, columns
+        constraints = start, nodes, rank, normal, gradients, columns, slopes
         self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
         needed = blocks
         # Takes the part of a vector; None where that is the vector itself.
@@ -132,23 +132,20 @@ class CoupledPairs(ActivePairs):
     def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
         """Multiply constraints and directions."""
         super().__init__(candidates, state)
-        blocks = self.blocks
-        c = max(1, int(blocks.rank.max(initial=1)))
-        normal = blocks.rank[:, None, None] == 1
-        directions = np.where(normal, blocks.normal[:, None], np.eye(3)[:c])
-        self._directions = directions * (np.arange(c) < blocks.rank[:, None])[:, :, None]
-        self._rows = blocks.gradients[:, :c], blocks.columns[:, :c]
-        self._dofs = self._needed.nodes.reshape(self._pair_dofs.shape)
-        dofs = self._pair_dofs
+        blocks, dofs = self.blocks, self._pair_dofs
+        self._dofs = self._needed.nodes.reshape(dofs.shape)
+        rows = blocks.gradients, blocks.columns
         self._gradients, self._forces = (
-            NodalSystem(self.ghosts, dofs, blocks.rank, rows, self._directions, transposed=t)
-            for rows, t in zip(self._rows, (False, True), strict=True)
+            NodalSystem(self.ghosts, dofs, blocks.rank, some, blocks.normal, transposed=t)
+            for some, t in zip(rows, (False, True), strict=True)
         )
+        c = self._gradients.directions.shape[1]
+        self._rows = rows[0][:, :c], rows[1][:, :c]
 
     @property
     def is_regular(self) -> bool:
         """Whether both systems can be solved, see `ActivePairs.is_regular`."""
-        ones = np.ones(self._directions.shape[:2])
+        ones = np.ones(self._gradients.directions.shape[:2])
         parts = [system.solve(ones) for system in (self._gradients, self._forces)]
         return all(bool(np.isfinite(part).all()) for part in parts)
 
@@ -161,7 +158,7 @@ class CoupledPairs(ActivePairs):
             missing += values[:, : missing.shape[1]]
         way = self._gradients.solve(missing)
         x[self.blocks.nodes[self.blocks.start[:-1]]] += np.einsum(
-            "mc,mci->mi", way, self._directions
+            "mc,mci->mi", way, self._gradients.directions
         )
         return self.part(x)
 
@@ -171,7 +168,7 @@ class CoupledPairs(ActivePairs):
         self._kernel.add_tangent(part, own)
         self._put(own, y)
         first = self.blocks.nodes[self.blocks.start[:-1]]
-        force = np.einsum("mi,mci->mc", y[first], self._directions)
+        force = np.einsum("mi,mci->mc", y[first], self._forces.directions)
         lambda_N = self._forces.solve(force)
         forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
         own = self._own(y)

@@ -10,8 +10,7 @@ with the contact force F of the step and the gap gradient G at its end, so that
 the matrix is not symmetric.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 
 from petsc4py import PETSc
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -83,10 +82,10 @@ class SaddlePointSystem:
         right[: last - first] = -R
         for p in pairs:
             blocks = p.global_blocks()
-            for nodes, tangent in zip(blocks.tangent_nodes, blocks.tangent, strict=True):
+            for nodes, tangent in tangents_of(blocks):
                 dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)
-            for i, (nodes, gradients, columns) in enumerate(_rows(blocks)):
+            for i, (nodes, gradients, columns) in enumerate(rows_of(blocks)):
                 dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
                 for a in range(blocks.rank[i]):
                     A.setValues(dofs, multiplier, columns[a], addv=True)
@@ -109,12 +108,3 @@ class SaddlePointSystem:
             item.destroy()
         du, dlambda = np.split(solution, [last - first])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
-
-
-def _rows(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
-    """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
-    gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
-    for first, last in pairwise(map(int, blocks.start)):
-        part = slice(9 * first, 9 * last)
-        rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
-        yield blocks.nodes[first:last], *rows

@@ -37,18 +37,21 @@ def blocks(kind, rng, nodes=NODES):
         for part, directions in zip(parts, own, strict=True):
             part[:, :3] += directions
         rows.append(np.concatenate([part.ravel() for part in parts]))
+    # Constrained nodes may also follow some of the rows, by any matrix.
+    slopes = np.where([[[1]], [[0]], [[1]], [[1]], [[0]]], 0.3 * rng.normal(size=(m, 3, 3)), 0)
     return (
         np.concatenate([[0], np.cumsum(lengths)]),
         np.concatenate(lists).astype(np.int32),
         np.array(RANKS, dtype=np.int32),
         own[:, 0].copy(),
         *rows,
+        slopes,
         tangent_nodes.astype(np.int32),
         0.3 * rng.normal(size=(p, 3 * k, 3 * k)),
     )
 
 
-def dense(start, nodes, rank, normal, gradients, columns, tangent_nodes, tangent):
+def dense(start, nodes, rank, normal, gradients, columns, slopes, tangent_nodes, tangent):
     """Return E, G, F with one column a constraint, and the contact tangent."""
 
     def place(numbers):
@@ -61,6 +64,10 @@ def dense(start, nodes, rank, normal, gradients, columns, tangent_nodes, tangent
             result += list(rows[9 * first : 9 * last].reshape(3, -1)[: rank[i]] @ P.T)
         E += list((normal[i][None] if rank[i] == 1 else np.eye(3)[: rank[i]]) @ P[:, :3].T)
     C = sum(place(k) @ block @ place(k).T for k, block in zip(tangent_nodes, tangent, strict=True))
+    for S, (first, last) in zip(slopes, itertools.pairwise(start), strict=True):
+        g, f = (rows[9 * first : 9 * last].reshape(3, -1) for rows in (gradients, columns))
+        P = place(nodes[first:last])
+        C = C + P @ f.T @ S @ g @ P.T
     return np.array(E).T, np.array(G).T, np.array(F).T, C
 
 

@@ -30,7 +30,7 @@ SCHEMES = {
     "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     "strong": nts.EnergyMomentum,
     "resolved": partial(with_law, nts.EnergyMomentum, nts.LagrangeMultiplier("resolved"), None),
-    "mortar": partial(with_law, nts.EnergyMomentum, None, None, method="mortar"),
+    "mortar": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3), method="mortar"),
 }
 
 

@@ -214,6 +214,13 @@ def step_forms(stepper: Any) -> StepForms:
     return StepForms(stepper.bodies, stepper._rates, stepper.scheme)
 
 
+def following(state: Any, local: Array) -> Array:
+    """Forces of pairs by springs and friction that follow a motion ``local``, both (m, d)."""
+    rows = state.pairs.gradients, state.slopes, state.columns
+    values: Array = np.einsum("mjb,mij,mia,mb->ma", *rows, local, optimize=True)
+    return values
+
+
 def local_momentum(scene: Scene, name: str) -> Callable[[], tuple[float, Array]]:
     """Return a function that gives mass and linear momentum of one body."""
     mesh, v = scene.stepper.u.function_space.mesh, scene.stepper.v

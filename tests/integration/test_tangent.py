@@ -83,6 +83,7 @@ class System:
             scatter = step.candidates.scatter
             local = scatter.forward(d)[state.pairs.dofs].reshape(state.force.shape)
             values = np.einsum("mab,mb->ma", state.tangent, local)
+            values += scenes.following(state, local)
             forces = np.zeros((scatter.num_local, 3))
             np.add.at(forces, state.pairs.dofs.ravel(), values.reshape(-1, 3))
             K_d = K_d + scatter.reverse(forces)

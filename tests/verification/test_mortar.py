@@ -11,6 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from helpers import scenes
 from helpers.compressed_blocks import compress
+from helpers.homogeneous_blocks import deform
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -32,6 +33,18 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells):
     assert pressure.mean() == pytest.approx(blocks.mean_pressure, rel=1e-3)
 
 
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [(8, 12), (5, 4)])
+def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells):
+    """All sides are pressed alike, so that nothing slides down."""
+    Q = rotation([1.0, 2.0, -0.5], 0.7)
+    stepper, error, _ = deform(cells, 0.99 * np.eye(3), cell=cell, slope=0.3, Q=Q)
+    (contact,) = stepper.contacts
+    pressure = contact.pressure
+    assert error <= EXACT * 0.01
+    assert np.ptp(pressure) <= EXACT * pressure.mean()
+
+
 def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms():
     blocks = compress(6, 4, MORTAR, swirl=0.5)
     assert np.abs(blocks.stress - blocks.stress.mean()).max() <= 2e-3
@@ -41,6 +54,16 @@ def test_blocks_that_are_compressed_in_large_steps_still_pass():
     """Points are chosen anew until they belong to the equilibrium."""
     blocks = compress(4, 6, MORTAR, compression=0.05)
     assert np.ptp(blocks.stress) <= 1e-7
+
+
+def test_patch_test_by_springs_is_passed_but_for_their_compliance():
+    """Springs of nodes, not of areas: their differences vanish as they become stiff."""
+    spreads = []
+    for stiffness in (10.0, 1e3):
+        pairs = partial(MORTAR, enforcement=nts.Penalty(stiffness))
+        spreads.append(np.ptp(compress(4, 6, pairs, compression=0.01).stress))
+    assert spreads[1] <= 1e-3
+    assert spreads[0] == pytest.approx(100 * spreads[1], rel=0.2)
 
 
 @cache
@@ -129,3 +152,37 @@ def test_facets_that_pass_through_a_surface_in_one_step_are_told():
     with pytest.raises(nts.ConvergenceError):
         for _ in range(4):
             scene.stepper.advance()
+
+
+def test_rubber_of_tetrahedra_that_collides_and_parts_conserves_everything():
+    """Bodies of neo-Hooke's material, until long after their release."""
+    old = scenes.blocks(MPI.COMM_WORLD, cell="tetrahedron").stepper
+    material = nts.NeoHookean(*scenes.BLOCK_RUBBER)
+    bodies = [scenes.of_material(body, material) for body in old.bodies]
+    (pair,) = old.pairs
+    stepper = nts.EnergyMomentum(bodies, [MORTAR(pair.nodes, pair.segments)], dt=old.dt)
+    stepper.v.x.array[:] = old.v.x.array
+    diagnostics = nts.Diagnostics(stepper)
+    start, active = diagnostics.balance(), []
+    for report in stepper.run(2.0):
+        now = diagnostics.balance()
+        assert now.total_energy == pytest.approx(start.total_energy, rel=1e-10)
+        for name in ("linear_momentum", "angular_momentum"):
+            before = getattr(start, name)
+            change = np.linalg.norm(getattr(now, name) - before)
+            assert change <= 1e-11 * np.linalg.norm(before)
+        active.append(report.num_active)
+    assert max(active) >= 5
+    assert max(active[len(active) // 2 :]) == 0
+
+
+def test_steps_that_are_too_long_are_cut_and_the_run_goes_on():
+    """Nearly as fast as waves: facets turn so far that points lie beside oblique segments."""
+    scene = scenes.ball_plate(MPI.COMM_WORLD, method="mortar", dt=0.0125)
+    scene.stepper.set_velocity(scene.bodies["ball"], (0.0, 8.0, -8.0))
+    diagnostics = nts.Diagnostics(scene.stepper)
+    energy = diagnostics.balance().total_energy
+    reports = list(scene.stepper.run(0.032, nts.StepControl()))
+    assert sum(report.rejected for report in reports) >= 1
+    assert max(report.num_active for report in reports) >= 9
+    assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-11)

@@ -231,12 +231,12 @@ class ContactStep:
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = 3
-        columns = self.friction.add_to(pairs, active, force, tangent)
+        columns, slopes = self.friction.add_to(pairs, active, force, tangent)
+        slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)
-        self.normal.add_slope(pairs, columns, tangent)
         failed = pairs.failures(active)
         return ContactContribution(
-            pairs, active, rank, columns, residual, tangent, force, changed, failed
+            pairs, active, rank, columns, slopes, residual, tangent, force, changed, failed
         )
 
 

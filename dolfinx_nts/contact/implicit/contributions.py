@@ -125,9 +125,12 @@ class ContactContribution(NamedTuple):
             and stick.
         columns: Force per multiplier, shape ``(m, 3, d)``; that of the normal includes the
             friction which scales with it.
+        slopes: Derivative of multipliers and tractions by gap and slip, in springs and where
+            nodes slide, shape ``(m, 3, 3)`` [N/m]: columns^T slopes gradients is a part of the
+            derivative of the forces.
         residual: Contact forces of the pair, shape ``(m, d)`` [N].
-        tangent: Their derivative at fixed multipliers, shape ``(p, 3 k, 3 k)``, by `PairBlocks`
-            [N/m].
+        tangent: The other part, at fixed multipliers and tractions, by `PairBlocks`, shape
+            ``(p, 3 k, 3 k)`` [N/m].
         force: The forces without regard to given displacements, shape ``(m, d)`` [N].
         changed: Pairs that changed their segment, became active or inactive, began to stick or
             to slide, or should.
@@ -139,6 +142,7 @@ class ContactContribution(NamedTuple):
     active: Flags
     rank: Ints
     columns: Floats
+    slopes: Floats
     residual: Floats
     tangent: Floats
     force: Floats

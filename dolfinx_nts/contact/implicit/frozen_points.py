@@ -23,8 +23,6 @@ __all__ = ["FrozenPoints", "SettlingPoints"]
 # Way between equilibrium and where the points were chosen, in coordinates of the reference
 # segment, that is none without inertia.
 _SETTLED = 1e-6
-# Gap, relative to the size of a segment [-], above which it does not matter where points are.
-_NEAR = 0.1
 
 
 class FrozenPoints(LocalSearch):
@@ -38,6 +36,9 @@ class FrozenPoints(LocalSearch):
     pairing: MortarPairing
     # How often points are chosen anew.
     _most_renewals = 2
+    # Gap, relative to the size of a segment [-], above which it does not matter where points
+    # are: what transmits force is hardly open.
+    _nearby = 0.01
 
     def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
         """Choose the points where the surfaces would be without contact."""
@@ -55,10 +56,9 @@ class FrozenPoints(LocalSearch):
 
     def _choose(self, x: Floats) -> None:
         """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
-        self._x_chosen = x.copy()
         ends = self.x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
-        self.pairing = MortarPairing(self.candidates, points, self.x_n)
+        self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         self.segment, every = points.nearest, self._every
         gap_n, gap_trial = (
             self.pairing.gaps(end, every, self.segment) for end in (self.x_n, self._trial)
@@ -90,7 +90,7 @@ class FrozenPoints(LocalSearch):
         """Those of nodes, ``(m,)``, that are so near that it matters where their points are."""
         size = self.candidates.size
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
-        near: Ints = node[self.gap[node] < _NEAR * size]
+        near: Ints = node[self.gap[node] < self._nearby * size]
         return near
 
 
@@ -98,8 +98,9 @@ class SettlingPoints(FrozenPoints):
     """Contact points that are chosen anew until they belong to the equilibrium."""
 
     _most_renewals = 6
+    _nearby = 0.1
 
     def _has_left(self, x: Floats, node: Ints) -> bool:
         near = self._near(node)
-        moved = self.pairing.places(x, near) - self.pairing.places(self._x_chosen, near)
+        moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
         return bool(np.abs(moved).max(initial=0.0) > _SETTLED)

@@ -5,17 +5,18 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
 from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
-from dolfinx_nts.model.kinematics import ContactKinematics
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar_search import MortarCandidates
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["MortarPairing", "PointBlocks"]
 
-# How far beyond an edge of its segment a point may be, in coordinates of the reference segment.
+# How far beyond an edge of its segment a point may slide, in coordinates of the reference segment.
 _BEYOND = _kernels.OVERHANG
 
 
@@ -26,6 +27,10 @@ class MortarPairing(Pairing):
         candidates: Facets of the points, and segments that the points may face.
         points: Contact points of all nodes of the surface.
         x_n: Positions at t_n, shape ``(l, 3)`` [m].
+        x_chosen: Those at which the points were chosen.
+
+    Attributes:
+        x_chosen: The argument.
     """
 
     follows = False
@@ -35,8 +40,10 @@ class MortarPairing(Pairing):
         candidates: MortarCandidates,
         points: MortarPoints,
         x_n: Floats,
+        x_chosen: Floats,
     ) -> None:
         """Take what does not change in the step."""
+        self.x_chosen = x_chosen
         self.area = points.shares.area
         self.reached = np.concatenate(
             [candidates.facets.vertices.ravel(), candidates.segments.ravel()]
@@ -65,30 +72,44 @@ class MortarPairing(Pairing):
         contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
         blocks = PointBlocks(points, candidates.scatter, free, contact.tangent)
         mean = _of_nodes(points, contact)
-        unknown = None if free is None else free[points.shares.lists].reshape(mean.force.shape)
+        unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
         return PairKinematics(node, segment, unknown, mean, blocks)
+
+    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        """Sum up the slip of points, see `Pairing.slip`."""
+        points = self._of(node)
+        slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
+        return MortarSlip(points, slip)
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """All: no node has a segment of its own, see `Pairing.is_same`."""
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        """Count points that are far outside of their segments, see `Pairing.num_beyond`."""
+        """Count points that have left their segments, see `Pairing.num_beyond`."""
+        # A point may be outside from the start, where facet and segment are not parallel.
+        before = np.fmax(self._outside(self.x_chosen, node), 0.0)
+        return int(np.count_nonzero(self._outside(x, node) > before + _BEYOND))
+
+    def _outside(self, x: Floats, node: Ints) -> Floats:
+        """How far the points of nodes are outside of the reference segment, shape ``(p,)``."""
         xi = self.places(x, node)
         is_triangle = self._candidates.segments.shape[1] == 3
         farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
-        outside = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
-        return int(np.count_nonzero(outside > _BEYOND))
+        outside: Floats = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
+        return outside
 
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
         points = self._of(node)
-        pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+        pairs = np.concatenate(
+            [points.of(x)[:, None], x[self._candidates.segments[points.segment]]], axis=1
+        )
         return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
 
 
 class PointBlocks(PairBlocks):
-    """One block for each contact point; multipliers of neighbours are coupled.
+    """One block for the points of a facet on a segment; multipliers of neighbours are coupled.
 
     Args:
         points: Contact points of the pairs' nodes.
@@ -105,18 +126,18 @@ class PointBlocks(PairBlocks):
     ) -> None:
         """Take nodes of facets and segments as those of the blocks."""
         self._points, self._scatter, self._tangent = points, scatter, tangent
-        self.dofs, self.nodes = points.shares.lists, np.hstack([points.facets, points.vertices])
+        self.dofs, self.nodes = points.lists, points.patch_nodes
         self._free = free
 
     def tangent(self, lambda_N: Floats) -> Floats:
         """Scale blocks by what all multipliers do at a point, see `PairBlocks.tangent`."""
-        force = self._points.shares.spread(lambda_N, len(self.nodes))
-        return _kernels.expand(self._points.phi, force, self._tangent)
+        force = self._points.shares.spread(lambda_N, len(self._tangent))
+        return self._points.blocks(force, self._tangent)
 
     def of(self, active: Flags) -> Ints:
-        """Points of active nodes, see `PairBlocks.of`."""
+        """Blocks with points of active nodes, see `PairBlocks.of`."""
         shares = self._points.shares
-        return np.unique(shares.point[active[shares.node]])
+        return np.unique(self._points.patch[shares.point[active[shares.node]]])
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
         """Clear what is given, see `PairBlocks.restrict`."""
@@ -126,15 +147,20 @@ class PointBlocks(PairBlocks):
         tangent *= free[:, :, None] * free[:, None, :]
         return force * self._free[self.dofs].reshape(force.shape)
 
-    def balance(self, normal: Floats, reduced: Floats, columns: Floats, active: Flags) -> Floats:
+    def at_nodes(self, force: Floats) -> Floats:
+        """Sum up the forces of all pairs, see `PairBlocks.at_nodes`."""
+        total = np.zeros((self._scatter.index_map.size_local, 3))
+        self._scatter.add(total, self.dofs, force.reshape(*self.dofs.shape, 3))
+        return total[self.dofs[:, 0]]
+
+    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Solve for all multipliers at once, see `PairBlocks.balance`."""
-        rank, directions = active.astype(np.int32), normal[:, None]
-        rows = columns[:, :1]
-        system = NodalSystem(self._scatter, self.dofs, rank, rows, directions, transposed=True)
-        force = np.einsum("mi,mi->m", normal, reduced)
-        lambda_N = system.solve(-force[:, None])[:, 0]
+        system = NodalSystem(self._scatter, self.dofs, rank, columns, normal, transposed=True)
+        solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
+        multipliers = np.zeros((len(rank), 3))
         # Where there is no solution the whole linear system gives one.
-        return np.where(np.isfinite(lambda_N), lambda_N, 0.0)
+        multipliers[:, : solution.shape[1]] = np.where(np.isfinite(solution), solution, 0.0)
+        return multipliers
 
     def close_gaps(
         self,
@@ -146,8 +172,8 @@ class PointBlocks(PairBlocks):
         u: Floats,
     ) -> None:
         """Solve for all ways at once, see `PairBlocks.close_gaps`."""
-        rank, directions = held.astype(np.int32), normal[:, None]
-        system = NodalSystem(self._scatter, self.dofs, rank, gradients[:, :1], directions)
+        rank = held.astype(np.int32)
+        system = NodalSystem(self._scatter, self.dofs, rank, gradients, normal)
         way = system.solve(gap[:, None])[:, 0]
         # Neither where it is not a number.
         near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)

@@ -114,10 +114,7 @@ class MultiplierContact(NormalContact):
         if R is None:
             friction.follow_multipliers(pairs, lambda_N, active)
             return lambda_N
-        reduced, columns = friction.reduced(pairs, R, active)
-        held = active & ~pairs.fixed
-        lambda_N = pairs.blocks.balance(pairs.normal, reduced, columns, held)
-        return np.where(active, friction.balance(pairs, reduced, lambda_N, active), 0.0)
+        return np.where(active, friction.balance(pairs, R, active), 0.0)
 
     def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
         """Move nodes that only a normal multiplier holds, see `NormalContact.close_gaps`.

@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["NodalSystem"]
@@ -21,10 +22,16 @@ class NodalSystem:
     Args:
         scatter: Brings values of nodes to this rank.
         dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
-        rank: Number of constraints, shape ``(m,)``; those with 0 are left out.
-        rows: Their rows, shape ``(m, c, 3 d)``.
-        directions: Directions that the nodes give up, shape ``(m, c, 3)``.
+        rank: Number of constraints, 0, 1 or 3, shape ``(m,)``; those with 0 are left out.
+        rows: Their rows, the first of ``(m, 1 or 3, 3 d)``.
+        normal: Unit normals, which nodes with one constraint give up, shape ``(m, 3)``. Those
+            with three give up all, in the directions of their own parts of the rows, which
+            puts the largest entries on the diagonal.
         transposed: Whether the system is E^T G.
+
+    Attributes:
+        directions: Directions that the nodes give up, shape ``(m, c, 3)``, where c is the
+            largest rank.
     """
 
     def __init__(
@@ -33,21 +40,25 @@ class NodalSystem:
         dofs: Ints,
         rank: Ints,
         rows: Floats,
-        directions: Floats,
+        normal: Floats,
         *,
         transposed: bool = False,
     ) -> None:
         """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
-        m, c = directions.shape[:2]
+        m = len(rank)
+        c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
+        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :3])
         self._held = np.arange(c) < rank[:, None]
+        self.directions: Floats = directions * self._held[:, :, None]
         E = np.zeros((scatter.num_local, c, 3))
         for a in range(c):
             own = np.zeros((scatter.index_map.size_local, 3))
-            own[dofs[:, 0]] = directions[:, a] * self._held[:, a, None]
+            own[dofs[:, 0]] = self.directions[:, a]
             E[:, a] = scatter.forward(own)
-        products = np.einsum("mkdi,mdai->mkda", rows.reshape(m, c, dofs.shape[1], 3), E[dofs])
+        rows = rows[:, :c].reshape(m, c, dofs.shape[1], 3)
+        products = np.einsum("mkdi,mdai->mkda", rows, E[dofs])
         products *= self._held[:, :, None, None]
         numbers = c * scatter.global_nodes(dofs)[:, :, None].astype(np.int64) + np.arange(c)
         entry = np.nonzero(products)

@@ -89,10 +89,10 @@ class NormalContact(ABC):
     def rank(self, active: Flags) -> Ints:
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""
 
-    def add_slope(  # noqa: B027 (multipliers do not follow gaps)
-        self, pairs: PairKinematics, columns: Floats, tangent: Floats
-    ) -> None:
-        """Add the derivative of forces by gaps to the tangent, ``(m, d, d)`` [N/m]. Local."""
+    @property
+    def slope(self) -> Floats | float:
+        """Derivative of the multipliers of the last pairs by their gaps, ``(m,)`` [N/m]. Local."""
+        return 0.0
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of springs [J], and gap at which they begin [m], both ``(m,)``. Local."""

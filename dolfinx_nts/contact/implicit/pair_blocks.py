@@ -40,17 +40,21 @@ class PairBlocks(ABC):
         """
 
     @abstractmethod
-    def balance(self, normal: Floats, reduced: Floats, columns: Floats, active: Flags) -> Floats:
-        """Multipliers of pairs that balance forces along the normals. Collective.
+    def at_nodes(self, force: Floats) -> Floats:
+        """Sum of the forces of all pairs, ``(m, 3 d)``, at the nodes, ``(m, 3)``. Collective."""
+
+    @abstractmethod
+    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
+        """Multipliers of pairs that balance forces at their nodes. Collective.
 
         Args:
-            normal: Normals of the nodes, shape ``(m, 3)``.
-            reduced: What is to be balanced at the nodes, shape ``(m, 3)`` [N].
-            columns: Force per multiplier, the first of ``(m, c, 3 d)``.
-            active: Pairs whose multipliers are not zero, shape ``(m,)``.
+            normal: Normals of the nodes, along which one multiplier acts, shape ``(m, 3)``.
+            force: What is to be balanced at the nodes, shape ``(m, 3)`` [N].
+            columns: Force per multiplier, shape ``(m, 3, 3 d)``.
+            rank: Number of multipliers, 0, 1 or 3, shape ``(m,)``.
 
         Returns:
-            Shape ``(m,)`` [N]; those of other pairs mean nothing.
+            Shape ``(m, 3)`` [N]; others than these multipliers mean nothing.
         """
 
     @abstractmethod
@@ -108,9 +112,18 @@ class OwnBlocks(PairBlocks):
         tangent *= self._free[:, :, None] * self._free[:, None, :]
         return force * self._free
 
-    def balance(self, normal: Floats, reduced: Floats, columns: Floats, active: Flags) -> Floats:
+    def at_nodes(self, force: Floats) -> Floats:
+        """Take the force of each pair itself, see `PairBlocks.at_nodes`."""
+        return force[:, :3]
+
+    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Balance node by node, see `PairBlocks.balance`."""
-        return _kernels.balance(normal, reduced, columns)
+        multipliers = np.zeros((len(rank), 3))
+        multipliers[:, 0] = _kernels.balance(normal, force, columns)
+        three = rank == 3
+        A = columns[three, :, :3].transpose(0, 2, 1)
+        multipliers[three] = np.linalg.solve(A, -force[three, :, None])[:, :, 0]
+        return multipliers
 
     def close_gaps(
         self,

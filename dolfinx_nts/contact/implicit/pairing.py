@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
+from dolfinx_nts.model.kinematics import Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
@@ -44,6 +45,10 @@ class Pairing(ABC):
         ``scheme`` is the kernel, see `Candidates.contact`, and ``free`` is 1 where the
         displacement of a node is unknown, otherwise 0, ``(l, 3)``, or None if all are.
         """
+
+    @abstractmethod
+    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        """Evaluate the slip of nodes in a step to x; ``law`` as of `Candidates.slip`."""
 
     @abstractmethod
     def is_same(self, pairs: PairKinematics) -> Flags:
@@ -94,6 +99,11 @@ class NodePairing(Pairing):
         unknown = None if free is None else free[dofs].reshape(contact.force.shape)
         blocks = OwnBlocks(dofs, unknown, contact.tangent)
         return PairKinematics(node, segment, unknown, contact, blocks)
+
+    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        """Evaluate each node and its segment, see `Pairing.slip`."""
+        points = self._points.take(node)
+        return self._candidates.slip(law, points, self._x_n, x, segment)
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """Compare keys of segments, see `Pairing.is_same`."""

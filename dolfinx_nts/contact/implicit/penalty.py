@@ -59,15 +59,23 @@ class PenaltyContact(NormalContact):
         self.active[node], self.lambda_N[node] = active, lambda_N
         return changes
 
+    def needs(self, node: Ints) -> Flags:
+        """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
+        search, old = self._search, self._state.history
+        if search.pairing.follows:  # gaps on other segments may be other ones
+            return super().needs(node)
+        inside = (search.gap[node] < 0) | (search.approach.gap_n[node] < 0)
+        flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
+        return flags
+
     def rank(self, active: Flags) -> Ints:
         """Springs are no constraints."""
         return np.zeros(len(active), dtype=np.int32)
 
-    def add_slope(self, pairs: PairKinematics, columns: Floats, tangent: Floats) -> None:
-        """Add the stiffness of the springs."""
-        tangent += (
-            self._slope[:, None, None] * columns[:, 0, :, None] * pairs.gradients[:, 0, None, :]
-        )
+    @property
+    def slope(self) -> Floats:
+        """Stiffness of the springs, see `NormalContact.slope`."""
+        return self._slope
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of the springs and gap at which they begin, see `NormalContact.energy`."""
@@ -98,11 +106,13 @@ class PenaltyContact(NormalContact):
 
         On a new segment it moves by the difference of the gaps at t_n, so that the energy of
         the spring is continuous; that of a node which was open on the old segment begins where
-        the node is.
+        the node is. So it does with new contact points, unless there is no inertia: there are
+        some in each step.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
-        key = self._search.candidates.key[pairs.segment]
-        moved = (old.key[node] >= 0) & (old.key[node] != key)
+        pairing = self._search.pairing
+        anew = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
+        moved = (old.key[node] >= 0) & anew
         before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
         offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
         return offset

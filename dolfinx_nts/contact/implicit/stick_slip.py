@@ -67,37 +67,26 @@ class Friction:
         """
         return 0
 
-    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
-        """What the normal multipliers have to balance at the nodes, and their columns.
+    def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
+        """Normal multipliers of active pairs that balance the residual. Collective.
 
-        ``R`` is the residual at the nodes of the pairs, shape ``(m, 3)`` [N]. Returns it with
-        the tractions that do not scale with the pressing force; and force per multiplier with
-        those that do, at the node in the first of the rows, shape ``(m, ..., 3 or more)``.
+        Sets the tractions that go with them. ``R`` is the residual at the nodes of the pairs,
+        shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], means nothing for other pairs.
         """
-        return R, pairs.columns
-
-    def balance(
-        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
-    ) -> Floats:
-        """Set the tractions that go with normal multipliers; return these, of sticking nodes too.
-
-        ``reduced`` is the residual that the method gives, ``lambda_N`` are the normal
-        multipliers of sliding nodes, shape ``(m,)`` [N].
-        """
-        return lambda_N
+        rank = (active & ~pairs.fixed).astype(np.int32)
+        return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank)[:, 0]
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
         """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
-    ) -> Floats:
-        """Add tractions to forces, ``(m, d)`` [N], and tangents of pairs, ``(m, d, d)`` [N/m].
+    ) -> tuple[Floats, Floats]:
+        """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
 
-        Returns the force per multiplier, shape ``(m, 3, d)``, that of the normal with the
-        friction which scales with it.
+        Returns columns and slopes of the `ContactContribution`, without those of normal springs.
         """
-        return pairs.columns
+        return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
@@ -143,10 +132,7 @@ class StickSlip(Friction):
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
-        search = self._search
-        points = search.points.take(pairs.node)
-        slip = search.candidates.slip(self._law.law, points, search.x_n, x, pairs.segment)
-        pairs.add_slip(slip)
+        pairs.add_slip(self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment))
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
@@ -205,27 +191,20 @@ class StickSlip(Friction):
         self.release(node[~active])
         return violators
 
-    def reduced(self, pairs: PairKinematics, R: Floats, active: Flags) -> tuple[Floats, Floats]:
-        """Residual and columns with the tractions, see `Friction.reduced`."""
-        along = pairs.columns[:, 1:, :3]
-        residual: Floats = R + np.einsum("mi,mij->mj", self._known(pairs, active), along)
-        column: Floats = pairs.columns[:, 0, :3] - np.einsum(
-            "mi,mij->mj", self._model.direction[pairs.node], along
-        )
-        return residual, column[:, None]
-
-    def balance(
-        self, pairs: PairKinematics, reduced: Floats, lambda_N: Floats, active: Flags
-    ) -> Floats:
-        """Tractions, and multipliers of sticking nodes, see `Friction.balance`."""
-        node = pairs.node
+    def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
+        """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
+        node, known = pairs.node, self._known(pairs, active)
         stick = self.sticks(node, active) & ~pairs.fixed
-        traction = self._known(pairs, active) - lambda_N[:, None] * self._model.direction[node]
-        A = pairs.columns[stick, :, :3].transpose(0, 2, 1)
-        solution = np.linalg.solve(A, -reduced[stick][:, :, None])[:, :, 0]
-        lambda_N = lambda_N.copy()
-        lambda_N[stick], traction[stick] = solution[:, 0], solution[:, 1:]
+        rank = np.where(stick, 3, active & ~pairs.fixed).astype(np.int32)
+        force = R + pairs.blocks.at_nodes(np.einsum("mi,mid->md", known, pairs.columns[:, 1:]))
+        direction = self._model.direction[node]
+        columns = _with_friction(pairs.columns, direction)
+        multipliers = pairs.blocks.balance(pairs.normal, force, columns, rank)
+        traction = np.where(
+            stick[:, None], multipliers[:, 1:], known - multipliers[:, :1] * direction
+        )
         self.traction[node] = np.where(active[:, None], traction, 0.0)
+        lambda_N: Floats = multipliers[:, 0]
         return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
@@ -247,20 +226,16 @@ class StickSlip(Friction):
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
-    ) -> Floats:
+    ) -> tuple[Floats, Floats]:
         """Add tractions to forces and tangents, see `Friction.add_to`."""
         node, along = pairs.node, pairs.force[:, 1:]
         t, slides = self.traction[node], active & ~self.sticks(node, active)
         force += np.einsum("mi,mij->mj", t, along)
         tangent += pairs.slip.hessian(t) / 2
-        stiffness = np.where(slides[:, None, None], self._model.stiffness[node], 0.0)
-        tangent += np.einsum(
-            "mia,mij,mjb->mab", along, stiffness, pairs.slip.gradient, optimize=True
-        )
+        slopes = np.zeros((len(node), 3, 3))
+        slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
         direction = np.where(slides[:, None], self._model.direction[node], 0.0)
-        columns: Floats = pairs.columns.copy()
-        columns[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
-        return columns
+        return _with_friction(pairs.columns, direction), slopes
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""
@@ -268,10 +243,12 @@ class StickSlip(Friction):
         t = self.traction[node]
         parts: dict[str, Any] = {
             "traction": np.zeros_like(old.traction),
+            "normal": np.zeros_like(old.normal),
             "slip": old.slip.copy(),
             "dissipation": np.zeros_like(old.dissipation),
         }
         parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
+        parts["normal"][node] = slip.normal
         length = np.linalg.norm(slip.value, axis=1)
         parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
         dx = (x - self._search.x_n)[pairs.dofs]
@@ -279,3 +256,13 @@ class StickSlip(Friction):
         energy = slip_energy(parts["traction"], state.eps_T)
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
+
+
+def _with_friction(columns: Floats, direction: Floats) -> Floats:
+    """Forces per multiplier, ``(m, 3, d)``, with the friction that scales with the normal one.
+
+    ``direction`` is that of the traction per pressing force, shape ``(m, 2)``.
+    """
+    mixed: Floats = columns.copy()
+    mixed[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
+    return mixed

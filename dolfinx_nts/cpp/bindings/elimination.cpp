@@ -45,12 +45,13 @@ void elimination(nb::module_& m)
       "Constraints and contact tangent, and the projections on the former, see "
       "nts/solvers/elimination.h; the arrays are read, not copied")
       .def(nb::init<In<std::int64_t>, In<std::int32_t>, In<std::int32_t>,
-                    Doubles, Doubles, Doubles, In<std::int32_t>, Doubles>(),
+                    Doubles, Doubles, Doubles, Doubles, In<std::int32_t>,
+                    Doubles>(),
            nb::arg("start"), nb::arg("nodes"), nb::arg("rank"),
            nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
-           nb::arg("tangent_nodes"), nb::arg("tangent"),
+           nb::arg("slopes"), nb::arg("tangent_nodes"), nb::arg("tangent"),
            "(m + 1,), (l,), (m,) of 0, 1, 3, (m, 3), 9 l numbers, 9 l numbers, "
-           "(p, k), (p, 3 k, 3 k)")
+           "(m, 3, 3), (p, k), (p, 3 k, 3 k)")
       .def("constrain", &BoundElimination::constrain, nb::arg("values"),
            nb::arg("x").noconvert(),
            "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")

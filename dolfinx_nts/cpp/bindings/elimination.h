@@ -11,17 +11,19 @@ class BoundElimination
 public:
   BoundElimination(In<std::int64_t> start, In<std::int32_t> nodes,
                    In<std::int32_t> rank, Doubles normal, Doubles gradients,
-                   Doubles columns, In<std::int32_t> tangent_nodes,
-                   Doubles tangent)
+                   Doubles columns, Doubles slopes,
+                   In<std::int32_t> tangent_nodes, Doubles tangent)
       : _start(std::move(start)), _nodes(std::move(nodes)),
         _rank(std::move(rank)), _normal(std::move(normal)),
         _gradients(std::move(gradients)), _columns(std::move(columns)),
-        _tangent_nodes(std::move(tangent_nodes)), _tangent(std::move(tangent))
+        _slopes(std::move(slopes)), _tangent_nodes(std::move(tangent_nodes)),
+        _tangent(std::move(tangent))
   {
     const std::size_t m = _rank.size();
     check("rank", _rank, {m});
     check("start", _start, {m + 1});
     check("normal", _normal, {m, 3});
+    check("slopes", _slopes, {m, 3, 3});
     check("tangent_nodes", _tangent_nodes, {any, any});
     const std::size_t n = 3 * _tangent_nodes.shape(1);
     check("tangent", _tangent, {_tangent_nodes.shape(0), n, n});
@@ -55,6 +57,7 @@ public:
             .normal = view(_normal),
             .gradients = view(_gradients),
             .columns = view(_columns),
+            .slopes = view(_slopes),
             .width = _tangent_nodes.shape(1),
             .tangent_nodes = view(_tangent_nodes),
             .tangent = view(_tangent)};
@@ -99,7 +102,7 @@ private:
 
   In<std::int64_t> _start;
   In<std::int32_t> _nodes, _rank;
-  Doubles _normal, _gradients, _columns;
+  Doubles _normal, _gradients, _columns, _slopes;
   In<std::int32_t> _tangent_nodes;
   Doubles _tangent;
   std::size_t _num_nodes = 0;

@@ -94,20 +94,23 @@ auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
   return sums;
 }
 
-auto expand_batch(const Doubles& phi, const Doubles& factor,
-                  const Doubles& matrix)
+auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
+                const Doubles& factor, const Doubles& matrix)
 {
   check("phi", phi, {any, any});
   const std::size_t p = phi.shape(0);
+  check("block", block, {p});
+  check_rows("block: expected numbers of blocks", block, count);
   check("factor", factor, {p});
   check("matrix", matrix, {p, any, any});
   const std::size_t vertices = matrix.shape(1) / 3 - 1,
                     n = 3 * (phi.shape(1) + vertices);
   check("matrix", matrix, {p, 3 * (1 + vertices), 3 * (1 + vertices)});
-  auto expanded = create<double>({p, n, n});
-  expand(view(phi), phi.shape(1), vertices, view(factor), view(matrix),
-         view(expanded));
-  return expanded;
+  auto sums = create<double>({count, n, n});
+  std::fill_n(sums.data(), sums.size(), 0.0);
+  sum_to_blocks(view(phi), phi.shape(1), vertices, view(block), view(factor),
+                view(matrix), view(sums));
+  return sums;
 }
 
 auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
@@ -144,9 +147,10 @@ void mortar(nb::module_& m)
         nb::arg("values"),
         "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p, c, 3 (1 + s)) -> "
         "(n, c, 3 L), see nts/contact/aggregation.h");
-  m.def("expand", &expand_batch, nb::arg("phi"), nb::arg("factor"),
-        nb::arg("matrix"),
-        "(p, k), (p,), (p, 3 (1 + s), 3 (1 + s)) -> (p, 3 (k + s), 3 (k + s))");
+  m.def("sum_blocks", &sum_blocks, nb::arg("phi"), nb::arg("block"),
+        nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
+        "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "
+        "(b, 3 (k + s), 3 (k + s)), see nts/contact/aggregation.h");
   m.def("solve_small", &solve_small, nb::arg("start"), nb::arg("column"),
         nb::arg("value"), nb::arg("b"),
         "Rows of a sparse matrix (n + 1,), (e,), (e,), and (n,) -> (n,), NaN "

@@ -21,16 +21,10 @@ def test_unknown_method_is_refused(surfaces):
         nts.ContactPair(*surfaces, method="segment-to-segment")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "given"),
-    [
-        ({"enforcement": nts.Penalty(1.0)}, r"given Penalty"),
-        ({"friction": nts.Coulomb(0.3)}, "expected, with method 'mortar', no friction, given"),
-    ],
-)
-def test_laws_that_it_cannot_do_are_refused(surfaces, arguments, given):
-    with pytest.raises(ValueError, match=given) as caught:
-        nts.ContactPair(*surfaces, method="mortar", **arguments)
+def test_friction_by_convective_coordinates_is_refused(surfaces):
+    friction = nts.Coulomb(0.3, law="convective")
+    with pytest.raises(ValueError, match="friction by the law 'objective', given") as caught:
+        nts.ContactPair(*surfaces, nts.Penalty(1.0), friction, "mortar")
     assert "method 'node-to-segment' can do this" in str(caught.value)
 
 

@@ -59,7 +59,7 @@ shapes = pytest.mark.parametrize("k", [3, 4])
 def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
     _, _, x, points = choose(k, rng)
     assert points.shares.area.sum() == pytest.approx(0.81, rel=1e-12)
-    pairs = np.concatenate([points.of(x)[:, None], x[points.vertices]], axis=1)
+    pairs = np.concatenate([points.of(x)[:, None], x[points.reached[:, k:]]], axis=1)
     xi, gap, _, status = _kernels.project(pairs, np.ones(len(pairs)))
     assert not status.any()
     assert gap == pytest.approx(0.1, abs=1e-12)
@@ -139,17 +139,15 @@ def test_rows_are_sums_over_the_points_of_a_node(k, rng):
     rows = some.rows(values)
     field = rng.normal(size=x.shape)
     # The work of a row is the mean of the work of the points.
-    work = np.einsum("mcd,md->mc", rows, field[some.shares.lists].reshape(len(nodes), -1))
-    there = np.concatenate([some.of(field)[:, None], field[some.vertices]], axis=1)
+    work = np.einsum("mcd,md->mc", rows, field[some.lists].reshape(len(nodes), -1))
+    there = np.concatenate([some.of(field)[:, None], field[some.reached[:, k:]]], axis=1)
     of_points = np.einsum("pcd,pd->pc", values, there.reshape(len(there), -1))
     for c in range(2):
         assert work[:, c] == pytest.approx(some.shares.mean(of_points[:, c]), rel=1e-10, abs=1e-12)
-    assert (some.shares.lists[:, 0] == surface.nodes[nodes]).all()
-    shares = some.shares
+    assert (some.lists[:, 0] == surface.nodes[nodes]).all()
+    shares, places = some.shares, np.ones((len(some.shares.point), 2 * k), dtype=np.int32)
     with pytest.raises(ValueError, match="places in rows"):
-        _kernels.sum_rows(
-            some.phi, shares.start, shares.point, shares.value, shares.place, 1, values
-        )
+        _kernels.sum_rows(some.phi, shares.start, shares.point, shares.value, places, 1, values)
     assert candidates.segments.shape[1] == k
 
 
@@ -158,15 +156,18 @@ def test_expanded_matrices_are_those_of_facets_and_segments(k, rng):
     *_, x, points = choose(k, rng)
     p = len(points.segment)
     matrix, factor = rng.normal(size=(p, 3 + 3 * k, 3 + 3 * k)), rng.normal(size=p)
-    blocks = _kernels.expand(points.phi, factor, matrix)
+    blocks = points.blocks(factor, matrix)
+    assert len(blocks) < p
     a, b = rng.normal(size=(2, *x.shape))
     there = [
-        np.concatenate([points.of(f)[:, None], f[points.vertices]], axis=1).reshape(p, -1)
+        np.concatenate([points.of(f)[:, None], f[points.reached[:, k:]]], axis=1).reshape(p, -1)
         for f in (a, b)
     ]
-    dofs = np.hstack([points.facets, points.vertices])
-    on_nodes = [f[dofs].reshape(p, -1) for f in (a, b)]
+    on_nodes = [f[points.patch_nodes].reshape(len(blocks), -1) for f in (a, b)]
     expected = factor * np.einsum("pi,pij,pj->p", there[0], matrix, there[1])
+    expected = np.bincount(points.patch, expected)
     assert np.einsum("pi,pij,pj->p", on_nodes[0], blocks, on_nodes[1]) == pytest.approx(
         expected, rel=1e-10, abs=1e-12
     )
+    with pytest.raises(ValueError, match="numbers of blocks"):
+        _kernels.sum_blocks(points.phi, points.patch, 1, factor, matrix)

@@ -87,7 +87,7 @@ def test_contact_nodes_on_one_segment_are_solved_exactly(rank, rng):
     start = np.arange(0, lists.size + 1, k)
     ranks = np.full(m, rank, dtype=np.int32)
     arrays = (start, lists.ravel(), ranks, own[:, 0].copy(), gradients.ravel(), columns.ravel())
-    arrays += (lists, tangent)
+    arrays += (np.zeros((m, 3, 3)), lists, tangent)
     E, G, F, C = dense(*arrays)
     Z, Zt = projections(E, G, F) if rank else 2 * (np.eye(3 * NODES),)
     schwarz = _kernels.ContactSchwarz(*rows)
@@ -105,12 +105,12 @@ def test_contact_nodes_on_one_segment_are_solved_exactly(rank, rng):
 @pytest.mark.parametrize(("force", "stiffness"), [(1e-99, 1e-60), (1e99, 1e60), (1e-60, 1e60)])
 def test_units_do_not_matter(force, stiffness, rng):
     (start, column, value), _ = matrix(rng)
-    *others, tangent = blocks(4, rng)
+    *others, slopes, lists, tangent = blocks(4, rng)
     r, guess = rng.normal(size=(2, NODES, 3))
     results = []
     for f, k in ((1.0, 1.0), (force, stiffness)):
         schwarz = _kernels.ContactSchwarz(start, column, k * value)
-        schwarz.add(_kernels.Elimination(*others, k * tangent))
+        schwarz.add(_kernels.Elimination(*others, k * slopes, lists, k * tangent))
         assert schwarz.build()
         z = f / k * guess
         schwarz.correct(f * r, z)
@@ -173,8 +173,8 @@ def test_nodes_without_rows_are_left_alone(rng):
 def test_singular_rows_are_reported(rng):
     start, column, value = matrix(rng)[0]
     schwarz = _kernels.ContactSchwarz(start, column, 0 * value)
-    *others, tangent = blocks(4, rng)
-    schwarz.add(_kernels.Elimination(*others, 0 * tangent))
+    *others, slopes, lists, tangent = blocks(4, rng)
+    schwarz.add(_kernels.Elimination(*others, 0 * slopes, lists, 0 * tangent))
     assert not schwarz.build()
 
 

@@ -83,7 +83,10 @@ def test_columns_without_three_numbers_are_refused(rng):
 
 
 def test_wrong_lists_and_vectors_are_refused(rng):
-    names = "start", "nodes", "rank", "normal", "gradients", "columns", "tangent_nodes", "tangent"
+    names = (
+        *("start", "nodes", "rank", "normal", "gradients", "columns"),
+        *("slopes", "tangent_nodes", "tangent"),
+    )
     arrays = dict(zip(names, blocks("ragged", rng), strict=True))
     start, nodes, rank = arrays["start"], arrays["nodes"], arrays["rank"]
     lists = "lists that have nodes and hold all of them"
@@ -115,7 +118,8 @@ def test_wrong_lists_and_vectors_are_refused(rng):
 def test_without_contacts_nothing_happens(rng):
     x, y = rng.normal(size=(2, NODES, 3))
     none = np.zeros(1, dtype=np.int64), *np.zeros((2, 0), dtype=np.int32), np.zeros((0, 3))
-    rows, tangent = (np.empty(0), np.empty(0)), (np.empty((0, 4), np.int32), np.empty((0, 12, 12)))
+    rows = np.empty(0), np.empty(0), np.empty((0, 3, 3))
+    tangent = (np.empty((0, 4), np.int32), np.empty((0, 12, 12)))
     elimination, z = _kernels.Elimination(*none, *rows, *tangent), y.copy()
     elimination.constrain(np.empty((0, 3)), z)
     elimination.act(x, z)

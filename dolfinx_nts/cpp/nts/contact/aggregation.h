@@ -61,17 +61,20 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
     }
 }
 
-/// @brief Turn matrices of pairs into those of facet and segment.
+/// @brief Sum matrices of pairs to those of facet and segment.
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
 /// @param[in] vertices Vertices of a segment, s.
+/// @param[in] block To which block each pair belongs, (p,).
 /// @param[in] factor Of each matrix, (p,).
 /// @param[in] matrix (p, 3 (1 + s), 3 (1 + s)).
-/// @param[out] out (p, 3 (k + s), 3 (k + s)).
-inline void expand(std::span<const double> phi, std::size_t width,
-                   std::size_t vertices, std::span<const double> factor,
-                   std::span<const double> matrix,
-                   std::span<double> out) noexcept
+/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.
+inline void sum_to_blocks(std::span<const double> phi, std::size_t width,
+                          std::size_t vertices,
+                          std::span<const std::int32_t> block,
+                          std::span<const double> factor,
+                          std::span<const double> matrix,
+                          std::span<double> out) noexcept
 {
   const std::size_t n = 3 * (1 + vertices), m = 3 * (width + vertices);
   // Node of a pair, and weight, of each node of facet and segment.
@@ -79,18 +82,20 @@ inline void expand(std::span<const double> phi, std::size_t width,
       = [&](std::size_t a) { return a < width ? 0 : a - width + 1; };
   for (std::size_t p = 0; p < factor.size(); ++p)
   {
+    if (factor[p] == 0)
+      continue;
     const auto weight
         = [&](std::size_t a) { return a < width ? phi[width * p + a] : 1; };
     for (std::size_t a = 0; a < width + vertices; ++a)
       for (std::size_t r = 0; r < 3; ++r)
       {
         const double* row = matrix.data() + n * (n * p + 3 * node(a) + r);
-        double* to = out.data() + m * (m * p + 3 * a + r);
+        double* to = out.data() + m * (m * block[p] + 3 * a + r);
         for (std::size_t b = 0; b < width + vertices; ++b)
         {
           const double scale = factor[p] * weight(a) * weight(b);
           for (std::size_t c = 0; c < 3; ++c)
-            to[3 * b + c] = scale * row[3 * node(b) + c];
+            to[3 * b + c] += scale * row[3 * node(b) + c];
         }
       }
   }

@@ -49,7 +49,10 @@ public:
   void add(const Elimination& e)
   {
     for (std::size_t i = 0; i < e.rank.size(); ++i)
+    {
       _constraints.push_back(project(e, i));
+      add_slopes(e, i);
+    }
     const std::size_t k = e.width, n = 3 * k;
     for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
     {
@@ -169,6 +172,33 @@ private:
     BlockRows constrained; // times Z, those of constrained nodes
     BlockRows projected;
   };
+
+  /// @brief Add the block of the tangent F_a S_ab G_b^T of node i.
+  void add_slopes(const Elimination& e, std::size_t i)
+  {
+    const Matrix<3, 3> S = e.slope(i);
+    if (S == Matrix<3, 3>{})
+      return;
+    const auto list = e.list(i);
+    const std::size_t k = list.size();
+    Tangent& tangent = _tangents.emplace_back();
+    tangent.nodes.assign(list.begin(), list.end());
+    tangent.blocks.resize(k * k);
+    for (std::size_t a = 0; a < 3; ++a)
+      for (std::size_t b = 0; b < 3; ++b)
+      {
+        if (S[a][b] == 0)
+          continue;
+        const double* F = e.row(e.columns, i, a);
+        const double* G = e.row(e.gradients, i, b);
+        for (std::size_t K = 0; K < k; ++K)
+          for (std::size_t L = 0; L < k; ++L)
+            for (std::size_t c = 0; c < 3; ++c)
+              for (std::size_t d = 0; d < 3; ++d)
+                tangent.blocks[k * K + L][c][d]
+                    += S[a][b] * F[3 * K + c] * G[3 * L + d];
+      }
+  }
 
   /// @brief For each node of the subdomain, the items in whose lists it is,
   /// and its positions there.

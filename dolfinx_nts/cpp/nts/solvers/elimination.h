@@ -37,11 +37,14 @@ struct Elimination
   std::span<const double> gradients;
   /// (9 l,) F_a, the same.
   std::span<const double> columns;
+  /// (m, 3, 3) How forces F_a follow gap and slip, S_ab: springs and friction.
+  std::span<const double> slopes;
   /// Nodes of a block of the tangent.
   std::size_t width;
   /// (p, width) Nodes of the blocks.
   std::span<const std::int32_t> tangent_nodes;
-  /// (p, 3 width, 3 width) Blocks, whose sum is the contact tangent C.
+  /// (p, 3 width, 3 width) Blocks, whose sum, with that of F_a S_ab G_b^T, is
+  /// the contact tangent C.
   std::span<const double> tangent;
 
   /// @brief Nodes that the constraints of node i reach.
@@ -55,6 +58,13 @@ struct Elimination
                     std::size_t a) const noexcept
   {
     return rows.data() + 9 * start[i] + 3 * a * list(i).size();
+  }
+
+  /// @brief S of node i.
+  Matrix<3, 3> slope(std::size_t i) const noexcept
+  {
+    const double* S = slopes.data() + 9 * i;
+    return {{{S[0], S[1], S[2]}, {S[3], S[4], S[5]}, {S[6], S[7], S[8]}}};
   }
 };
 
@@ -150,10 +160,41 @@ inline void constrain(const Elimination& e, std::span<const double> values,
   }
 }
 
+/// @brief y <- y + sum of F_a S_ab G_b^T x.
+inline void add_slopes(const Elimination& e, std::span<const double> x,
+                       std::span<double> y) noexcept
+{
+  for (std::size_t i = 0; i < e.rank.size(); ++i)
+  {
+    const Matrix<3, 3> S = e.slope(i);
+    if (S == Matrix<3, 3>{})
+      continue;
+    const std::span<const std::int32_t> list = e.list(i);
+    Vec3 change = {};
+    for (std::size_t b = 0; b < 3; ++b)
+    {
+      const double* G = e.row(e.gradients, i, b);
+      double product = 0;
+      for (std::size_t K = 0; K < list.size(); ++K)
+        product += inner<3>(G + 3 * K, x.data() + 3 * list[K]);
+      for (std::size_t a = 0; a < 3; ++a)
+        change[a] += S[a][b] * product;
+    }
+    for (std::size_t a = 0; a < 3; ++a)
+    {
+      const double* F = e.row(e.columns, i, a);
+      for (std::size_t K = 0; K < list.size(); ++K)
+        for (std::size_t c = 0; c < 3; ++c)
+          y[3 * list[K] + c] += change[a] * F[3 * K + c];
+    }
+  }
+}
+
 /// @brief y <- y + C x.
 inline void add_tangent(const Elimination& e, std::span<const double> x,
                         std::span<double> y) noexcept
 {
+  add_slopes(e, x, y);
   const std::size_t n = 3 * e.width;
   for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
   {

@@ -1,0 +1,85 @@
+"""Slip of nodes whose multipliers act on the contact points around them (mortar)."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.kinematics import Slip
+from dolfinx_nts.search.mortar_points import MortarPoints
+
+__all__ = ["MortarSlip"]
+
+
+class MortarSlip(Slip):
+    """Mean slip of the points of each node, see `Slip`.
+
+    At t_n the frame of the segment of each point is turned into that of the node. These turns and
+    the shares of nodes in points are constants of the step, so that what holds for the slip of
+    each point holds for the mean: the work of tractions is exact, and momenta are conserved.
+
+    Args:
+        points: Points of the nodes.
+        slip: Their slip.
+    """
+
+    def __init__(self, points: MortarPoints, slip: Slip) -> None:
+        """Make frames of the nodes, and sum up."""
+        self._points, self._slip, shares = points, slip, points.shares
+        frame_n = _tangents(shares.sums(slip.normal_n[shares.point]))
+        turns = _turns(frame_n[shares.node], slip.frame_n[shares.point])
+        # Part of component b of each point in component a of each node, shape (i, 2, 2).
+        self._parts = shares.value[:, None, None] * turns
+        m = len(shares.area)
+        value, frame = np.zeros((m, 2)), np.zeros((m, 2, 3))
+        rows = np.zeros((m, 2, 2, 3 * points.lists.shape[1]))
+        both = np.stack([slip.force, slip.gradient], axis=2)
+        for a, b in np.ndindex(2, 2):
+            part = shares.weighted(self._parts[:, a, b])
+            value[:, a] += part.sums(slip.value[shares.point, b])
+            frame[:, a] += part.sums(slip.frame[shares.point, b])
+            rows[:, a] += points.rows(both[:, b], part)
+        super().__init__(
+            value,
+            *rows.transpose(2, 0, 1, 3).copy(),
+            frame_n=frame_n,
+            frame=_orthonormal(frame),
+            orientation=np.ones(m),
+        )
+
+    def hessian(self, t: Floats) -> Floats:
+        """Twice the derivative of the forces of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
+        shares, of_points = self._points.shares, np.zeros_like(self._slip.value)
+        np.add.at(of_points, shares.point, np.einsum("iab,ia->ib", self._parts, t[shares.node]))
+        return self._points.blocks(np.ones(len(of_points)), self._slip.hessian(of_points))
+
+
+def _tangents(normal: Floats) -> Floats:
+    """Orthonormal tangents, ``(m, 2, 3)``, to planes with normals of any length, ``(m, 3)``."""
+    normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+    # The coordinate axis that is farthest from the normal.
+    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normal, first)], axis=1)
+
+
+def _turns(to: Floats, frame: Floats) -> Floats:
+    """Orthogonal matrices nearest to the products of two frames, ``(i, 2, 3)``; ``(i, 2, 2)``."""
+    M = np.einsum("iac,ibc->iab", to, frame)
+    # Frames of segments may be left-handed.
+    sign = np.where(np.linalg.det(M) < 0, -1.0, 1.0)
+    cofactor = np.stack([M[:, 1, ::-1], M[:, 0, ::-1]], axis=1) * [[1, -1], [-1, 1]]
+    turns = M + sign[:, None, None] * cofactor
+    unit: Floats = turns / np.hypot(turns[:, 0, 0], turns[:, 0, 1])[:, None, None]
+    return unit
+
+
+def _orthonormal(frame: Floats) -> Floats:
+    """Orthonormal vectors nearest to two, ``(m, 2, 3)``: the polar factor, which no axis marks."""
+    G = np.einsum("mai,mbi->mab", frame, frame)
+    adjugate = G[:, ::-1, ::-1] * [[1, -1], [-1, 1]]
+    area = np.sqrt(np.einsum("mi,mi->m", G[:, 0], adjugate[:, 0]))
+    length = np.sqrt(G[:, 0, 0] + G[:, 1, 1] + 2 * area)
+    # (G^-1/2) of a matrix of two rows.
+    root = (adjugate + area[:, None, None] * np.eye(2)) / (area * length)[:, None, None]
+    result: Floats = root @ frame
+    return result
