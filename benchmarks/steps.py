@@ -152,9 +152,10 @@ class Run:
         bulk, solver = self._bulk, self._solver
         if solver is None:
             return Counter(residuals=bulk.internal.num_assemblies)
+        residuals, actions = bulk.num_assembled
         return Counter(
-            residuals=bulk.num_residuals,
-            actions=bulk.num_actions,
+            residuals=residuals,
+            actions=actions,
             tangents=solver.tangent.num_assembled,
             krylov_iterations=solver.num_iterations,
             direct=solver.num_direct,

@@ -14,7 +14,6 @@ import numpy as np
 from dolfinx.common import IndexMap
 from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
 
-from dolfinx_nts._kernels import ElementKernel
 from dolfinx_nts.common.arrays import GlobalInts, Ints
 
 # The gmsh reader `dolfinx.io.gmshio` became `dolfinx.io.gmsh` in 0.10.
@@ -94,13 +93,15 @@ def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> In
         return IndexMap(comm, size, ghosts, owners)
 
 
-def kernel(integral: Any) -> ElementKernel:
-    """FFCx's kernel of an integral. Local."""
-    # The seventh argument, for data of the user, exists since FFCx 0.10. Drop the question
-    # when 0.9 is dropped.
+def kernel(integral: Any) -> tuple[int, bool]:
+    """Address of FFCx's kernel of an integral, and whether it has a seventh argument.
+
+    Local. The seventh argument is a pointer to data of the user.
+    """
+    # It exists since FFCx 0.10. Drop the second value when 0.9 is dropped.
     function = integral.tabulate_tensor_float64
     address = int(_ffi.cast("uintptr_t", function))
-    return ElementKernel(address, len(_ffi.typeof(function).args) == 7)
+    return address, len(_ffi.typeof(function).args) == 7
 
 
 def shared(index_map: IndexMap) -> Ints:

@@ -21,9 +21,9 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# By how much two bodies that no pair names may come nearer between two looks while boxes around
-# them overlap, relative to the smallest cell [-]: even if each is one cell thick, they need as much
-# to pass through each other.
+# By how much two bodies may come nearer between two looks while boxes around them overlap,
+# relative to the smallest cell [-]: even if each is one cell thick, they need as much to pass
+# through each other.
 _WAY = 2.0
 # Part of such motion [-] after which there is a look, as the motion of all nodes would have to be
 # measured in each of the next steps.
@@ -75,25 +75,22 @@ class OverlapWatch:
         return [(pair, names(pair.nodes), names(pair.segments)) for pair in self._pairs]
 
     @cached_property
-    def _ways(self) -> tuple[Floats, float]:
-        """Motion that any two need to pass through each other, see `OverlapSearch.find` [m].
+    def _way_through(self) -> float:
+        """Least motion that any two of a pair need to pass through each other [m].
 
-        Pairs watch what they name, so that only the whole of a passage matters. The second is
-        the least for the pairs, 0 where one is between parts of one boundary.
+        It is 0 where a pair is between parts of one boundary.
         """
         names, walls = self.search.names, self.search.walls
-        ways = np.full((len(names), len(names)), _WAY * self.search.shortest)
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
         least = np.inf
         for pair, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
-                        ways[[i, j], [j, i]] = max(ways[i, j], walls[i] + walls[j])
-                        least = min(least, ways[i, j])
+                        least = min(least, walls[i] + walls[j])
                     elif pair.nodes != pair.segments:
                         least = 0.0
-        return ways, least
+        return least
 
     def start(self, x: Floats) -> None:
         """Look at a state that was set, and tell what overlaps.
@@ -140,8 +137,8 @@ class OverlapWatch:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         shortest, new = self.search.shortest, []
         overlaps, apart = self.search.find(x, part * shortest)
-        ways, least = self._ways
-        self._way, self._free_way, self._x = 0.0, float(np.maximum(apart, ways).min()), x
+        least, way = self._way_through, max(_WAY * shortest, float(apart.min()))
+        self._way, self._free_way, self._x = 0.0, way, x
         obstacles = self.search.obstacles
         if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
             self._clear(x, least)

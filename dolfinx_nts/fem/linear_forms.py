@@ -180,4 +180,5 @@ def _compiled(form: ufl.Form, kernels: Kernels) -> tuple[fem.Form, list[Any]]:
             return compiled, batched
         compiled = compile_form(form)
     number = compiled.ufcx_form.form_integral_offsets[1]
-    return compiled, list(map(compat.kernel, compiled.ufcx_form.form_integrals[0:number]))
+    integrals = compiled.ufcx_form.form_integrals[0:number]
+    return compiled, [_kernels.ElementKernel(*compat.kernel(integral)) for integral in integrals]

@@ -117,7 +117,7 @@ class ImplicitStepper(Stepper):
         self._free: Floats | None = None
         if bcs:
             self._free = np.ones((len(self.node_ids), 3))
-            self._free.ravel()[self._bulk.fixed] = 0
+            self._free.ravel()[self.supports.fixed] = 0
         damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
         self._last = _Forces()
@@ -193,7 +193,7 @@ class ImplicitStepper(Stepper):
 
     def _is_at_rest(self, load: float) -> bool:
         """Whether supports stay and the norm of the loads [N] is that of the last step."""
-        fixed, u = self._bulk.fixed, self.u.x.array
+        fixed, u = self.supports.fixed, self.u.x.array
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
@@ -330,7 +330,7 @@ class ImplicitStepper(Stepper):
         return steps, solution
 
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
-        return self._bulk.num_residuals, self._solver.statistics
+        return self._bulk.num_assembled[0], self._solver.statistics
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
@@ -340,7 +340,7 @@ class ImplicitStepper(Stepper):
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], du: Floats
     ) -> float:
         """Work of the reactions in a step with increment du [J]. Collective."""
-        fixed = self._bulk.fixed
+        fixed = self.supports.fixed
         if not reductions.anywhere(self._comm, bool(du[fixed].any())):
             return 0.0
         # The residual of a state has no forces on given displacements; ``force`` has all.

@@ -122,7 +122,8 @@ class ResolvedImpact(Inertia):
         numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
         self._group_of = np.searchsorted(numbers, group)
-        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, self.bulk.fixed, n)
+        fixed = self.bulk.supports.fixed
+        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, fixed, n)
         self._owed: Floats = np.zeros(len(numbers))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
 
@@ -135,7 +136,7 @@ class ResolvedImpact(Inertia):
         diagonal = self.tangent.rows.diagonal() / share
         self.tangent.forget()
         free: Floats = np.ones(diagonal.shape)
-        free.ravel()[self.bulk.fixed] = 0
+        free.ravel()[self.bulk.supports.fixed] = 0
         count = free.sum(axis=1)
         stiffness: Floats = (free * diagonal).sum(axis=1) / np.maximum(count, 1)
         return np.where(count > 0, stiffness, 1.0)

@@ -113,7 +113,7 @@ def find_free_bodies(
     forces = np.array([bulk.action(motion) for motion in motions])
     # Supports resist as nodes do.
     held = np.zeros(x.shape, dtype=bool)
-    held.flat[bulk.fixed] = True
+    held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):

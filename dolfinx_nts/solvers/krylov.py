@@ -220,6 +220,7 @@ class LinearSolver:
     def statistics(self) -> SolverStatistics:
         """Work so far. Local."""
         bulk, preconditioner = self._operator.bulk, self._preconditioner
+        num_residuals, num_actions = bulk.num_assembled
         return SolverStatistics(
             preconditioner=str(preconditioner),
             is_strong=preconditioner.is_strong,
@@ -228,8 +229,8 @@ class LinearSolver:
             num_builds=preconditioner.num_builds,
             num_schwarz_builds=self._contacts.num_builds,
             num_direct=self.num_direct,
-            num_residuals=bulk.num_residuals,
-            num_actions=bulk.num_actions,
+            num_residuals=num_residuals,
+            num_actions=num_actions,
             num_tangents=self.tangent.num_assembled,
             num_cells=bulk.num_cells,
         )

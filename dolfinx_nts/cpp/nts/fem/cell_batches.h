@@ -1,6 +1,6 @@
 #pragma once
 
-#include "cell_integral.h"
+#include "nts/fem/cell_integral.h"
 
 #include <array>
 #include <concepts>

@@ -1,0 +1,92 @@
+"""Derivative of a residual in a direction, in double and in single precision."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.linear_forms import Kernels
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.nodal_sum import NodalSum
+
+__all__ = ["Derivative"]
+
+# Kernels that every run needs: those of most Krylov iterations, and others to judge them.
+_PROMPT: tuple[Kernels, Kernels] = ("single", "slow")
+# Cells of each material on which they are compared.
+_SAMPLE = 512
+
+
+class Derivative:
+    """Derivative of linear forms by u in a direction.
+
+    Args:
+        forms: Forms, that of the bodies first, then those of loads.
+        u: Displacement, a coefficient of the forms.
+    """
+
+    def __init__(self, forms: Sequence[ufl.Form], u: fem.Function) -> None:
+        """Compile what every run needs."""
+        self._direction = fem.Function(u.function_space)
+        # DOLFINx takes 2 us each time that it is asked for the array.
+        self._values: Floats = self._direction.x.array
+        nodes = u.function_space.dofmap.index_map
+        self._comm, self._num_owned = nodes.comm, 3 * nodes.size_local
+        derivatives = [ufl.derivative(form, u, self._direction) for form in forms]
+        self._new = partial(NodalSum, derivatives, nodes)
+        self._sums = {kernels: self._new(kernels) for kernels in _PROMPT}
+        self._left_out: Ints = np.empty(0, dtype=np.int32)
+
+    @property
+    def num_assembled(self) -> int:
+        """Derivatives assembled so far. Local."""
+        return sum(form.num_assembled for form in self._sums.values())
+
+    def leave_out(self, cells: Ints) -> None:
+        """Leave out cells from now on, until the next call. Local.
+
+        Args:
+            cells: Owned cells, local indices.
+        """
+        self._left_out = cells
+        for form in self._sums.values():
+            form.leave_out(cells)
+
+    def turn(self, x: Floats, given: Ints) -> Floats:
+        """Set the direction. Collective.
+
+        Args:
+            x: Direction at the owned nodes, shape ``(n, 3)`` [m].
+            given: Owned scalar dofs where it is 0 instead.
+
+        Returns:
+            The direction at the owned dofs, shape ``(3 n,)`` [m], a view.
+        """
+        owned = self._values[: self._num_owned]
+        owned[:] = x.ravel()
+        owned[given] = 0
+        self._direction.x.scatter_forward()
+        return owned
+
+    def by(self, kernels: Kernels) -> NodalSum:
+        """Forms of the derivative with some kernels. Collective."""
+        if kernels not in self._sums:
+            # Few runs need double precision, which takes time to compile.
+            self._sums[kernels] = self._new(kernels)
+            self._sums[kernels].leave_out(self._left_out)
+        return self._sums[kernels]
+
+    def rounding(self) -> float:
+        """Error of single precision, relative, on a sample of cells. Collective.
+
+        It depends on the law, and on displacements in sizes of cells.
+        """
+        rounded, exact = (self._sums[kernels].sample(_SAMPLE) for kernels in _PROMPT)
+        error = rounded - exact
+        squares = [float(error @ error), float(exact @ exact)]
+        part, whole = reductions.total(self._comm, squares)
+        return math.sqrt(part / whole) if whole > 0 else math.inf
