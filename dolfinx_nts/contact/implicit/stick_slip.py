@@ -169,9 +169,11 @@ class StickSlip(Friction):
             arrives = ~np.any(heading != 0, axis=1)
             heading = np.where(arrives[:, None], way, heading)
             after = law.slides(trial, way, p, heading, before)
-            # At the limit, as where loads rest after sliding, round-off must not decide.
+            # At the limit, as where loads rest after sliding, round-off must not decide, nor
+            # where it is not known yet how much a node presses that has just arrived.
             excess = np.linalg.norm(trial, axis=1) - law.mu * p
-            after = np.where(np.abs(excess) <= self._rounding[node], before, after)
+            is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
+            after = np.where(is_open, before, after)
             flips, violators = self._pivoting.select(
                 active & (after != before), self._state.nodes.node_ids[node], iteration
             )
