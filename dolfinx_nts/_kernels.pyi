@@ -125,6 +125,7 @@ class CellIntegral:
         first: Sequence[int],
         places: _Ints,
         width: int,
+        components: int = 3,
     ) -> None: ...
     def add(self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...
 

@@ -52,10 +52,10 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
         1.0
     """
     V = common_space(bodies)
-    topology = V.mesh.topology
-    topology.create_connectivity(2, 3)
+    topology, tdim = V.mesh.topology, V.mesh.topology.dim
+    topology.create_connectivity(tdim - 1, tdim)
     facets = exterior_facet_indices(topology)
-    to_cell = topology.connectivity(2, 3)
+    to_cell = topology.connectivity(tdim - 1, tdim)
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
     name = f"the boundary of {' and '.join(body.name for body in bodies)}"

@@ -2,10 +2,11 @@
 
 from typing import Any, Literal
 
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["KINDS", "NODES", "Method", "check_method"]
+__all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method"]
 
 Method = Literal["node-to-segment", "mortar"]
 NODES: Method = "node-to-segment"
@@ -37,3 +38,29 @@ def check_method(pair: Any) -> None:
         raise ValueError(
             f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"
         )
+
+
+def check_dimension(pair: Any) -> None:
+    """Raise ValueError unless contact in the dimension of a pair can be what is asked for. Local.
+
+    ``pair`` is as of `check_method`.
+    """
+    dim, segments = dimension(pair.nodes.V), pair.segments
+    if not isinstance(segments, Surface) and segments.dim != dim:
+        raise ValueError(
+            f"expected an obstacle given by points of {dim} coordinates, as those of the mesh, given "
+            f"{segments!r}"
+        )
+    if dim == 3:
+        return
+    wrong = ""
+    if pair.method != NODES:
+        wrong = f"method {NODES!r}, given {pair.method!r}"
+    elif pair.touches_itself:
+        wrong = "two surfaces, given one that touches itself"
+    elif pair.is_convective:
+        wrong = f"friction by the law 'objective', given {pair.friction!r}"
+    elif getattr(pair.enforcement, "impact", "") == "resolved":
+        wrong = "impact 'elastic' or 'plastic', given 'resolved'"
+    if wrong:
+        raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")

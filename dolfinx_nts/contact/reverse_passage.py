@@ -15,7 +15,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passage import passing_message, through_to_another_side
-from dolfinx_nts.model.closed_boundaries import outward_triangles
+from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
 from dolfinx_nts.model.surfaces import Surface, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
@@ -144,7 +144,9 @@ class _Sweep:
         X = facets.V.tabulate_dof_coordinates()
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
-        wall = thinnest_wall(self._comm, X[outward_triangles(facets.segments, facets.orientation)])
+        wall = thinnest_wall(
+            self._comm, triangles_at(X, outward_triangles(facets.segments, facets.orientation))
+        )
         cell = float(reductions.least(self._comm, float(shortest)))
         self.shortest = max(cell, _STRAIGHT * wall)
 

@@ -24,6 +24,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import deformation_gradient, dimension, in_space, nodal
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -46,9 +47,11 @@ class Balance:
         kinetic_energy: Kinetic energy [J].
         strain_energy: Strain energy [J].
         contact_energy: Energy of penalty and friction springs [J].
-        linear_momentum: Linear momentum, shape ``(3,)`` [kg m/s].
-        angular_momentum: Angular momentum about the origin, shape ``(3,)`` [kg m^2/s].
-        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N].
+        linear_momentum: Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s].
+        angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
+            ``(1,)``, about z [kg m^2/s].
+        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)``, in
+            the plane ``(2,)`` [N].
         pairs: Force [N] and torque about the origin [N m] of the last step on the nodes of each
             pair, shape ``(p, 2, 3)``.
         active_nodes: Number of nodes that transmit force.
@@ -86,16 +89,21 @@ class Balance:
         for name in names:
             value = getattr(self, name)
             if name == "pairs":
-                for number, pair in enumerate(value, start=1):
-                    for kind, vector in zip(("force", "torque"), pair, strict=True):
-                        for axis, v in zip("xyz", vector, strict=True):
-                            columns[f"pair_{number}_{kind}_{axis}"] = float(v)
+                for number, (force, torque) in enumerate(value, start=1):
+                    parts = force[: len(self.contact_force)], torque[-len(self.angular_momentum) :]
+                    for kind, vector in zip(("force", "torque"), parts, strict=True):
+                        columns |= _components(f"pair_{number}_{kind}", vector)
             elif isinstance(value, np.ndarray):
-                for axis, v in zip("xyz", value, strict=True):
-                    columns[f"{name}_{axis}"] = float(v)
+                columns |= _components(name, value)
             else:
                 columns[name] = value
         return columns
+
+
+def _components(name: str, vector: Floats) -> dict[str, float]:
+    """Components of a vector by name; a moment in the plane is about z."""
+    axes = {1: "z", 2: "xy", 3: "xyz"}[len(vector)]
+    return {f"{name}_{axis}": float(v) for axis, v in zip(axes, vector, strict=True)}
 
 
 class Diagnostics:
@@ -123,8 +131,10 @@ class Diagnostics:
         u, u_n = stepper.u, stepper.u_n
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
-        self._num_owned = V.dofmap.index_map.size_local
-        F_n, F = ufl.Identity(3) + ufl.grad(u_n), ufl.Identity(3) + ufl.grad(u)
+        self._num_owned, self._dim = V.dofmap.index_map.size_local, dimension(V)
+        # Components of a moment that are not zero.
+        self._rotations = slice(None) if self._dim == 3 else slice(2, None)
+        F_n, F = deformation_gradient(u_n), deformation_gradient(u)
 
         def strain_energy(material: Any, parameters: Any, rho: Any) -> Any:
             return material.psi(F.T * F, **parameters)
@@ -175,7 +185,7 @@ class Diagnostics:
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N]."""
-        force: Floats = self.pair_resultants()[:, 0].sum(axis=0)
+        force: Floats = self.pair_resultants()[:, 0, : self._dim].sum(axis=0)
         return force
 
     def pair_resultants(self) -> Floats:
@@ -184,7 +194,7 @@ class Diagnostics:
         The torque is about the origin, with the positions in the middle of the step.
         """
         stepper = self._stepper
-        x_m = stepper.x - (stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3) / 2
+        x_m = stepper.x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         parts = np.zeros((len(stepper.contacts), 2, 3))
         for part, pair in zip(parts, stepper.contacts, strict=True):
             force = pair.history.force
@@ -257,7 +267,7 @@ class Diagnostics:
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def centre_of_mass(self, body: Body) -> Floats:
-        """Current centre of mass of a body, shape ``(3,)`` [m].
+        """Current centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m].
 
         Args:
             body: One of the stepper's bodies.
@@ -265,14 +275,14 @@ class Diagnostics:
         Raises:
             ValueError: The body belongs to another stepper.
         """
-        return self._mean(body, self._stepper.x)
+        return self._mean(body, self._stepper.x[:, : self._dim])
 
     def body_velocity(self, body: Body) -> Floats:
-        """Velocity of the centre of mass of a body, shape ``(3,)`` [m/s].
+        """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
         Argument and error are those of `centre_of_mass`.
         """
-        return self._mean(body, self._stepper.v.x.array.reshape(-1, 3))
+        return self._mean(body, nodal(self._stepper.v))
 
     def balance(self) -> Balance:
         """All numbers of the state at once."""
@@ -286,23 +296,24 @@ class Diagnostics:
         """Kinetic energy, linear and angular momentum."""
         n = self._num_owned
         p = self._stepper.nodal_momentum()
-        v = self._stepper.v.x.array.reshape(-1, 3)[:n]
-        parts = [[np.sum(v * p) / 2], p.sum(axis=0), np.cross(self._stepper.x[:n], p).sum(axis=0)]
-        sums = self._sum(np.concatenate(parts))
-        return float(sums[0]), sums[1:4], sums[4:]
+        v = nodal(self._stepper.v)[:n]
+        moments = np.cross(self._stepper.x[:n], in_space(p))[:, self._rotations]
+        parts = [[np.sum(v * p) / 2], p.sum(axis=0), moments.sum(axis=0)]
+        energy, *sums = self._sum(np.concatenate(parts))
+        return float(energy), np.array(sums[: self._dim]), np.array(sums[self._dim :])
 
     def _mean(self, body: Body, values: Floats) -> Floats:
-        """Mass-weighted mean of nodal values ``(l, 3)`` over a body."""
+        """Mass-weighted mean of nodal values, ``(l, d)``, over a body."""
         if body not in self._stepper.bodies:
             raise ValueError("expected a body of this stepper, given another")
         if body not in self._nodal_mass:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            masses = assembled(compile_form(form)).reshape(-1, 3)
+            masses = assembled(compile_form(form)).reshape(-1, self._dim)
             self._nodal_mass[body] = self._stepper.carried(masses)[:, 0]
         mass = self._nodal_mass[body]
         sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
-        mean: Floats = sums[:3] / sums[3]
+        mean: Floats = sums[:-1] / sums[-1]
         return mean
 
     def _sum(self, values: Any) -> Any:

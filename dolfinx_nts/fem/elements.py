@@ -19,7 +19,8 @@ from dolfinx_nts.parallel.meeting import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
 
-_CELLS = ("tetrahedron", "hexahedron")  # on which the package works
+# Cells on which the package works, by the dimension of the mesh.
+_CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
 # Distance on the reference cell [-] below which two points are the same: far above round-off,
 # far below the distance of two nodes, 1/2.
 _COINCIDENT = 1e-6
@@ -33,24 +34,25 @@ _TETRAHEDRA = (
 
 
 class Element:
-    """Lagrange element on tetrahedra or hexahedra, with its nodes and quadrature. Local.
+    """Lagrange element with its nodes and quadrature. Local.
 
     Args:
-        cell: ``"tetrahedron"`` or ``"hexahedron"``.
-        degree: 1 or 2.
+        cell: ``"tetrahedron"``, ``"hexahedron"``, ``"triangle"`` or ``"quadrilateral"``.
+        degree: 1 or 2; 1 in the plane.
 
     Attributes:
         cell: The cell.
         degree: The degree.
         basix: The scalar element in Basix.
-        points: Positions of the nodes on the reference cell, shape ``(n, 3)``.
+        points: Positions of the nodes on the reference cell, shape ``(n, d)``.
         mass_degree: Degree of the quadrature of inertia and of loads on facets, which is exact
             for the consistent mass of straight cells.
         stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2 points in a
-            hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron.
+            hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron;
+            2 x 2 in a quadrilateral, 3 in a triangle.
             Every deformation of a cell has energy.
         locks: Whether one point for volumetric terms keeps cells from locking, as it does
-            hexahedra of degree 1.
+            hexahedra and quadrilaterals of degree 1.
     """
 
     def __init__(self, cell: str, degree: int) -> None:
@@ -61,8 +63,9 @@ class Element:
         )
         self.points: Floats = self.basix.points
         self.mass_degree = 2 * degree
-        self.stress_degree = 2 if cell == "tetrahedron" else 2 * degree
-        self.locks = cell == "hexahedron" and degree == 1
+        self.is_simplex = cell in ("tetrahedron", "triangle")
+        self.stress_degree = 2 if self.is_simplex else 2 * degree
+        self.locks = not self.is_simplex and degree == 1
 
     @classmethod
     def of(cls, V: fem.FunctionSpace) -> "Element":
@@ -107,10 +110,11 @@ class Element:
         Nodes of each side, shape ``(s, k)``, and nodes of the piece that it belongs to, shape
         ``(s, m)``, in Basix order.
         """
-        facets = np.array(basix.topology(basix.CellType[self.cell])[2])
+        dim = self.points.shape[1] - 1
+        facets = np.array(basix.topology(basix.CellType[self.cell])[dim])
         sides = self.pieces[:, facets]
         found = []
-        for closure in self.basix.entity_closure_dofs[2]:
+        for closure in self.basix.entity_closure_dofs[dim]:
             piece, side = np.nonzero(np.isin(sides, closure).all(axis=-1))
             found.append((sides[piece, side], self.pieces[piece]))
         return found
@@ -127,9 +131,9 @@ def check_space(V: fem.FunctionSpace) -> None:
 
     Raises:
         TypeError: ``V`` is no function space.
-        ValueError: The mesh does not consist of straight tetrahedra or hexahedra, its
-            coordinates are not of 64 bits, or the element is no vector of Lagrange elements of
-            degree 1 or 2.
+        ValueError: The mesh does not consist of straight tetrahedra or hexahedra in space, or
+            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, or the element is no vector of Lagrange elements of
+            degree 1 or 2, in the plane 1.
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
@@ -139,29 +143,32 @@ def check_space(V: fem.FunctionSpace) -> None:
     mesh = V.mesh
     cell = mesh.topology.cell_name()
     element = V.ufl_element()
-    if cell not in _CELLS:
-        raise ValueError(f"expected a mesh of tetrahedra or hexahedra, given {cell} cells")
+    dim = mesh.geometry.dim
+    if cell not in _CELLS.get(dim, ()):
+        raise ValueError(
+            "expected a mesh of tetrahedra or hexahedra in space, or of triangles or "
+            f"quadrilaterals in the plane, given {cell} cells in {dim} dimensions"
+        )
     if (kind := mesh.geometry.x.dtype) != np.float64:
         raise ValueError(
             f"expected a mesh with coordinates of 64 bits, given {kind}: make it with "
             "dtype=np.float64, the default of DOLFINx"
         )
     degree = compat.geometry_degree(mesh)
-    if mesh.geometry.dim != 3 or degree != 1:
+    if degree != 1:
         raise ValueError(
-            "expected a mesh of degree 1 in three dimensions, given degree "
-            f"{degree} in {mesh.geometry.dim}; displacements on it may be of "
-            "degree 2"
+            f"expected a mesh of degree 1, given degree {degree}; displacements on it may be of "
+            "degree 2 in space"
         )
     if (
         element.family_name not in ("P", "Q")
-        or element.degree not in (1, 2)
-        or V.dofmap.index_map_bs != 3
+        or element.degree not in (1, 2)[: dim - 1]
+        or V.dofmap.index_map_bs != dim
         or element.discontinuous
     ):
         raise ValueError(
-            "expected the space functionspace(mesh, ('Lagrange', 1, (3,))), or of degree 2, given "
-            f"{element} with block size {V.dofmap.index_map_bs}"
+            f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},)))"
+            f"{', or of degree 2' if dim == 3 else ''}, given {element} with block size {V.dofmap.index_map_bs}"
         )
 
 

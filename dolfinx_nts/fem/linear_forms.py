@@ -75,7 +75,7 @@ class PackedForm:
         """Add the form on the cells and facets of this rank to a vector. Local.
 
         Args:
-            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
+            b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
         """
         self._coefficients.update()
         fem.assemble_vector(b, self._form, coeffs=self._coefficients.packed)
@@ -133,6 +133,7 @@ class CellForm:
                 [ranges[f][0] for f in ours],
                 self._places,
                 width,
+                V.dofmap.index_map_bs,
             )
             for kernel in made
         ]
@@ -150,7 +151,7 @@ class CellForm:
         """Add the form on the cells of this rank to a vector. Local.
 
         Args:
-            b: Values of the local scalar dofs, shape ``(3 l,)``, changed in place.
+            b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
             most: Most cells of each integral, for a sample; None: all.
         """
         if self._others is not None and self._others.update():

@@ -27,6 +27,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
@@ -140,7 +141,7 @@ class CentralDifference(Stepper):
         V, n = self.u.function_space, len(self.node_ids)
         self.supports = Supports(V, bcs)
         self.supports.check()
-        self._given = np.zeros((n, 3), dtype=bool)
+        self._given = np.zeros((n, dimension(V)), dtype=bool)
         self._given.ravel()[self.supports.fixed] = True
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
@@ -151,11 +152,11 @@ class CentralDifference(Stepper):
         self.stable_step, default = self._stability.room(self.x)
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
-        self._forces = _Forces(np.zeros((n, 3)))
+        self._forces = _Forces(np.zeros((n, dimension(V))))
         # Views of the owned values, and room for displacements and positions.
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
-        u_n, u, v, rate = (f.x.array.reshape(-1, 3)[:n] for f in functions)
-        self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty((n, 3)))
+        u_n, u, v, rate = (nodal(f)[:n] for f in functions)
+        self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty_like(u))
         self._v, self._positions = v, np.empty_like(self._X)
         # Vectors whose ghosts the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
@@ -226,9 +227,9 @@ class CentralDifference(Stepper):
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = np.add(self._X, self._u.reshape(-1, 3), out=self._positions)
+            x = np.add(self._X, in_space(nodal(self.u)), out=self._positions)
             rubs = any(pair.friction is not None for pair in self.pairs)
-            x_n = self._X + self._u_n.reshape(-1, 3) if rubs else x
+            x_n = self._X + in_space(nodal(self.u_n)) if rubs else x
             self._forces.contact = tuple(s.evaluate(x_n, x, step) for s in self._springs)
             for contact in self._forces.contact:
                 contact.add_to(self._bulk.total)
@@ -315,7 +316,7 @@ class CentralDifference(Stepper):
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
         # A maximum over ranks may ignore NaN, but not infinity.
-        moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
+        moved = math.sqrt(self._given.shape[1]) * moved if math.isfinite(moved) else math.inf
         try:
             (moved,) = meet(self._comm, f"motion of {self._next()}", moved)
         except ValueError:
@@ -333,7 +334,7 @@ class CentralDifference(Stepper):
         if not (fast or self.watch.vertices.is_due(moved)):
             self.watch.vertices.travel(moved)
             return
-        x_n, x = (self._X + u.reshape(-1, 3) for u in (self._u_n, self._u))
+        x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))
         reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
         reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:

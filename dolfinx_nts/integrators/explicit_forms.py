@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -33,10 +34,10 @@ class NodalForce:
     def __init__(self, form: CellForm | PackedForm, V: fem.FunctionSpace) -> None:
         """Make room for the values."""
         self._form = form
-        index_map = V.dofmap.index_map
-        self._vector = la.vector(index_map, 3)
+        index_map, dim = V.dofmap.index_map, dimension(V)
+        self._vector = la.vector(index_map, dim)
         self._local: Floats = self._vector.array
-        self.values: Floats = self._local.reshape(-1, 3)[: index_map.size_local]
+        self.values: Floats = self._local.reshape(-1, dim)[: index_map.size_local]
         self.num_assemblies = 0
 
     def assemble(self) -> None:
@@ -67,7 +68,7 @@ class ExplicitBulk:
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         """Compile the forms."""
         V = u.function_space
-        self._F, self._eta = ufl.Identity(3) + ufl.grad(u), ufl.TestFunction(V)
+        self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
         damped = [body for body in bodies if body.material.is_damped]
@@ -110,16 +111,16 @@ class ExplicitBulk:
 
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         P = self._F * material.stress(right_cauchy_green(self._F), **parameters)
-        return -ufl.inner(P, ufl.grad(self._eta))
+        return -ufl.inner(P, gradient(self._eta))
 
     def _damping_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         mesh = self.rate.function_space.mesh
         alpha = fem.Constant(mesh, material.mass_damping)
         beta = fem.Constant(mesh, material.stiffness_damping)
-        strain_rate = ufl.sym(self._F.T * ufl.grad(self.rate))
+        strain_rate = ufl.sym(self._F.T * gradient(self.rate))
         P = beta * self._F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
-        return -drag - ufl.inner(P, ufl.grad(self._eta))
+        return -drag - ufl.inner(P, gradient(self._eta))
 
     def _strain_energy_density(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         return material.psi(right_cauchy_green(self._F), **parameters)

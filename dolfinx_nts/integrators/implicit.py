@@ -30,6 +30,7 @@ from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
@@ -98,13 +99,14 @@ class ImplicitStepper(Stepper):
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
+        self._dim = dimension(self.u.function_space)
         # For the size of forces, where lumped masses are exact enough.
-        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), 3)
+        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._dim)
         free: Sequence[FreeBody] = ()
         if self._rates.acceleration is None:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[::3])
+        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[:: self._dim])
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift
@@ -116,7 +118,7 @@ class ImplicitStepper(Stepper):
         )
         self._free: Floats | None = None
         if bcs:
-            self._free = np.ones((len(self.node_ids), 3))
+            self._free = np.ones((len(self.node_ids), self._dim))
             self._free.ravel()[self.supports.fixed] = 0
         damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
@@ -151,7 +153,7 @@ class ImplicitStepper(Stepper):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
-        x = self.x, self._X + starts[self._rates.trial].reshape(-1, 3)
+        x = self.x, self._X + self._in_space(starts[self._rates.trial])
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
@@ -332,6 +334,10 @@ class ImplicitStepper(Stepper):
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
         return self._bulk.num_assembled[0], self._solver.statistics
 
+    def _in_space(self, values: Floats) -> Floats:
+        """Vectors at nodes, ``(l, 3)``, of the values of their dofs. Local."""
+        return in_space(values.reshape(-1, self._dim))
+
     def _norm(self, values: Floats) -> float:
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
@@ -345,5 +351,6 @@ class ImplicitStepper(Stepper):
             return 0.0
         # The residual of a state has no forces on given displacements; ``force`` has all.
         everywhere = [state._replace(residual=state.force) for state in states]
-        reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
+        shape = len(self.node_ids), self._dim
+        reaction = self._bulk.forces() + contact_residual(steps, everywhere, shape)
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))

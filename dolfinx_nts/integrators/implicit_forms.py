@@ -7,6 +7,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -32,7 +33,7 @@ class StepForms:
         self._bodies, self._scheme = bodies, scheme
         self._acceleration = rates.acceleration if inertia else None
         self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
-        self._F_n, self._F = (ufl.Identity(3) + ufl.grad(u) for u in (rates.u_n, rates.u))
+        self._F_n, self._F = map(deformation_gradient, (rates.u_n, rates.u))
 
     def residual(self) -> ufl.Form:
         """Balance of momentum without loads and contact, linear in a test function [J]."""
@@ -40,7 +41,7 @@ class StepForms:
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
             P = self._scheme.stress(material, parameters, self._F_n, self._F)
-            work = ufl.inner(P, ufl.grad(eta))
+            work = ufl.inner(P, gradient(eta))
             if self._acceleration is not None:
                 work += rho * ufl.inner(self._acceleration, eta)
                 work += self._damping(material, parameters, rho, eta)
@@ -56,14 +57,14 @@ class StepForms:
         """
         V, dt = self._u.function_space, self._dt
         eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)
-        F_n, G = self._F_n, ufl.grad(du)
+        F_n, G = self._F_n, gradient(du)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
             share = self._scheme.stress_share
             if self._acceleration is not None:
                 share += material.stiffness_damping / dt
             P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)
-            work = ufl.inner(P, ufl.grad(eta))
+            work = ufl.inner(P, gradient(eta))
             if self._acceleration is not None:
                 rate = ufl.derivative(self._acceleration, self._u, du)
                 rate += material.mass_damping / dt * du
@@ -91,5 +92,5 @@ class StepForms:
             F_n, F = self._F_n, self._F
             strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
             P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
-            work += beta / dt * ufl.inner(P, ufl.grad(eta))
+            work += beta / dt * ufl.inner(P, gradient(eta))
         return work

@@ -9,6 +9,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -26,13 +27,14 @@ class ConsistentMass:
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
         """Compile the form of the momentum."""
-        eta = ufl.TestFunction(rate.function_space)
+        self._V = rate.function_space
+        eta = ufl.TestFunction(self._V)
         form = bulk_form(bodies, lambda material, parameters, rho: rho * ufl.inner(rate, eta))
         self._form = compile_form(form)
 
     def momentum(self) -> Floats:
         """Mass times the present rate at the owned nodes, shape ``(n, 3)``."""
-        return assembled(self._form).reshape(-1, 3)
+        return assembled(self._form).reshape(-1, dimension(self._V))
 
 
 class Rates(ABC):
@@ -67,7 +69,7 @@ class Rates(ABC):
         self.forget()
 
     def inertia_share(self, mass: Floats) -> Floats:
-        """Lumped inertia in the tangent by the masses of the dofs [kg], ``(3 n,)`` [N/m]."""
+        """Lumped inertia in the tangent by the masses of the dofs [kg], ``(d n,)`` [N/m]."""
         share: Floats = 2 / float(self.dt.value) ** 2 * mass
         return share
 
@@ -93,7 +95,7 @@ class Rates(ABC):
         """Prepare a step.
 
         Args:
-            forces: Returns the residual at the start of the step at the owned dofs, ``(3 n,)``
+            forces: Returns the residual at the start of the step at the owned dofs, ``(d n,)``
                 [N].
             free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
                 None if all are unknown.
@@ -127,7 +129,7 @@ class MidpointRates(Rates):
         self.acceleration = 2 / dt * ((self.u - self.u_n) / dt - self.v)
 
     def mean_acceleration(self) -> Floats:
-        """Values of `acceleration` at the local dofs, shape ``(3 l,)`` [m/s^2]. Local."""
+        """Values of `acceleration` at the local dofs, shape ``(d l,)`` [m/s^2]. Local."""
         u_n, u, v, dt = self.u_n.x.array, self.u.x.array, self.v.x.array, float(self.dt.value)
         acceleration: Floats = 2 / dt * ((u - u_n) / dt - v)
         return acceleration

@@ -55,7 +55,7 @@ class SleepingBodies:
         """Find out which loads and pairs can act on which body."""
         self._bulk, self._all = bulk, tuple(bodies)
         self._tangent, self._sizes = tangent, sizes
-        comm, num_owned = bulk.comm, bulk.num_owned // 3
+        comm, num_owned = bulk.comm, bulk.num_owned // bulk.dim
         self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
         }
@@ -82,14 +82,14 @@ class SleepingBodies:
         """Find the bodies that sleep in a step; the forms leave them out from now on.
 
         Args:
-            v: Velocity of the local dofs, shape ``(3 l,)`` [m/s].
-            u_n: Accepted displacement, shape ``(3 l,)`` [m]. That of ``bulk`` is the start of
+            v: Velocity of the local dofs, shape ``(d l,)`` [m/s].
+            u_n: Accepted displacement, shape ``(d l,)`` [m]. That of ``bulk`` is the start of
                 Newton's method, with the supports where they are at the end of the step.
             steps: Contact in the step, for each pair.
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
-            a.reshape(-1, 3) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
+            a.reshape(-1, self._bulk.dim) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
         for body in self._all:
             nodes = self._nodes[body]
@@ -122,7 +122,7 @@ class SleepingBodies:
         u = bulk.u.x.array
         before = u.copy()
         u[:] = u_n
-        R = np.abs(bulk.residual().reshape(-1, 3))
+        R = np.abs(bulk.residual().reshape(-1, bulk.dim))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]

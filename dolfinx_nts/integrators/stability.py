@@ -21,6 +21,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body
@@ -135,7 +136,7 @@ class Cells:
     def __init__(self, bodies: Sequence[Body]) -> None:
         """Compute the wave speed in each cell: half of its frequency times its length."""
         V = bodies[0].V
-        self._comm: MPI.Comm = V.mesh.comm
+        self._comm, self._dim = V.mesh.comm, dimension(V)
         X, element = V.tabulate_dof_coordinates(), Element.of(V)
         nodes, k = V.dofmap.list, element.pieces.shape[1]
         cells = {
@@ -145,20 +146,24 @@ class Cells:
         self._nodes = np.concatenate([nodes[part] for part in cells.values()])
         squared = []
         for material, part in cells.items():
-            x = X[nodes[part, :k]]
+            x = X[nodes[part, :k], : self._dim]
             if element.degree == 1:
                 squared.append(cell_frequency(material, x))
             else:
                 squared.append(highest_frequency(material, element, x))
-        self._speed = np.sqrt(np.concatenate(squared)) * _kernels.cell_lengths(X, self._nodes) / 2
+        self._speed = np.sqrt(np.concatenate(squared)) * self._lengths(X) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m] at positions. Collective."""
-        length = _kernels.cell_lengths(x, self._nodes)
+        length = self._lengths(x)
         time = float((length / self._speed).min(initial=np.inf))
         limits = [time, float(length.min(initial=np.inf))]
         least, shortest = reductions.least(self._comm, limits)
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
+
+    def _lengths(self, x: Floats) -> Floats:
+        """Lengths of all cells at positions ``(l, 3)``, shape ``(c,)`` [m]."""
+        return _kernels.cell_lengths(x[:, : self._dim], self._nodes)
 
 
 @dataclass(frozen=True)
@@ -193,19 +198,21 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
 
     Args:
         material: Material of the cells.
-        x: Vertices in the reference configuration, shape ``(c, k, 3)`` [m].
+        x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
+            ``(c, k, 2)`` [m].
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    basis = Hyperelastic.strain_basis()
-    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)
+    d, basis = x.shape[2], Hyperelastic.strain_basis()
+    # In the plane the strains of plane strain.
+    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)[:d, :d, :d, :d]
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
         values, axes = np.linalg.eigh(_moments(x[block]))
         S = axes / np.sqrt(values)[:, None, :]
         K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
-        squared[block] = np.linalg.eigvalsh(K.reshape(-1, 9, 9))[:, -1] / material.rho
+        squared[block] = np.linalg.eigvalsh(K.reshape(-1, d * d, d * d))[:, -1] / material.rho
     return squared
 
 
@@ -252,7 +259,7 @@ def largest_step(squared: float, damping: Damping) -> float:
 
 
 def _moments(x: Floats) -> Floats:
-    """Mean products of the positions of vertices about their centre, ``(c, 3, 3)`` [m^2]."""
+    """Mean products of the positions of vertices about their centre, ``(c, d, d)`` [m^2]."""
     r = x - x.mean(axis=1, keepdims=True)
     moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
     return moments

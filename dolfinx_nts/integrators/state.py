@@ -12,6 +12,7 @@ from dolfinx import fem, la
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.errors import agreed
@@ -112,8 +113,8 @@ class State(ABC):
 
         Args:
             body: One of the bodies.
-            value: Three numbers [m]; or a function of the reference positions, shape
-                ``(3, n)``, that returns ``(3, n)``; or a Function of the bodies' space.
+            value: As many numbers as there are dimensions [m]; or a function of the reference
+                positions, shape ``(3, n)``, that returns ``(3, n)``, in the plane ``(2, n)``; or a Function of the bodies' space.
 
         Raises:
             TypeError: ``body`` is no body, or the value does not consist of real numbers.
@@ -138,13 +139,15 @@ class State(ABC):
                     raise ValueError(
                         "expected a Function of the bodies' space, given one of another"
                     )
-                value = value.x.array.reshape(-1, 3)[body.nodes].T
+                value = nodal(value)[body.nodes].T
             values = real_array(f"a {function.name}", value(X) if callable(value) else value)
-            if values.shape not in ((3,), X.shape):
+            shape = dimension(V), X.shape[1]
+            if values.shape not in (shape[:1], shape):
                 raise ValueError(
-                    f"expected a {function.name} of shape (3,) or {X.shape}, given {values.shape}"
+                    f"expected a {function.name} of shape {shape[:1]} or {shape}, given "
+                    f"{values.shape}"
                 )
-        function.x.array.reshape(-1, 3)[body.nodes] = values.T
+        nodal(function)[body.nodes] = values.T
         self._state_was_set()
 
     @abstractmethod
@@ -163,12 +166,12 @@ def current_positions(X: Floats, u: fem.Function) -> Floats:
         X: Reference positions, shape ``(l, 3)`` [m].
         u: The displacement [m].
     """
-    x: Floats = X + u.x.array.reshape(-1, 3)
+    x: Floats = X + in_space(nodal(u))
     return x
 
 
 def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: Any) -> None:
-    """Serialize the values of a function at all nodes, three a node. Collective.
+    """Serialize the values of a function at all nodes. Collective.
 
     Args:
         archive: Stores the values or gives stored ones back.
@@ -176,10 +179,10 @@ def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: An
         function: The function; its ghosts are set too.
         ids: Numbers of the owned nodes, shape ``(n,)``.
     """
-    values = function.x.array
-    owned = archive.nodal(name, ids, values[: 3 * len(ids)].reshape(-1, 3))
+    V, values = function.function_space, nodal(function)
+    owned = archive.nodal(name, ids, values[: len(ids)])
     if archive.giving:
-        vector = la.vector(function.function_space.dofmap.index_map, 3)
+        vector = la.vector(V.dofmap.index_map, dimension(V))
         vector.array[: owned.size] = owned.ravel()
         vector.scatter_forward()
-        values[:] = vector.array
+        values.ravel()[:] = vector.array

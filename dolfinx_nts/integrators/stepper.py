@@ -25,6 +25,7 @@ from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.repeated_pairs import check_repeated
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.watch import ContactWatch
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import current_positions
@@ -230,7 +231,7 @@ class Stepper(TimeLoop):
         return f"step {self.step + 1} from t = {self.t!r} s by dt = {self.dt!r} s"
 
     def _check_state(self) -> None:
-        n = 3 * len(self.node_ids)
+        n = dimension(self.u.function_space) * len(self.node_ids)
         bad = [np.count_nonzero(~np.isfinite(f.x.array[:n])) for f in (self.u, self.v)]
         if not any(meet(self._comm, self._next(), *bad)):
             return

@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
+from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.stepper import Stepper
@@ -14,7 +15,12 @@ from dolfinx_nts.parallel.communication import gathered
 __all__ = ["mesh_arrays", "nodal_fields"]
 
 # Position of each vertex of VTK and XDMF among the vertices of DOLFINx.
-_VTK_ORDER = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+_VTK_ORDER = {
+    "triangle": [0, 1, 2],
+    "quadrilateral": [0, 1, 3, 2],
+    "tetrahedron": [0, 1, 2, 3],
+    "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6],
+}
 
 
 def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
@@ -28,7 +34,8 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
 
     Returns:
         On rank 0 ``points``, the reference positions of the nodes, shape ``(n, 3)`` [m];
-        ``cells``, the nodes of each cell in the order of VTK, shape ``(m, 4)`` or ``(m, 8)``;
+        ``cells``, the nodes of each cell in the order of VTK, shape ``(m, 3)``,
+        ``(m, 4)`` or ``(m, 8)``;
         and ``body``, the position of each cell's body in ``stepper.bodies``, shape ``(m,)``. On
         other ranks the arrays have no meaning.
     """
@@ -40,7 +47,7 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
     # partition.
     corners = geometry_nodes(mesh)
     points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
-    cell = np.arange(mesh.topology.index_map(3).size_local)
+    cell = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local)
     original = mesh.topology.original_cell_index[cell]
     body = np.empty(len(cell), dtype=np.int32)
     for number, b in enumerate(stepper.bodies):
@@ -69,7 +76,7 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
 
     Returns:
         Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
-        for ``n`` owned nodes.
+        for ``n`` owned nodes; in the plane the third components are 0.
 
         With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where contact is open, and
         NaN where a node faces no segment or belongs to no pair; ``contact_pressure`` [Pa];
@@ -79,8 +86,8 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
     """
     n = len(stepper.node_ids)
     fields: dict[str, Array] = {
-        "displacement": stepper.u.x.array.reshape(-1, 3)[:n],
-        "velocity": stepper.v.x.array.reshape(-1, 3)[:n],
+        "displacement": in_space(nodal(stepper.u)[:n]),
+        "velocity": in_space(nodal(stepper.v)[:n]),
     }
     has_friction = any(pair.friction is not None for pair in stepper.pairs)
     gap = np.full(n, np.nan)

@@ -13,6 +13,7 @@ import ufl
 
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.components import deformation_gradient, dimension
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.stepper import Stepper
@@ -45,7 +46,7 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
         """Digest of rows from all ranks, sorted by their numbers; for rank 0 only."""
         return _digest(*gathered(comm, number, values))
 
-    owned = np.arange(mesh.topology.index_map(3).size_local)
+    owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local)
     original = mesh.topology.original_cell_index
     n = mesh.geometry.index_map().size_local
     # The coordinates of the mesh are those that were read. Those of the degrees of freedom are
@@ -65,7 +66,8 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
         for load in stepper.loads
     )
     fixed = stepper.supports.fixed
-    numbers = 3 * ids[fixed // 3] + fixed % 3
+    dim = dimension(V)
+    numbers = dim * ids[fixed // dim] + fixed % dim
     scene["supports"] = rows(numbers, numbers)
     return comm.bcast(scene)  # type: ignore[no-any-return]
 
@@ -81,7 +83,7 @@ def _digest(*values: Any) -> str:
 
 def _material(stepper: Stepper, material: Hyperelastic) -> str:
     body = next(body for body in stepper.bodies if body.material is material)
-    C = right_cauchy_green(ufl.Identity(3) + ufl.grad(stepper.u))
+    C = right_cauchy_green(deformation_gradient(stepper.u))
     form = bulk_form([body], lambda law, parameters, rho: law.psi(C, **parameters))
     numbers = {
         "rho": material.rho,

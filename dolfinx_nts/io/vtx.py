@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.compat import vtx_writer
+from dolfinx_nts.fem.components import dimension, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import nodal_fields
 
@@ -64,10 +65,10 @@ class VtxFile:
             for name, values in nodal_fields(self._stepper).items()
         }
         body = fem.Function(scalars, name="body")
-        numbers = np.zeros(len(self._carrier.x.array) // 3)
+        numbers = np.zeros(len(nodal(self._carrier)))
         for number, b in reversed(list(enumerate(self._stepper.bodies))):
             numbers[b.nodes] = number
-        body.x.array[:] = np.repeat(numbers, 3)[self._dofs]
+        body.x.array[:] = np.repeat(numbers, dimension(V))[self._dofs]
         functions = [*self._functions.values(), body]
         self._writer: Any = self._make_writer(comm, self._path, functions, engine="BP4")
         self._last_step = -1
@@ -78,11 +79,12 @@ class VtxFile:
             return
         self._last_step = self._stepper.step
         for name, values in nodal_fields(self._stepper).items():
-            nodal = self._carrier.x.array.reshape(-1, 3)
-            nodal[: len(values)] = values if values.ndim == 2 else values[:, None]
+            carried = nodal(self._carrier)
+            d = carried.shape[1]
+            carried[: len(values)] = values[:, :d] if values.ndim == 2 else values[:, None]
             self._carrier.x.scatter_forward()
             array = self._functions[name].x.array
-            array[:] = nodal.ravel() if values.ndim == 2 else nodal.ravel()[self._dofs]
+            array[:] = carried.ravel() if values.ndim == 2 else carried.ravel()[self._dofs]
         self._writer.write(self._stepper.t)
 
     def flush(self) -> None:

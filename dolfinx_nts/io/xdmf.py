@@ -74,6 +74,7 @@ class XdmfFile:
         self._prefix = "" if first.isascii() and first != " " else "./"
         self._series = XmlSeries(path, _HEAD, _TAIL)
         self._mesh_xml = ""
+        self._cell = stepper.u.function_space.mesh.topology.cell_name()
         self._steps: set[int] = set()
         self._unsynced: list[Path] = []
 
@@ -152,7 +153,7 @@ class XdmfFile:
 
     def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
-        self._mesh_xml = mesh_xml(self._reference(_MESH), mesh)
+        self._mesh_xml = mesh_xml(self._reference(_MESH), mesh, self._cell)
         self._unsynced = []
         states = self._states() if resume else {}
         # Before the states are removed nothing refers to them any more.

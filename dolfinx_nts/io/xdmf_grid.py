@@ -10,23 +10,29 @@ from xml.sax.saxutils import escape
 
 __all__ = ["mesh_xml", "state_xml"]
 
-# Names in XDMF by the number of vertices.
-_CELLS = {4: "Tetrahedron", 8: "Hexahedron"}
+# Names in XDMF by the kind of cells.
+_CELLS = {
+    "triangle": "Triangle",
+    "quadrilateral": "Quadrilateral",
+    "tetrahedron": "Tetrahedron",
+    "hexahedron": "Hexahedron",
+}
 
 
-def mesh_xml(file: str, mesh: Mapping[str, Any]) -> str:
+def mesh_xml(file: str, mesh: Mapping[str, Any], cell: str) -> str:
     """Describe a mesh. Local.
 
     Args:
         file: HDF5 file of the mesh, relative to the XDMF file.
         mesh: The arrays of `fields.mesh_arrays`.
+        cell: Kind of the cells, as DOLFINx names it.
 
     Returns:
         XML, a part of that of each state.
     """
-    number, vertices = mesh["cells"].shape
+    number = len(mesh["cells"])
     return (
-        f'        <Topology TopologyType="{_CELLS[vertices]}" NumberOfElements="{number}">\n'
+        f'        <Topology TopologyType="{_CELLS[cell]}" NumberOfElements="{number}">\n'
         f"{_item(file, 'cells', mesh['cells'])}        </Topology>\n"
         '        <Geometry GeometryType="XYZ">\n'
         f"{_item(file, 'points', mesh['points'])}        </Geometry>\n"

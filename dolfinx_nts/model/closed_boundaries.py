@@ -1,4 +1,7 @@
-"""Closed boundaries of whole bodies, made of triangles, whatever contact they are in."""
+"""Closed boundaries of whole bodies, made of triangles, whatever contact they are in.
+
+In the plane a boundary is made of edges, which stand for the walls that they sweep out of it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +17,19 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.surfaces import area_vectors, diameters
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ClosedBoundary", "closed_boundaries", "outward_triangles"]
+__all__ = ["ClosedBoundary", "closed_boundaries", "outward_triangles", "triangles_at"]
 
 # Triangles and edges of a segment, by its number of vertices in Basix order.
-_TRIANGLES = {3: np.array([[0, 1, 2]]), 4: np.array([[0, 1, 2], [1, 3, 2]])}
+_TRIANGLES = {
+    2: np.array([[0, 1]]),
+    3: np.array([[0, 1, 2]]),
+    4: np.array([[0, 1, 2], [1, 3, 2]]),
+}
+# Height of the walls of a boundary in the plane, relative to its extent [-].
+_HEIGHT = 1e3
 _EDGES = {
     len(topology(cell)[0]): np.array(topology(cell)[1])
-    for cell in (CellType.triangle, CellType.quadrilateral)
+    for cell in (CellType.interval, CellType.triangle, CellType.quadrilateral)
 }
 
 
@@ -32,7 +41,7 @@ class ClosedBoundary:
         bodies: The bodies.
         nodes: Nodes on the boundary, owned local block indices of V, shape ``(n,)``.
         triangles: Vertices in outward sense, local block indices of V, shape ``(t, 3)``. A
-            quadrilateral makes two triangles.
+            quadrilateral makes two triangles. In the plane edges, shape ``(t, 2)``.
         edges: Vertices of the edges of segments, shape ``(e, 2)``.
         cells: Nodes of the cells of the bodies, shape ``(c, k)``.
         size: Longest diameter of a segment on any rank in the reference configuration [m].
@@ -97,15 +106,39 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
     triangles: Ints = segments[:, _TRIANGLES[segments.shape[1]]]
     inward = orientation < 0
     triangles[inward] = triangles[inward, :, ::-1]
-    return triangles.reshape(-1, 3)
+    return triangles.reshape(-1, triangles.shape[-1])
+
+
+def triangles_at(x: Floats, triangles: Ints) -> Floats:
+    """Positions of triangles, those of the walls that edges in the plane sweep out of it. Local.
+
+    Walls are so high that rays and solid angles do not see their ends.
+
+    Args:
+        x: Positions of the nodes, shape ``(l, 3)`` [m].
+        triangles: As of a `ClosedBoundary`.
+
+    Returns:
+        Shape ``(t, 3, 3)`` [m], two triangles an edge.
+    """
+    corners: Floats = x.take(triangles, axis=0)
+    if triangles.shape[1] == 3:
+        return corners
+    extent = np.ptp(corners.reshape(-1, 3), axis=0).max() if len(corners) else 0.0
+    up = np.array([0.0, 0.0, _HEIGHT * extent])
+    a, b = corners[:, 0], corners[:, 1]
+    walls = np.stack([a - up, b + up, b - up, a - up, a + up, b + up], axis=1)
+    return walls.reshape(-1, 3, 3)
 
 
 def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:
     """Segments of the boundary of the mesh that this rank owns, orientations, and cells."""
     mesh_topology, X, dofs = V.mesh.topology, V.tabulate_dof_coordinates(), V.dofmap.list
-    mesh_topology.create_connectivity(2, 3)
-    mesh_topology.create_connectivity(3, 2)
-    to_cell, to_facet = (mesh_topology.connectivity(*dims) for dims in ((2, 3), (3, 2)))
+    tdim = mesh_topology.dim
+    both = (tdim - 1, tdim), (tdim, tdim - 1)
+    for dims in both:
+        mesh_topology.create_connectivity(*dims)
+    to_cell, to_facet = (mesh_topology.connectivity(*dims) for dims in both)
     facets = exterior_facet_indices(mesh_topology)
     cells = to_cell.array[to_cell.offsets[facets]]
     sides = Element.of(V).sides

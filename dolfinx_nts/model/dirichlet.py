@@ -10,6 +10,7 @@ from dolfinx import fem
 from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
@@ -43,11 +44,12 @@ class Supports:
                 raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
         self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
         self._comm: MPI.Comm = V.mesh.comm
+        self._dim = dimension(V)
         dofs = np.concatenate(
             [np.empty(0, dtype=np.int32), *(bc.dof_indices()[0] for bc in self._bcs)]
         )
         # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.
-        owned = dofs[dofs < 3 * V.dofmap.index_map.size_local]
+        owned = dofs[dofs < self._dim * V.dofmap.index_map.size_local]
         self.fixed, count = np.unique(owned, return_counts=True)
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
 
@@ -79,8 +81,8 @@ class Supports:
                     dof = self.fixed[k]
                     text = (
                         f"expected one displacement per dof, given {a[k]:g} m by bcs[{j}] and "
-                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % 3]} near "
-                        f"{np.round(self._X[dof // 3], 6)}"
+                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % self._dim]} near "
+                        f"{np.round(self._X[dof // self._dim], 6)}"
                     )
         given = self.applied(self._u.x.array)[self.fixed]
         if len(bad := given[~np.isfinite(given)]):
@@ -92,7 +94,7 @@ class Supports:
         """Put the present values of the conditions into displacements.
 
         Args:
-            values: Displacements of the local scalar dofs, owned then ghost, shape ``(3 l,)``
+            values: Displacements of the local scalar dofs, owned then ghost, shape ``(d l,)``
                 [m].
 
         Returns:

@@ -35,7 +35,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
                 volume = nodal_parts(element, x).sum(axis=1)
             size = np.ptp(x, axis=1).max(axis=1)
             # A comparison with NaN is false.
-            flat = np.flatnonzero(~(volume > _FLAT * size**3))
+            flat = np.flatnonzero(~(volume > _FLAT * size**mesh.geometry.dim))
             if len(flat):
                 cell = body.cells[flat[0]]
                 place = " ".join(f"{value:.4g}" for value in x[flat[0]].mean(axis=0))

@@ -5,6 +5,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.fem.components import deformation_gradient, in_space, nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_expression, compile_form
 
@@ -26,7 +27,7 @@ class VolumeRatio:
         cell = basix.CellType[mesh.topology.cell_name()]
         degree = Element.of(u.function_space).stress_degree
         points, _ = basix.make_quadrature(cell, degree)
-        ratio = ufl.det(ufl.Identity(3) + ufl.grad(u))
+        ratio = ufl.det(deformation_gradient(u))
         self._u = u
         self._expression = compile_expression(ratio, points)
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
@@ -48,7 +49,7 @@ class VolumeRatio:
             cell = int(np.argmin(ratio))
             worst = float(ratio[cell])
             if not worst > 0:
-                x = V.tabulate_dof_coordinates() + self._u.x.array.reshape(-1, 3)
+                x = V.tabulate_dof_coordinates() + in_space(nodal(self._u))
                 middle = x[V.dofmap.cell_dofs(cell)].mean(axis=0)
                 number = mesh.topology.original_cell_index[cell]
                 place = " ".join(f"{value:.4g}" for value in middle)

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call, instances, real_array
+from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.surfaces import Surface
@@ -87,11 +88,13 @@ class _LoadWithValue(Load):
         ValueError: The value has the wrong shape or is not finite.
     """
 
-    _shape: ClassVar[tuple[int, ...]] = (3,)
+    # Whether the value is a vector.
+    _is_vector: ClassVar[bool] = True
 
     def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
         """Check shape and value; a function of time is evaluated at 0."""
         self.V = V
+        self._shape = (dimension(V),) if self._is_vector else ()
         self._in_time: Callable[[float], Any] | None = None
         self._value = value
         if isinstance(value, ufl.core.expr.Expr):
@@ -286,14 +289,16 @@ class Pressure(_SurfaceLoad):
         >>> rising = nts.Pressure(surface, lambda t: 50.0 * t)
     """
 
-    _shape = ()
+    _is_vector = False
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
-        F_mid, dF = ufl.Identity(3) + ufl.grad(u_n + u) / 2, ufl.grad(u - u_n)
-        N = ufl.FacetNormal(self.V.mesh)
-        area = _cofactor(F_mid) * N + _cofactor(dF) * N / 12
-        return -self._value * ufl.inner(area, ufl.TestFunction(self.V)) * self._ds()
+        F_mid, dF = deformation_gradient((u_n + u) / 2), gradient(u - u_n)
+        N, eta = ufl.FacetNormal(self.V.mesh), ufl.TestFunction(self.V)
+        cofactor = _cofactor(F_mid) + _cofactor(dF) / 12
+        # In the plane the normal has two components, and the cofactor of F33 = 1 is not needed.
+        area = [sum(cofactor[i, j] * N[j] for j in range(len(N))) for i in range(len(N))]
+        return -self._value * ufl.inner(ufl.as_vector(area), eta) * self._ds()
 
 
 def _cofactor(A: Any) -> Any:

@@ -53,7 +53,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     """
     points, weights, shares = _rule(element)
     slopes = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
-    volume = np.abs(np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, x)))
+    volume = np.abs(np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, x[:, :, : len(slopes)])))
     parts: Floats = (volume * weights) @ shares
     return parts
 

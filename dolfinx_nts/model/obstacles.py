@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.trajectories import Trajectories
@@ -28,6 +29,7 @@ class Obstacle(Declaration):
     of its position. Methods are for the contact of a stepper.
 
     Attributes:
+        dim: Dimension of the space it is in, 3, or 2 where its points have two coordinates.
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
         shortest_passage: Motion in a step below which no node passes the obstacle [m].
 
@@ -39,6 +41,7 @@ class Obstacle(Declaration):
 
     key: GlobalInts = np.zeros(1, dtype=np.int64)
     shortest_passage = np.inf
+    dim = 3
 
     @property
     def name(self) -> str:
@@ -220,11 +223,11 @@ class RigidPlane(_Exact):
     """A half space that bodies cannot enter, such as a floor or a wall. Local.
 
     Args:
-        point: A point of the plane, shape ``(3,)`` [m].
-        normal: Direction out of the obstacle, of any length, shape ``(3,)``.
+        point: A point of the plane, shape ``(3,)``, or ``(2,)`` of a line in the plane [m].
+        normal: Direction out of the obstacle, of any length, of the same shape.
 
     Raises:
-        ValueError: An argument is not three finite numbers, or the normal is zero.
+        ValueError: An argument is not three finite numbers, or two, or the normal is zero.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
@@ -235,12 +238,13 @@ class RigidPlane(_Exact):
 
     def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
         """Check the arguments and normalise the direction."""
-        self._point = _vector("point", point)
-        self._normal = _direction("normal", normal)
+        self.dim = _dimension("point", point)
+        self._point = _vector("point", point, self.dim)
+        self._normal = _direction("normal", normal, self.dim)
 
     def __repr__(self) -> str:
         """Point [m] and unit normal in one line. Local."""
-        return as_call(self, point=self._point, normal=self._normal)
+        return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
@@ -271,7 +275,8 @@ class _Round(_Exact):
     ) -> None:
         if not (np.isfinite(radius) and radius > 0):
             raise ValueError(f"expected a radius > 0, given {radius}")
-        self._centre, self._radius = _vector("centre", centre), float(radius)
+        self.dim = _dimension("centre", centre)
+        self._centre, self._radius = _vector("centre", centre, self.dim), float(radius)
         self._projector, self._sign = projector, -1.0 if hollow else 1.0
         if not hollow:
             self.shortest_passage = self._radius / 2
@@ -320,12 +325,12 @@ class RigidSphere(_Round):
     """A ball that bodies cannot enter, or a sphere that they cannot leave. Local.
 
     Args:
-        centre: Centre, shape ``(3,)`` [m].
+        centre: Centre, shape ``(3,)``, or ``(2,)`` of a circle in the plane [m].
         radius: Radius [m].
         hollow: Whether bodies are inside.
 
     Raises:
-        ValueError: ``centre`` is not three finite numbers, or ``radius`` is not positive.
+        ValueError: ``centre`` is not three finite numbers, or two, or ``radius`` is not positive.
 
     Example:
         >>> nts.RigidSphere(centre=(0, 0, 5), radius=2.0, hollow=True)
@@ -338,7 +343,12 @@ class RigidSphere(_Round):
 
     def __repr__(self) -> str:
         """Centre and radius [m] in one line. Local."""
-        return as_call(self, centre=self._centre, radius=self._radius, hollow=self._sign < 0)
+        return as_call(
+            self,
+            centre=self._centre[: self.dim],
+            radius=self._radius,
+            hollow=self._sign < 0,
+        )
 
 
 class RigidCylinder(_Round):
@@ -373,15 +383,21 @@ class RigidCylinder(_Round):
         )
 
 
-def _vector(name: str, value: Sequence[float]) -> Floats:
+def _dimension(name: str, value: Sequence[float]) -> int:
+    """Number of coordinates of a point, 2 in the plane, otherwise 3."""
+    return 2 if real_array(name, value).shape == (2,) else 3
+
+
+def _vector(name: str, value: Sequence[float], dim: int = 3) -> Floats:
     vector = real_array(name, value)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-        raise ValueError(f"expected three finite numbers for {name}, given {value}")
-    return vector
+    if vector.shape != (dim,) or not np.all(np.isfinite(vector)):
+        number = {2: "two", 3: "three"}[dim]
+        raise ValueError(f"expected {number} finite numbers for {name}, given {value}")
+    return in_space(vector)
 
 
-def _direction(name: str, value: Sequence[float]) -> Floats:
-    vector = _vector(name, value)
+def _direction(name: str, value: Sequence[float], dim: int = 3) -> Floats:
+    vector = _vector(name, value, dim)
     length = np.linalg.norm(vector)
     if length == 0:
         raise ValueError(f"expected a direction for {name}, given {value}")
@@ -391,8 +407,9 @@ def _direction(name: str, value: Sequence[float]) -> Floats:
 
 def _frame(normal: Floats) -> Floats:
     """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
-    # The coordinate axis that is farthest from the normal; small turns rarely change it.
-    axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    # The coordinate axis that is farthest from the normal; small turns rarely change it. For
+    # normals in the plane it is z, so that the first tangent is in the plane.
+    axis = np.eye(3)[2 - np.argmin(np.abs(normal[:, ::-1]), axis=1)]
     first = np.cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack([first, np.cross(normal, first)], axis=1)

@@ -7,11 +7,12 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["is_nearest_a_rim"]
 
-# Vertices at the ends of each edge, by the number of vertices of a facet.
+# Vertices at the ends of each edge, by the number of vertices of a facet; those of an edge in the
+# plane are its ends.
 _EDGES = {
     len(topology(cell)[0]): topology(cell)[1]
     for cell in (CellType.triangle, CellType.quadrilateral)
-}
+} | {2: [[0, 0], [1, 1]]}
 
 
 def is_nearest_a_rim(points: Floats, x: Floats, facets: Ints, facet: Ints) -> Flags:

@@ -19,6 +19,7 @@ from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
@@ -35,7 +36,7 @@ _NO_LENGTH = 1e-12
 _TO_END = 1 / 8
 # Distance of the centre of a cell from a side, relative to the height of the cell above it [-],
 # by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
-_CENTRE = {3: 1 / 4, 4: 1 / 2}
+_CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
 # Vertices next to each corner of a segment, in Basix order, by its number of vertices.
 NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
@@ -131,7 +132,7 @@ class Surface(Declaration):
         mine = np.repeat(owned, len(sides[0][0]))
         self.segments: Ints = segments[mine]
         self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)
-        self.thickness: Floats = Element.of(V).degree * (np.abs(height[mine]) / _CENTRE[k])
+        self.thickness: Floats = Element.of(V).degree * (np.abs(height[mine]) / _CENTRE[Element.of(V).cell])
         self.key = self._number()
         x = X[self.segments]
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
@@ -180,7 +181,7 @@ class Surface(Declaration):
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError("expected facets of the boundary, given none")
         ordered = np.sort(facets).astype(np.int32)
-        tags = meshtags(V.mesh, 2, ordered, np.ones_like(ordered))
+        tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))
         return cls(V, tags, NamedTag(1, name))
 
     @cached_property
@@ -216,7 +217,8 @@ class Surface(Declaration):
         It is the integral of the node's shape function. Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, 3)[self.nodes, 0]
+        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, dimension(self.V))
+        area = area[self.nodes, 0]
         return area
 
     def per_area(self, force: Floats) -> Floats:
@@ -265,6 +267,9 @@ class Surface(Declaration):
             round-off.
         """
         x = self.V.tabulate_dof_coordinates()[self.segments]
+        if x.shape[1] == 2:  # no corner within an edge
+            has_length = diameters(x) > _NO_LENGTH * self.size
+            return float(reductions.least(self.V.mesh.comm, has_length.min(initial=True)))
         neighbours = np.array(NEIGHBOURS[self.segments.shape[1]])
         a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
         length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
@@ -327,7 +332,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
                 )
         return inside.astype(bool)
 
-    facets: Ints = locate_entities_boundary(V.mesh, 2, checked)
+    facets: Ints = locate_entities_boundary(V.mesh, V.mesh.topology.dim - 1, checked)
     return facets
 
 
@@ -339,9 +344,12 @@ def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
         orientation: Orientations of the segments as in `Surface`, ``(s,)``.
 
     Returns:
-        Vectors that point out of the body, shape ``(s, 3)`` [m^2].
+        Vectors that point out of the body, shape ``(s, 3)`` [m^2], of edges in the plane [m].
     """
     first = vertices[:, -1] - vertices[:, 0]
+    if vertices.shape[1] == 2:
+        along: Floats = orientation[:, None] * np.cross(first, [0.0, 0.0, 1.0])
+        return along
     second = vertices[:, 2] - vertices[:, 1]
     # Half of the product of the diagonals of a quadrilateral, or of two edges of a triangle.
     if vertices.shape[1] == 3:

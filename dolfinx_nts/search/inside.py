@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.model.closed_boundaries import ClosedBoundary
+from dolfinx_nts.model.closed_boundaries import ClosedBoundary, triangles_at
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
@@ -92,10 +92,10 @@ class Insides:
         for number in map(int, np.flatnonzero(np.bincount(where[some]))):
             triangles = self._boundaries[number].triangles
             if number not in self._trees:
-                self._trees[number] = _kernels.Boundary(self._x.take(triangles, axis=0))
+                self._trees[number] = _kernels.Boundary(triangles_at(self._x, triangles))
             elif number in self._moved:
                 self._moved.remove(number)
-                self._trees[number].move(self._x.take(triangles, axis=0))
+                self._trees[number].move(triangles_at(self._x, triangles))
             yield self._trees[number], some[where[some] == number]
 
 

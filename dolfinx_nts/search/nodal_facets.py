@@ -55,6 +55,8 @@ class NodalFacets:
 
 def _angles(x: Floats) -> Floats:
     """Angles of facets at their vertices, ``(f, k)``, by positions ``(f, k, 3)``."""
+    if x.shape[1] == 2:  # both edges at a node count alike
+        return np.ones(x.shape[:2])
     neighbours = np.array(NEIGHBOURS[x.shape[1]])
     a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
     sine = np.linalg.norm(np.cross(a, b), axis=2)

@@ -14,8 +14,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.closed_boundaries import closed_boundaries
+from dolfinx_nts.model.closed_boundaries import closed_boundaries, triangles_at
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -83,14 +84,14 @@ class OverlapSearch:
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
-        length = _kernels.cell_lengths(V.tabulate_dof_coordinates(), V.dofmap.list)
+        length = _kernels.cell_lengths(V.tabulate_dof_coordinates()[:, : dimension(V)], V.dofmap.list)
         self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
 
     @cached_property
     def walls(self) -> Floats:
         """Thickness of the thinnest part of each boundary at rest, ``(g,)`` [m]. Collective."""
         X = self._boundaries[0].bodies[0].V.tabulate_dof_coordinates()
-        return np.array([thinnest_wall(self._comm, X[b.triangles]) for b in self._boundaries])
+        return np.array([thinnest_wall(self._comm, triangles_at(X, b.triangles)) for b in self._boundaries])
 
     @property
     def obstacles(self) -> frozenset[str]:

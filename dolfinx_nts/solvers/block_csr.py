@@ -14,7 +14,7 @@ __all__ = ["BlockCSR", "entries_of_rows", "starts"]
 
 
 class BlockCSR:
-    """Owned rows of a matrix of 3 x 3 blocks, where DOLFINx has them.
+    """Owned rows of a matrix of d x d blocks, where DOLFINx has them.
 
     Args:
         matrix: The matrix.
@@ -22,37 +22,39 @@ class BlockCSR:
     Attributes:
         matrix: The matrix.
         index_map: That of the rows.
+        dim: Rows of a block, d.
         start: Where each row begins, and the end, shape ``(n + 1,)``.
         column: Local column of each block, shape ``(b,)``.
-        value: Blocks by rows, shape ``(9 b,)``.
+        value: Blocks by rows, shape ``(d d b,)``.
     """
 
     def __init__(self, matrix: la.MatrixCSR) -> None:
         """Create views of the owned rows."""
         self.matrix = matrix
         self.index_map = matrix.index_map(0)
-        n = self.index_map.size_local
+        n, self.dim = self.index_map.size_local, int(matrix.block_size[0])
         self.start: GlobalInts = matrix.indptr[: n + 1]
         self.column: Ints = matrix.indices[: self.start[n]]
-        self.value: Floats = matrix.data[: 9 * self.start[n]]
+        self.value: Floats = matrix.data[: self.dim**2 * self.start[n]]
         columns = matrix.index_map(1)
         self._global = columns.local_to_global(self.column).astype(PETSc.IntType)
         row = np.repeat(np.arange(n), np.diff(self.start))
         self._diagonal = np.flatnonzero(row == self.column)
 
     def diagonal(self) -> Floats:
-        """Entries on the diagonal, shape ``(n, 3)``. Local."""
-        return self.value.reshape(-1, 9)[self._diagonal, ::4]
+        """Entries on the diagonal, shape ``(n, d)``. Local."""
+        return self.value.reshape(-1, self.dim**2)[self._diagonal, :: self.dim + 1]
 
     def add_to_diagonal(self, values: Floats | float) -> None:
-        """Add values that broadcast to ``(n, 3)`` to the diagonal. Local."""
-        self.value.reshape(-1, 9)[self._diagonal, ::4] += values
+        """Add values that broadcast to ``(n, d)`` to the diagonal. Local."""
+        self.value.reshape(-1, self.dim**2)[self._diagonal, :: self.dim + 1] += values
 
     def petsc(self) -> Any:
-        """New PETSc matrix of 3 x 3 blocks with the present values. Collective."""
-        start, n = self.start.astype(PETSc.IntType), 3 * (len(self.start) - 1)
+        """New PETSc matrix of such blocks with the present values. Collective."""
+        d, start = self.dim, self.start.astype(PETSc.IntType)
+        n = d * (len(start) - 1)
         csr = start, self._global, self.value
-        return PETSc.Mat().createBAIJ(((n, None), (n, None)), 3, csr=csr, comm=self.index_map.comm)
+        return PETSc.Mat().createBAIJ(((n, None), (n, None)), d, csr=csr, comm=self.index_map.comm)
 
     @property
     def global_columns(self) -> GlobalInts:
@@ -69,9 +71,9 @@ class BlockCSR:
 
         Returns:
             Where each row begins and the end, shape ``(m + 1,)``; global
-            columns, shape ``(b,)``; blocks, shape ``(9 b,)``.
+            columns, shape ``(b,)``; blocks, shape ``(d d b,)``.
         """
-        start, column, value = self._gather(nodes, ends, self._global, self.value.reshape(-1, 9))
+        start, column, value = self._gather(nodes, ends, self._global, self.value.reshape(-1, self.dim**2))
         return start, column.astype(np.int64), value.ravel()
 
     def neighbours(self, nodes: GlobalInts, ends: GlobalInts) -> GlobalInts:

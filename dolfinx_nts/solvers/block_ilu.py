@@ -42,7 +42,7 @@ class BlockILU:
         self._values: Floats = np.empty(0)
         self._factors = _kernels.IncompleteFactors()
         # Its ghosts are the nodes of other ranks that the owned rows reach.
-        self._vector = la.vector(rows.matrix.index_map(1), 3)
+        self._vector = la.vector(rows.matrix.index_map(1), rows.dim)
         self._ends = np.array(rows.index_map.comm.allgather(rows.index_map.local_range[1]))
 
     def __str__(self) -> str:
@@ -67,18 +67,18 @@ class BlockILU:
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
-        self._apply(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+        self._apply(*(values.reshape(-1, self._rows.dim) for values in (r.array_r, z.array)))
 
     def solve_all(self, b: Floats) -> Floats:
-        """Solve for the columns of an array, shape ``(3 n, k)``, by columns. Collective."""
+        """Solve for the columns of an array, shape ``(d n, k)``, by columns. Collective."""
         x = np.empty_like(b)
         for known, unknown in zip(b.T, x.T, strict=True):
-            self._apply(known.reshape(-1, 3), unknown.reshape(-1, 3))
+            self._apply(*(values.reshape(-1, self._rows.dim) for values in (known, unknown)))
         return x
 
     def _apply(self, known: Floats, unknown: Floats) -> None:
         if not self._alone:
-            values = self._vector.array.reshape(-1, 3)
+            values = self._vector.array.reshape(-1, self._rows.dim)
             values[: len(known)] = known
             self._vector.scatter_forward()
             known = values
@@ -125,13 +125,13 @@ class SinglePrecisionOperator:
 
     def __init__(self, rows: BlockCSR) -> None:
         """Create a copy of the values."""
-        self._map = rows.index_map
+        self._map, self._dim = rows.index_map, rows.dim
         self._matrix = _kernels.SingleMatrix(rows.start, rows.column, rows.value)
-        self._vector = la.vector(rows.matrix.index_map(1), 3)
+        self._vector = la.vector(rows.matrix.index_map(1), rows.dim)
 
     def matrix(self) -> Any:
         """Create the shell matrix, which works as long as this object is kept. Collective."""
-        size = 3 * self._map.size_local, 3 * self._map.size_global
+        size = self._dim * self._map.size_local, self._dim * self._map.size_global
         return shell_matrix(self._map.comm, size, self)
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
@@ -139,4 +139,5 @@ class SinglePrecisionOperator:
         owned = x.array_r
         self._vector.array[: len(owned)] = owned
         self._vector.scatter_forward()
-        self._matrix.multiply(self._vector.array.reshape(-1, 3), y.array.reshape(-1, 3))
+        known, unknown = (a.reshape(-1, self._dim) for a in (self._vector.array, y.array))
+        self._matrix.multiply(known, unknown)

@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.derivative import Derivative
@@ -30,6 +31,7 @@ class Bulk:
         comm: Communicator of the mesh.
         u: The unknown.
         supports: The conditions.
+        dim: Components of the displacement at a node, d below.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
         given: Owned scalar dofs that residual and action take as given, sorted.
@@ -53,9 +55,10 @@ class Bulk:
         self.given: Ints = self.supports.fixed
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
-        self._residual, self._derivative = NodalSum(forms, nodes), Derivative(forms, u)
-        self.num_owned = 3 * nodes.size_local
-        self._all_cells = int(V.mesh.topology.index_map(3).size_local)
+        self._residual, self._derivative = NodalSum(forms, V), Derivative(forms, u)
+        self.dim = dimension(V)
+        self.num_owned = self.dim * nodes.size_local
+        self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self.num_cells = self._all_cells
         self.stabilisation: Callable[[Floats], Floats] | None = None
 
@@ -86,7 +89,7 @@ class Bulk:
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
-        dofs = (3 * nodes[:, None] + np.arange(3, dtype=np.int32)).ravel()
+        dofs = (self.dim * nodes[:, None] + np.arange(self.dim, dtype=np.int32)).ravel()
         self.given = np.union1d(self.supports.fixed, dofs)
 
     def forces(self) -> Floats:
@@ -103,10 +106,10 @@ class Bulk:
         Collective.
 
         Args:
-            x: Values at the owned nodes, shape ``(n, 3)`` [m].
+            x: Values at the owned nodes, shape ``(n, d)`` [m].
 
         Returns:
-            Values at the owned nodes, shape ``(n, 3)`` [N].
+            Values at the owned nodes, shape ``(n, d)`` [N].
         """
         return self._along(x, "double")
 
@@ -125,8 +128,8 @@ class Bulk:
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
         y[self.given] = x.ravel()[self.given]
-        return y.reshape(-1, 3)
+        return y.reshape(-1, self.dim)
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
-        """Derivative of the forces in the direction that is set, ``(3 n,)`` [m]. Collective."""
+        """Derivative of the forces in the direction that is set, ``(d n,)`` [m]. Collective."""
         return action.assembled()

@@ -32,8 +32,9 @@ def cell_sizes(V: fem.FunctionSpace) -> CellSizes:
     Args:
         V: The space, whose nodes those of the result are.
     """
-    mesh, cells = V.mesh, V.mesh.topology.index_map(3)
-    h = mesh.h(3, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32))
+    mesh, tdim = V.mesh, V.mesh.topology.dim
+    cells = mesh.topology.index_map(tdim)
+    h = mesh.h(tdim, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32))
     nodes = V.dofmap.index_map
     size = (nodes.size_local, nodes.size_global)
     vector = PETSc.Vec().createGhost(nodes.ghosts.astype(PETSc.IntType), size=size, comm=mesh.comm)

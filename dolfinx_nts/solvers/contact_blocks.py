@@ -17,21 +17,21 @@ class ContactBlocks(NamedTuple):
     """Constraints of some nodes and blocks of the tangent, see `cpp/nts/solvers/elimination.h`.
 
     Both have lists of nodes of their own. Those of the constraints may differ
-    in length: with k nodes, the gradients are three rows of 3 k numbers.
+    in length: with k nodes and d components a node, gradients are d rows of d k numbers.
 
     Attributes:
         start: Where the nodes of each constrained one begin, and the end,
             shape ``(m + 1,)``.
         nodes: Nodes that the constraints reach, list by list, the
             constrained one first, shape ``(l,)``.
-        rank: Number of constraints, 0, 1 or 3, shape ``(m,)``.
-        normal: Unit normal at the constrained node, shape ``(m, 3)``.
-        gradients: Of the constraints, ``9 l`` numbers in any shape.
-        columns: Force per multiplier, ``9 l`` numbers in any shape.
+        rank: Number of constraints, 0, 1 or d, shape ``(m,)``.
+        normal: Unit normal at the constrained node, shape ``(m, d)``.
+        gradients: Of the constraints, ``d d l`` numbers in any shape.
+        columns: Force per multiplier, ``d d l`` numbers in any shape.
         slopes: Derivative of the multipliers by what the constraints are about, in springs
-            and friction, shape ``(m, 3, 3)``.
+            and friction, shape ``(m, d, d)``.
         tangent_nodes: Nodes of the blocks, shape ``(p, k)``.
-        tangent: Blocks, shape ``(p, 3 k, 3 k)``.
+        tangent: Blocks, shape ``(p, d k, d k)``.
     """
 
     start: GlobalInts
@@ -43,6 +43,11 @@ class ContactBlocks(NamedTuple):
     slopes: Floats
     tangent_nodes: Array
     tangent: Floats
+
+    @property
+    def dim(self) -> int:
+        """Components of a node, d."""
+        return self.normal.shape[1]
 
     @property
     def constrained(self) -> Array:
@@ -85,8 +90,8 @@ class ContactBlocks(NamedTuple):
             self.nodes[entries],
             self.rank[constraints],
             self.normal[constraints],
-            self.gradients.reshape(-1, 9)[entries],
-            self.columns.reshape(-1, 9)[entries],
+            self.gradients.reshape(-1, self.dim**2)[entries],
+            self.columns.reshape(-1, self.dim**2)[entries],
             self.slopes[constraints],
             self.tangent_nodes[blocks],
             self.tangent[blocks],
@@ -101,16 +106,17 @@ class ContactBlocks(NamedTuple):
 
 
 def rows_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
-    """Nodes, ``(k,)``, gradients and columns, ``(3, 3 k)``, of each constrained node."""
+    """Nodes, ``(k,)``, gradients and columns, ``(d, d k)``, of each constrained node."""
+    d = blocks.dim
     gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
     for first, last in pairwise(map(int, blocks.start)):
-        part = slice(9 * first, 9 * last)
-        rows = gradients[part].reshape(3, -1), columns[part].reshape(3, -1)
+        part = slice(d * d * first, d * d * last)
+        rows = gradients[part].reshape(d, -1), columns[part].reshape(d, -1)
         yield blocks.nodes[first:last], *rows
 
 
 def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
-    """Nodes, ``(k,)``, and matrices, ``(3 k, 3 k)``, whose sum is the contact tangent."""
+    """Nodes, ``(k,)``, and matrices, ``(d k, d k)``, whose sum is the contact tangent."""
     yield from zip(blocks.tangent_nodes, blocks.tangent, strict=True)
     for (nodes, gradients, columns), slope in zip(rows_of(blocks), blocks.slopes, strict=True):
         if slope.any():
@@ -118,9 +124,10 @@ def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
 
 
 def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
-    """The part of the slopes in the tangent of the constrained nodes, ``(m, 3, 3)``."""
-    first, width = 9 * blocks.start[:-1, None, None], 3 * np.diff(blocks.start)[:, None, None]
-    entries = first + width * np.arange(3)[:, None] + np.arange(3)
+    """The part of the slopes in the tangent of the constrained nodes, ``(m, d, d)``."""
+    d, length = blocks.dim, np.diff(blocks.start)[:, None, None]
+    first, width = d * d * blocks.start[:-1, None, None], d * length
+    entries = first + width * np.arange(d)[:, None] + np.arange(d)
     gradients, columns = blocks.gradients.ravel()[entries], blocks.columns.ravel()[entries]
     parts: Floats = columns.transpose(0, 2, 1) @ blocks.slopes @ gradients
     return parts

@@ -51,8 +51,8 @@ class ContactComplement:
         # digit, so that a resumed run has to do alike.
         self._batches: list[GlobalInts] = []
         self._version = -1  # of the factors
-        self._columns: list[Floats] = []  # of owned dofs, shape (3 n, 3 k) for k nodes of a batch
-        self._flexibility: Floats = np.empty((0, 0))  # shape (3 k, 3 k)
+        self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
+        self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of dofs of these contacts
         self._response: Floats = np.empty((0, 0))  # force C s + F lambda by U^T z_0
         self.num_columns = 0
@@ -80,32 +80,34 @@ class ContactComplement:
             self._solve()
         known = self._known
         order = np.argsort(known)
-        self._reached = _dofs(order[np.searchsorted(known, nodes, sorter=order)])
+        dim = self._tangent.rows.dim
+        self._reached = _dofs(order[np.searchsorted(known, nodes, sorter=order)], dim)
         self._response = _response(
-            self._flexibility[np.ix_(self._reached, self._reached)], nodes, contacts
+            self._flexibility[np.ix_(self._reached, self._reached)], nodes, contacts, dim
         )
 
     def correct(self, _r: Floats, z: Floats) -> None:
         """Correct the solution of the bulk. Collective.
 
         Args:
-            z: Values at the owned nodes, shape ``(n, 3)``, overwritten.
+            z: Values at the owned nodes, shape ``(n, d)``, overwritten.
         """
         owned, place = self._owned(self._known)
         known = np.zeros(len(self._flexibility))
-        known[_dofs(place)] = z[owned].ravel()
+        d = self._tangent.rows.dim
+        known[_dofs(place, d)] = z[owned].ravel()
         known = reductions.total(self._tangent.comm, known)
         force = np.zeros_like(known)
         force[self._reached] = self._response @ known[self._reached]
         if self._bulk.is_strong:
             ends = np.cumsum([columns.shape[1] for columns in self._columns])
             for columns, part in zip(self._columns, np.split(force, ends[:-1]), strict=True):
-                z -= (columns @ part).reshape(-1, 3)
+                z -= (columns @ part).reshape(-1, d)
             return
         # To apply incomplete factors costs less than to read all columns.
         forces = np.zeros((z.size, 1), order="F")
-        forces[_dofs(owned), 0] = force[_dofs(place)]
-        z -= self._bulk.responses(forces).reshape(-1, 3)
+        forces[_dofs(owned, d), 0] = force[_dofs(place, d)]
+        z -= self._bulk.responses(forces).reshape(-1, d)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the nodes of the columns, after the factors. Collective."""
@@ -132,51 +134,55 @@ class ContactComplement:
 
     def _solve(self) -> None:
         """Solve for unit forces at nodes that have no columns. Collective."""
-        n = 3 * self._tangent.rows.index_map.size_local
+        d = self._tangent.rows.dim
+        n = d * self._tangent.rows.index_map.size_local
         for batch in self._batches[len(self._columns) :]:
-            forces = np.zeros((n, 3 * len(batch)), order="F")
+            forces = np.zeros((n, d * len(batch)), order="F")
             owned, place = self._owned(batch)
-            forces[_dofs(owned), _dofs(place)] = 1
+            forces[_dofs(owned, d), _dofs(place, d)] = 1
             self._columns.append(self._bulk.responses(forces))
-            self.num_columns += 3 * len(batch)
+            self.num_columns += d * len(batch)
         owned, place = self._owned(self._known)
-        rows = [columns[_dofs(owned)] for columns in self._columns]
-        flexibility = np.zeros((3 * len(self._known),) * 2)
-        flexibility[_dofs(place)] = np.hstack(rows)
+        rows = [columns[_dofs(owned, d)] for columns in self._columns]
+        flexibility = np.zeros((d * len(self._known),) * 2)
+        flexibility[_dofs(place, d)] = np.hstack(rows)
         self._flexibility = reductions.total(self._tangent.comm, flexibility)
 
 
-def _dofs(nodes: Array) -> Array:
-    """Scalar dofs of some nodes, shape ``(3 m,)``."""
-    dofs: Array = (3 * nodes[:, None] + np.arange(3)).ravel()
+def _dofs(nodes: Array, d: int) -> Array:
+    """Scalar dofs of some nodes, shape ``(d m,)``."""
+    dofs: Array = (d * nodes[:, None] + np.arange(d)).ravel()
     return dofs
 
 
-def _response(flexibility: Floats, nodes: GlobalInts, contacts: Sequence[ContactBlocks]) -> Floats:
-    """Forces C s + F lambda by the displacements U^T z_0, shape ``(3 k, 3 k)``.
+def _response(
+    flexibility: Floats, nodes: GlobalInts, contacts: Sequence[ContactBlocks], d: int
+) -> Floats:
+    """Forces C s + F lambda by the displacements U^T z_0, shape ``(d k, d k)``.
 
     Args:
         flexibility: U^T B U, the same shape.
         nodes: Those that contact reaches, ascending, shape ``(k,)``.
         contacts: Constraints and tangents, which reach no others.
+        d: Components of a node.
     """
-    n = 3 * len(nodes)
+    n = d * len(nodes)
     C = np.zeros((n, n))
     F: list[Floats] = [np.empty((0, n))]
     G: list[Floats] = [np.empty((0, n))]
     for blocks in contacts:
         lists = np.searchsorted(nodes, blocks.nodes)
-        gradients, columns = (some.reshape(-1, 9) for some in (blocks.gradients, blocks.columns))
+        gradients, columns = (some.reshape(-1, d * d) for some in (blocks.gradients, blocks.columns))
         for i, rank in enumerate(blocks.rank):
             entries = slice(blocks.start[i], blocks.start[i + 1])
-            dofs = _dofs(lists[entries])
+            dofs = _dofs(lists[entries], d)
             for result, rows in ((G, gradients), (F, columns)):
                 dense = np.zeros((rank, n))
                 # Lists may name a node twice.
-                np.add.at(dense.T, dofs, rows[entries].reshape(3, -1)[:rank].T)
+                np.add.at(dense.T, dofs, rows[entries].reshape(d, -1)[:rank].T)
                 result.append(dense)
         for some, block in tangents_of(blocks):
-            dofs = _dofs(np.searchsorted(nodes, some))
+            dofs = _dofs(np.searchsorted(nodes, some), d)
             np.add.at(C, np.ix_(dofs, dofs), block)
     forces: Floats = np.vstack(F).T
     m = forces.shape[1]

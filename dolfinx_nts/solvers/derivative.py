@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.nodal_sum import NodalSum
@@ -34,10 +35,11 @@ class Derivative:
         self._direction = fem.Function(u.function_space)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._values: Floats = self._direction.x.array
-        nodes = u.function_space.dofmap.index_map
-        self._comm, self._num_owned = nodes.comm, 3 * nodes.size_local
+        V = u.function_space
+        nodes = V.dofmap.index_map
+        self._comm, self._num_owned = nodes.comm, dimension(V) * nodes.size_local
         derivatives = [ufl.derivative(form, u, self._direction) for form in forms]
-        self._new = partial(NodalSum, derivatives, nodes)
+        self._new = partial(NodalSum, derivatives, V)
         self._sums = {kernels: self._new(kernels) for kernels in _PROMPT}
         self._left_out: Ints = np.empty(0, dtype=np.int32)
 
@@ -60,11 +62,11 @@ class Derivative:
         """Set the direction. Collective.
 
         Args:
-            x: Direction at the owned nodes, shape ``(n, 3)`` [m].
+            x: Direction at the owned nodes, shape ``(n, d)`` [m].
             given: Owned scalar dofs where it is 0 instead.
 
         Returns:
-            The direction at the owned dofs, shape ``(3 n,)`` [m], a view.
+            The direction at the owned dofs, shape ``(d n,)`` [m], a view.
         """
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()

@@ -38,24 +38,25 @@ _NO_VALUES = np.empty(0)  # of constraints: they are to become zero
 class ActivePairs:
     """Active pairs of one contact pair, of which no node is constrained by two.
 
-    Vectors are nodal, shape ``(n, 3)``, over the owned nodes; a part of one
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes; a part of one
     is over the nodes that pairs of this rank need.
 
     Args:
         candidates: What carries the values of their nodes.
         state: All pairs.
+        dim: Components of the displacement at a node, d.
 
     Attributes:
         blocks: Their constraints and tangent, by the nodes of ``ghosts``.
         ghosts: Carries the values of nodes between ranks.
         fixed: Whether the node cannot give up what constraints determine.
-        excess: What the constraints should make zero, shape ``(m, 3)`` [m].
+        excess: What the constraints should make zero, shape ``(m, d)`` [m].
     """
 
     # Whether constraints may reach constrained nodes of others.
     may_overlap = False
 
-    def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
+    def __init__(self, candidates: Candidates, state: ContactContribution, dim: int) -> None:
         """Take the active ones."""
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
@@ -71,6 +72,12 @@ class ActivePairs:
         self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
+        # The linear system has the components of the space.
+        self.excess, normal, slopes = self.excess[:, :dim], normal[:, :dim], slopes[:, :dim, :dim]
+        gradients, columns = (_components(rows, dim) for rows in (gradients, columns))
+        shape = (len(tangent), tangent_nodes.shape[1], 3) * 2
+        tangent = tangent.reshape(*shape[:3], *shape[4:])[:, :, :dim, :, :dim]
+        tangent = tangent.reshape(len(tangent), *[dim * tangent_nodes.shape[1]] * 2)
         constraints = start, nodes, rank, normal, gradients, columns, slopes
         self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
         needed = blocks
@@ -129,9 +136,9 @@ class CoupledPairs(ActivePairs):
 
     may_overlap = True
 
-    def __init__(self, candidates: Candidates, state: ContactContribution) -> None:
+    def __init__(self, candidates: Candidates, state: ContactContribution, dim: int) -> None:
         """Multiply constraints and directions."""
-        super().__init__(candidates, state)
+        super().__init__(candidates, state, dim)
         blocks, dofs = self.blocks, self._pair_dofs
         self._dofs = self._needed.nodes.reshape(dofs.shape)
         rows = blocks.gradients, blocks.columns
@@ -179,6 +186,14 @@ class CoupledPairs(ActivePairs):
         return removed
 
 
+def _components(rows: Floats, dim: int) -> Floats:
+    """Those of rows ``(m, 3, 3 k)`` that a space has, ``(m, d, d k)``."""
+    if dim == 3:
+        return rows
+    m, k = len(rows), rows.shape[2] // 3
+    return rows.reshape(m, 3, k, 3)[:, :dim, :, :dim].reshape(m, dim, dim * k)
+
+
 def active_pairs(
     steps: Sequence[ContactStep], states: Sequence[ContactContribution]
 ) -> list[ActivePairs]:
@@ -190,7 +205,9 @@ def active_pairs(
     """
     # An exchange is collective: what is empty on all ranks is left out.
     return [
-        (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(step.candidates, state)
+        (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(
+            step.candidates, state, step.dim
+        )
         for step, state in zip(steps, states, strict=True)
         if step.num_active
     ]
@@ -217,9 +234,9 @@ class Elimination:
         """Whether no pair is active on any rank."""
         return not self.pairs
 
-    def particular(self, n: int) -> tuple[Floats, list[Floats]]:
+    def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Floats]]:
         """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
-        x = np.zeros((n, 3))
+        x = np.zeros(shape)
         return x, self._constrain(x, [-p.excess for p in self.pairs])
 
     def constrain(self, x: Floats) -> list[Floats]:
@@ -245,7 +262,7 @@ class Elimination:
             Those of each of `pairs`, constraint by constraint [N].
         """
         removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
-        return [-values[np.arange(3) < p.blocks.rank[:, None]] for p, values in removed]
+        return [-values[np.arange(p.blocks.dim) < p.blocks.rank[:, None]] for p, values in removed]
 
     def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
         """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""

@@ -24,6 +24,7 @@ from dolfinx import la
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel import reductions
@@ -64,7 +65,7 @@ class FreeBody:
         centre: Centre of the rotations, shape ``(3,)`` [m].
         size: Distance by which rotations are divided [m].
         motions: The free motions as sums of translations in x, y, z and rotations about these
-            axes, shape ``(6, k)``.
+            axes, shape ``(6, k)``; in the plane in x, y and about z, ``(3, k)``.
     """
 
     bodies: Sequence[Body]
@@ -75,7 +76,7 @@ class FreeBody:
 
     def at(self, x: Floats) -> Floats:
         """Free motions at positions, ``(..., 3)`` [m], shape ``(k, ..., 3)`` [-]. Local."""
-        units = _rigid_motions(x, self.centre, self.size)
+        units = _rigid_motions(x, self.centre, self.size, len(self.motions) == 3)
         motions: Floats = np.einsum("ik,i...->k...", self.motions, units)
         return motions
 
@@ -84,9 +85,11 @@ class FreeBody:
         part = np.linalg.norm(self.motions, axis=1)
         whole = part > 1 - _ROUNDING
         motions = []
-        for kind, some in (("translation in", whole[:3]), ("rotation about", whole[3:])):
+        axes = ("xyz", "xyz") if len(part) == 6 else ("xy", "z")
+        parts = whole[: len(axes[0])], whole[len(axes[0]) :]
+        for kind, names, some in zip(("translation in", "rotation about"), axes, parts, strict=True):
             if some.any():
-                motions.append(f"{kind} {', '.join(np.array(list('xyz'))[some])}")
+                motions.append(f"{kind} {', '.join(np.array(list(names))[some])}")
         if others := self.motions.shape[1] - int(np.count_nonzero(whole)):
             motions.append(f"{others} other rigid motions")
         return f"{' and '.join(body.name for body in self.bodies)} (free: {', '.join(motions)})"
@@ -107,19 +110,21 @@ def find_free_bodies(
     groups = connected(bodies)
     nodes = [_owned_nodes(group) for group in groups]
     frames = [_frame(comm, x[some]) for some in nodes]
-    motions = np.zeros((6, *x.shape))
+    dim = bulk.dim
+    num_motions = {2: 3, 3: 6}[dim]
+    motions = np.zeros((num_motions, len(x), dim))
     for some, frame in zip(nodes, frames, strict=True):
-        motions[:, some] = _rigid_motions(x[some], *frame)
+        motions[:, some] = _rigid_motions(x[some], *frame, dim == 2)[..., :dim]
     forces = np.array([bulk.action(motion) for motion in motions])
     # Supports resist as nodes do.
-    held = np.zeros(x.shape, dtype=bool)
+    held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
-        modes = motions[:, some].reshape(6, -1)
-        weighted = (motions[:, some] * stiffness[some, None]).reshape(6, -1)
-        products = np.stack([modes @ forces[:, some].reshape(6, -1).T, modes @ weighted.T])
+        modes = motions[:, some].reshape(num_motions, -1)
+        weighted = (motions[:, some] * stiffness[some, None]).reshape(num_motions, -1)
+        products = np.stack([modes @ forces[:, some].reshape(num_motions, -1).T, modes @ weighted.T])
         resistance, scale = reductions.total(comm, products)
         # Forces do next to no work in free motions.
         values, vectors = np.linalg.eigh((resistance + resistance.T) / 2 / np.trace(scale))
@@ -175,7 +180,7 @@ class FreeBodies:
         self.bodies, self._mass = tuple(bodies), mass[:, None]
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros((len(mass), 3))  # number of the body, from 1
+        self._label = np.zeros((len(mass), tangent.dim))  # number of the body, from 1
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
@@ -223,10 +228,10 @@ class FreeBodies:
         """
         if not self.bodies:
             return R
-        total = R.reshape(-1, 3) + self.force
+        total = R.reshape(self.force.shape) + self.force
         motions = np.zeros((self._num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
-            motions[columns, body.nodes] = body.at(x[body.nodes])
+            motions[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
         neutral = self._neutral(steps, states)
         motions = np.einsum("ik,inj->knj", neutral, motions)
         modes = motions.reshape(len(motions), R.size)
@@ -242,7 +247,7 @@ class FreeBodies:
             body = self.bodies[int(np.argmax(parts))]
             driven = f"no support or contact holds {body} against {force:.3g} N"
         if len(f) and share <= self._limit:
-            carried = (np.linalg.solve(gram, f) @ weighted).reshape(-1, 3)
+            carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
             self._relief = _Relief(modes, weighted, gram, carried, share, driven)
         else:
             self._relief = replace(_Relief.none(self._label), driven=driven)
@@ -254,7 +259,7 @@ class FreeBodies:
         y = (_FALLING if relief.driven else 1.0) * self.shift * x
         if len(relief.gram):
             amount = self._amount(x.ravel())
-            y += self._stiffness * (amount @ relief.weighted).reshape(-1, 3)
+            y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
         return y
 
     def settles(self) -> bool:
@@ -306,7 +311,7 @@ class FreeBodies:
         n = self._num_motions
         products, counts = np.zeros((n, n)), np.zeros(n)
         for step, state in zip(steps, states, strict=True):
-            label = step.candidates.scatter.forward(self._label)[:, 0]
+            label = step.candidates.scatter.forward(in_space(self._label))[:, 0]
             dofs, gradients = state.pairs.dofs, state.pairs.gradients
             # Without friction tangential gradients are zero.
             gradients, dofs = gradients[state.active], dofs[state.active]
@@ -348,7 +353,8 @@ def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:
     return centre, reductions.largest(comm, size) or 1.0
 
 
-def _rigid_motions(x: Floats, centre: Floats, size: float) -> Floats:
-    """Translations and rotations at positions, shape ``(6, ..., 3)`` [-]. Local."""
+def _rigid_motions(x: Floats, centre: Floats, size: float, is_plane: bool) -> Floats:
+    """Translations and rotations at positions, ``(6, ..., 3)``, or three in the plane [-]. Local."""
     units = np.broadcast_to(np.eye(3).reshape(3, *[1] * (x.ndim - 1), 3), (3, *x.shape))
-    return np.concatenate([units, np.cross(units, (x - centre) / size)])
+    motions = np.concatenate([units, np.cross(units, (x - centre) / size)])
+    return motions[[0, 1, 5]] if is_plane else motions

@@ -119,7 +119,7 @@ class LinearSolver:
         bulk: Residual of the bodies.
         tangent: Matrix of its derivative.
         inertia: Share of lumped inertia in the tangent at the owned dofs,
-            shape ``(3 n,)`` [N/m]; 0 without inertia.
+            shape ``(d n,)`` [N/m]; 0 without inertia.
         options: PETSc options without prefix: ``ksp_...`` for the Krylov
             method, all others for the preconditioner of the bulk.
 
@@ -167,7 +167,7 @@ class LinearSolver:
         """Increments of one Newton iteration. Collective.
 
         Args:
-            R: Residual on the owned dofs, shape ``(3 n,)`` [N].
+            R: Residual on the owned dofs, shape ``(d n,)`` [N].
             steps: Contact attempts.
             states: Their pairs.
             rtol: Reduction of the projected residual.
@@ -212,8 +212,8 @@ class LinearSolver:
             return du, None
         # Near incompressibility this balance is of no use before convergence: what volumes lack
         # is far above contact forces.
-        y = R.reshape(-1, 3) + self._operator.bulk.action(du.reshape(-1, 3))
-        increments = iter(elimination.multipliers(du.reshape(-1, 3), y))
+        y = self._nodal(R) + self._operator.bulk.action(self._nodal(du))
+        increments = iter(elimination.multipliers(self._nodal(du), y))
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
 
     @property
@@ -268,12 +268,12 @@ class LinearSolver:
         bulk = self._operator.bulk
         rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
-        r: Floats = -R.reshape(-1, 3)
+        r: Floats = -self._nodal(R)
         particular: Floats | float = 0.0
         if not elimination.empty:
             self._contacts.update(elimination)
-            particular, parts = elimination.particular(len(r))
-            total: Floats = R.reshape(-1, 3).copy()
+            particular, parts = elimination.particular(r.shape)
+            total: Floats = self._nodal(R).copy()
             # Near the constraints this part is smaller than what rtol leaves.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
@@ -292,13 +292,17 @@ class LinearSolver:
         du: Floats = (particular + x).ravel()
         return du
 
+    def _nodal(self, values: Floats) -> Floats:
+        """Values of dofs by nodes, shape ``(n, d)``. Local."""
+        return values.reshape(-1, self._operator.bulk.dim)
+
     def _wave_crossings(self) -> float:
         """Number of cells that waves cross in a step, about h c/dx. Collective.
 
         In a chain of lumped masses m with waves of speed c, K_ii/m is
         2 (c/dx)^2; half of K and 2 m/h^2 make up the tangent of a step.
         """
-        stiffness, inertia = self.tangent.nodal_stiffness(), self._inertia().reshape(-1, 3)[:, 0]
+        stiffness, inertia = self.tangent.nodal_stiffness(), self._nodal(self._inertia())[:, 0]
         # Without inertia waves cross any number of cells.
         moves = inertia > _NO_INERTIA * stiffness
         infinite = np.where(stiffness > 0, np.inf, 0.0)

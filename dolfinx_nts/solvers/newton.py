@@ -10,6 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
@@ -135,7 +136,7 @@ def solve(
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    n, size = X.size, sizes.smallest
+    n, size, dim = bulk.num_owned, sizes.smallest, bulk.dim
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
@@ -144,13 +145,13 @@ def solve(
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
     while True:
-        x = X + bulk.u.x.array[:n].reshape(-1, 3)
+        x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
         with timings.phase("assembly"):
             R_bulk = bulk.residual()
-        R_nodes = R_bulk.reshape(-1, 3) - free.force if balanced else None
+        R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
-            R_contact = contact_residual(steps, states, n)
+            R_contact = contact_residual(steps, states, (len(X), dim))
         R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
 
         excess = max((s.constraint_error for s in states), default=0.0)
@@ -213,10 +214,11 @@ def solve(
         else:
             u += du
             if not changed:  # nodes that have just become active have far to go
-                x = X + u.reshape(-1, 3)
+                nodes = u.reshape(-1, dim)
+                x = X + in_space(nodes)
                 with timings.phase("contact"):
                     for step in steps:
-                        step.close_gaps(x, u.reshape(-1, 3))
+                        step.close_gaps(x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
 
@@ -227,7 +229,7 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
     a node and the size h of its cells this is a force of eps k (h + |u|).
     """
-    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
+    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.dim), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import ufl
-from dolfinx import common, la
+from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import CellForm, Kernels, PackedForm
 
 __all__ = ["NodalSum"]
@@ -18,7 +19,7 @@ class NodalSum:
 
     Args:
         forms: The form of the bodies, then those of the loads.
-        index_map: That of the nodes.
+        V: Space of the test function.
         kernels: Of the form of the bodies, see `CellForm`.
 
     Attributes:
@@ -28,7 +29,7 @@ class NodalSum:
     def __init__(
         self,
         forms: Sequence[ufl.Form],
-        index_map: common.IndexMap,
+        V: fem.FunctionSpace,
         kernels: Kernels = "double",
     ) -> None:
         """Compile the forms."""
@@ -36,9 +37,10 @@ class NodalSum:
         self._bodies = CellForm(first, kernels)
         # Dead loads have no derivative.
         self._loads = [PackedForm(load) for load in loads if not load.empty()]
-        self._vector = la.vector(index_map, 3)
+        index_map, dim = V.dofmap.index_map, dimension(V)
+        self._vector = la.vector(index_map, dim)
         self._values: Floats = self._vector.array
-        self._num_owned = 3 * index_map.size_local
+        self._num_owned = dim * index_map.size_local
         self.num_assembled = 0
 
     def leave_out(self, cells: Ints) -> None:

@@ -103,7 +103,7 @@ class _GatheredRows:
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
         index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
-        self._vector = la.vector(index_map, 6)
+        self._vector = la.vector(index_map, 2 * rows.dim)
         self._position = reached - first
         self._position[~own] = space.size_local + np.arange(len(ghosts))
         self._num_rows = len(domain)
@@ -124,13 +124,13 @@ class _GatheredRows:
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""
-        both: Floats = self._vector.array.reshape(-1, 6)
-        needed = self._needed
-        both[needed, :3], both[needed, 3:] = r[needed], z[needed]
+        d, needed = z.shape[1], self._needed
+        both: Floats = self._vector.array.reshape(-1, 2 * d)
+        both[needed, :d], both[needed, d:] = r[needed], z[needed]
         self._vector.scatter_forward()
         known = both[self._position]
-        right = np.ascontiguousarray(known[: self._num_rows, :3])
-        values = np.ascontiguousarray(known[:, 3:])
+        right = np.ascontiguousarray(known[: self._num_rows, :d])
+        values = np.ascontiguousarray(known[:, d:])
         self._factors.correct(right, values)
         z[self._position[self._inner]] = values[self._inner]
 

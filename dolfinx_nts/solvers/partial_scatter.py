@@ -13,7 +13,7 @@ class PartialScatter:
     """Takes values at some nodes from a nodal vector, and puts them into it.
 
     Only values that these nodes or other ranks need are touched. Vectors are
-    over the owned nodes, shape ``(n, 3)``, parts over these nodes, ``(m, 3)``.
+    over the owned nodes, shape ``(n, d)``, parts over these nodes, ``(m, d)``, d up to 3.
 
     Args:
         scatter: Brings values of nodes to this rank.
@@ -28,21 +28,21 @@ class PartialScatter:
 
     def take(self, x: Floats) -> Floats:
         """Part of a vector. Collective."""
-        shared, values = self._scatter.shared, self._values
+        shared, values = self._scatter.shared, self._values[:, : x.shape[1]]
         values[shared] = x[shared]
         self._scatter.vector.scatter_forward()
         return np.concatenate([x[self._owned], values[self._ghosts]])
 
     def owned(self, y: Floats) -> Floats:
         """Part of a vector, with zeros at ghosts. Local."""
-        part = np.zeros((self._num_nodes, 3))
+        part = np.zeros((self._num_nodes, y.shape[1]))
         part[: self._num_owned] = y[self._owned]
         return part
 
     def put(self, part: Floats, y: Floats) -> None:
         """Set a vector at owned nodes to a part, and add the values of ghosts. Collective."""
         y[self._owned], ghosts = np.split(part, [self._num_owned])
-        shared, values = self._scatter.shared, self._values
+        shared, values = self._scatter.shared, self._values[:, : y.shape[1]]
         values[shared] = values[self._scatter.index_map.size_local :] = 0.0
         values[self._ghosts] = ghosts
         self._scatter.vector.scatter_reverse(la.InsertMode.add)

@@ -30,7 +30,7 @@ _MULTIGRID = {
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
 }
-# Preconditioners of PETSc that do with 3 x 3 blocks what takes twice as long with
+# Preconditioners of PETSc that do with blocks of nodes what takes twice as long with
 # scalars; of the others, many know scalars only.
 _TAKE_BLOCKS = {"asm", "bjacobi", "ilu"}
 
@@ -122,7 +122,7 @@ class BulkPreconditioner:
         """Solutions of the factors for many right-hand sides. Collective.
 
         Args:
-            forces: One column each, at the owned dofs, shape ``(3 n, k)``, by columns.
+            forces: One column each, at the owned dofs, shape ``(d n, k)``, by columns.
 
         Returns:
             The solutions, the same shape.
@@ -150,7 +150,7 @@ class BulkPreconditioner:
     @property
     def _is_small(self) -> bool:
         """Whether complete factors are the stronger ones."""
-        return bool(3 * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO)
+        return bool(self._tangent.rows.dim * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO)
 
     def _made(self) -> "BlockILU | _PetscFactors":
         """Factors of the present kind, without values. Collective."""

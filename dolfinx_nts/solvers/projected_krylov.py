@@ -60,7 +60,7 @@ class Operator:
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
-        z = x.array_r.reshape(-1, 3).copy()
+        z = x.array_r.reshape(-1, self.bulk.dim).copy()
         parts = self.elimination.constrain(z)
         y.array[:] = self.elimination.act(parts, self._action(z)).ravel()
 
@@ -91,7 +91,8 @@ class Preconditioner:
         """Set z to the approximate solution for r; called by PETSc."""
         self._bulk.apply(pc, r, z)
         if not self._operator.elimination.empty:
-            self._contacts.correct(r.array_r.reshape(-1, 3), z.array.reshape(-1, 3))
+            dim = self._operator.bulk.dim
+            self._contacts.correct(*(values.reshape(-1, dim) for values in (r.array_r, z.array)))
 
 
 class KrylovMethod:
@@ -133,7 +134,7 @@ class KrylovMethod:
         """Solve with the present operator. Collective.
 
         Args:
-            b: Right-hand side at the owned nodes, shape ``(n, 3)``.
+            b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
 
         Returns:
@@ -155,4 +156,4 @@ class KrylovMethod:
             self._options = None
         if self._ksp.getConvergedReason() < 0:
             return None, iterations
-        return self._x.array.reshape(-1, 3), iterations
+        return self._x.array.reshape(-1, self._operator.bulk.dim), iterations

@@ -82,11 +82,12 @@ class SaddlePointSystem:
         right[: last - first] = -R
         for p in pairs:
             blocks = p.global_blocks()
+            d = blocks.dim
             for nodes, tangent in tangents_of(blocks):
-                dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+                dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)
             for i, (nodes, gradients, columns) in enumerate(rows_of(blocks)):
-                dofs = saddle((3 * nodes[:, None] + np.arange(3)).ravel())
+                dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 for a in range(blocks.rank[i]):
                     A.setValues(dofs, multiplier, columns[a], addv=True)
                     A.setValues(multiplier, dofs, gradients[a], addv=True)

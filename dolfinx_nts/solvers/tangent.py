@@ -13,6 +13,7 @@ from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -40,6 +41,7 @@ class Tangent:
 
     Attributes:
         comm: Communicator of the mesh.
+        dim: Components of the displacement at a node.
         shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
             the forms, shape ``(n, 1)``, or of all [N/m].
         num_assembled: Matrices assembled so far. It tells the values of the
@@ -58,7 +60,7 @@ class Tangent:
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
         self.comm: MPI.Comm = u.function_space.mesh.comm
-        self._u, self._bcs = u, list(bcs)
+        self._u, self._bcs, self.dim = u, list(bcs), dimension(u.function_space)
         forms = [residual, *(-load for load in loads)]
         trial = ufl.TrialFunction(u.function_space)
         self._derivatives = [ufl.derivative(form, u, trial) for form in forms]
@@ -103,7 +105,7 @@ class Tangent:
 
         Args:
             scalar: Whether entries are scalars, which all of PETSc can deal
-                with, or 3 x 3 blocks. A matrix of scalars knows the rigid
+                with, or blocks of nodes. A matrix of scalars knows the rigid
                 motions of the present positions, of which multigrid makes use.
         """
         matrix = self.rows.petsc()
@@ -144,10 +146,12 @@ class Tangent:
 
     def _rigid_motions(self, matrix: Any) -> Any:
         """Rigid motions of the present positions for a matrix. Collective."""
-        n, V = self.rows.index_map.size_local, self._u.function_space
-        x = V.tabulate_dof_coordinates()[:n] + self._u.x.array[: 3 * n].reshape(n, 3)
+        n, dim = self.rows.index_map.size_local, self.rows.dim
+        x = self._u.function_space.tabulate_dof_coordinates() + in_space(nodal(self._u))
+        axes = np.eye(3)[:, None]
+        turns = np.cross(axes, x[:n])[:, :, :dim]
         modes = np.concatenate(
-            [np.repeat(np.eye(3)[:, None], n, axis=1), np.cross(np.eye(3)[:, None], x)]
+            [np.repeat(axes[:dim, :, :dim], n, axis=1), turns if dim == 3 else turns[2:]]
         )
         vectors: list[Any] = []
         for mode in modes:

@@ -21,6 +21,7 @@ from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import NodalPoints
@@ -63,9 +64,12 @@ class SpringForces(NamedTuple):
     history: Callable[[], ContactHistory]
 
     def add_to(self, total: Floats) -> None:
-        """Add the forces to those of the owned nodes, shape ``(n, 3)`` [N]. Collective."""
+        """Add the forces to those of the owned nodes, shape ``(n, d)`` [N]. Collective."""
         if self.scatter is not None:
-            self.scatter.add(total, self.springs.dofs, self.springs.force)
+            forces = total if total.shape[1] == 3 else np.zeros((len(total), 3))
+            self.scatter.add(forces, self.springs.dofs, self.springs.force)
+            if forces is not total:
+                total += forces[:, : total.shape[1]]
 
     @property
     def stored(self) -> float:
@@ -268,10 +272,11 @@ class ContactSprings:
     def work(self, old: SpringForces, new: SpringForces, du: Floats) -> tuple[float, ...]:
         """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
 
-        ``du`` is the displacement of the owned nodes between both, shape ``(n, 3)`` [m].
+        ``du`` is the displacement of the owned nodes between both, shape ``(n, d)`` [m].
         """
         if old.scatter is None and new.scatter is None:
             return _NO_WORK
+        du = in_space(du)
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:

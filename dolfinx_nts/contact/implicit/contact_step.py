@@ -22,6 +22,7 @@ from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
@@ -51,11 +52,12 @@ class ContactStep:
         stiffness: Stiffness of each owned node of the space, shape ``(n,)`` [N/m]: the weight
             in the tests for contact and stick.
         free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
-            ``(n, 3)``; None if all are unknown.
+            ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
 
     Attributes:
         state: The argument.
+        dim: Components of the displacement at a node, d.
         search: Segments of the nodes.
         normal: Normal contact of the nodes.
         friction: Friction of the nodes.
@@ -78,6 +80,7 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
+        self.dim = dimension(state.nodes.V)
         state.derive_penalty(stiffness)
         make = _SEARCHES[state.pair.method, is_static]
         self.search = search = make(state, x_n, x_trial)
@@ -106,7 +109,7 @@ class ContactStep:
 
         Args:
             x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-            R_bulk: Residual without contact at the owned nodes, shape ``(n, 3)`` [N], which the
+            R_bulk: Residual without contact at the owned nodes, shape ``(n, d)`` [N], which the
                 multipliers balance; None: they stay as they are.
             iteration: Number of the Newton iteration, from 0.
 
@@ -115,7 +118,8 @@ class ContactStep:
         """
         x = self.x = self.candidates.scatter.forward(x)
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
-        changed += self.normal.update(pairs, x, R_bulk, self.friction, iteration)
+        R = None if R_bulk is None else in_space(R_bulk)
+        changed += self.normal.update(pairs, x, R, self.friction, iteration)
         num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
         self.num_active = reductions.total(self._comm, num_active)
         self.touched |= self.num_active > 0
@@ -230,7 +234,7 @@ class ContactStep:
         force = lambda_N[:, None] * pairs.contact.force
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = 3
+        rank[self.friction.sticks(pairs.node, active)] = self.dim
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)
@@ -243,11 +247,13 @@ class ContactStep:
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     """Which displacements of the nodes that the candidates know are unknown. Collective.
 
-    ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, 3)``.
+    ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``.
     Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements of the points
     and of the candidates on this rank are unknown.
     """
-    free = search.candidates.scatter.forward(free)
+    known = np.ones((len(free), 3))
+    known[:, : free.shape[1]] = free
+    free = search.candidates.scatter.forward(known)
     return None if free[search.pairing.reached].all() else free
 
 
@@ -262,16 +268,17 @@ def _normal_contact(
 
 
 def contact_residual(
-    steps: Sequence[ContactStep], contributions: Sequence[ContactContribution], num_owned: int
+    steps: Sequence[ContactStep], contributions: Sequence[ContactContribution], shape: tuple[int, int]
 ) -> Floats:
-    """Sum of the contact forces on the owned dofs, shape ``(num_owned,)`` [N]. Collective.
+    """Sum of the contact forces on the owned dofs, shape ``(n d,)`` [N]. Collective.
 
-    ``contributions`` are the last evaluations of the attempts, one for each pair.
+    ``contributions`` are the last evaluations of the attempts, one for each pair; ``shape`` is
+    that of the owned nodes, ``(n, d)``.
     """
-    total: Floats = np.zeros((num_owned // 3, 3))
+    total: Floats = np.zeros((shape[0], 3))
     for step, contribution in zip(steps, contributions, strict=True):
         if step.num_active:
             dofs = contribution.pairs.dofs
             forces = contribution.residual.reshape(*dofs.shape, 3)
             step.candidates.scatter.add(total, dofs, forces)
-    return total.ravel()
+    return total[:, : shape[1]].ravel()

@@ -1,7 +1,7 @@
 """Pairs that may transmit force: kinematics, residual and tangent.
 
 Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the
-coordinates of a pair, those of its node first: 3 (1+k) with segments of k vertices, three times
+coordinates of a pair, three a node also in the plane, those of its node first: 3 (1+k) with segments of k vertices, three times
 the nodes of the longest list with mortar contact. Everything is local.
 """
 
@@ -121,8 +121,8 @@ class ContactContribution(NamedTuple):
     Attributes:
         pairs: The pairs and their kinematics.
         active: Whether a pair transmits force, shape ``(m,)``.
-        rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, 3 normal
-            and stick.
+        rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, all
+            components of the space normal and stick.
         columns: Force per multiplier, shape ``(m, 3, d)``; that of the normal includes the
             friction which scales with it.
         slopes: Derivative of multipliers and tractions by gap and slip, in springs and where

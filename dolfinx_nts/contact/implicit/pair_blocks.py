@@ -51,7 +51,7 @@ class PairBlocks(ABC):
             normal: Normals of the nodes, along which one multiplier acts, shape ``(m, 3)``.
             force: What is to be balanced at the nodes, shape ``(m, 3)`` [N].
             columns: Force per multiplier, shape ``(m, 3, 3 d)``.
-            rank: Number of multipliers, 0, 1 or 3, shape ``(m,)``.
+            rank: Number of multipliers, 0, 1 or all components of the space, ``(m,)``.
 
         Returns:
             Shape ``(m, 3)`` [N]; others than these multipliers mean nothing.
@@ -75,7 +75,7 @@ class PairBlocks(ABC):
             gap: Gaps, shape ``(m,)`` [m].
             held: Pairs whose nodes move, shape ``(m,)``.
             farthest: Longest way; nodes that would go farther stay [m].
-            u: Displacements of the owned nodes, which are changed, shape ``(n, 3)`` [m].
+            u: Displacements of the owned nodes, which are changed, shape ``(n, d)`` [m].
         """
 
 
@@ -120,9 +120,9 @@ class OwnBlocks(PairBlocks):
         """Balance node by node, see `PairBlocks.balance`."""
         multipliers = np.zeros((len(rank), 3))
         multipliers[:, 0] = _kernels.balance(normal, force, columns)
-        three = rank == 3
-        A = columns[three, :, :3].transpose(0, 2, 1)
-        multipliers[three] = np.linalg.solve(A, -force[three, :, None])[:, :, 0]
+        whole, d = rank > 1, int(rank.max(initial=0))
+        A = columns[whole, :d, :d].transpose(0, 2, 1)
+        multipliers[whole, :d] = np.linalg.solve(A, -force[whole, :d, None])[:, :, 0]
         return multipliers
 
     def close_gaps(
@@ -135,4 +135,5 @@ class OwnBlocks(PairBlocks):
         u: Floats,
     ) -> None:
         """Move node by node, see `PairBlocks.close_gaps`."""
+        normal = normal[:, : u.shape[1]]
         _kernels.close_gaps(self.dofs[:, 0], held, gap, normal, gradients, farthest, u)

@@ -12,6 +12,7 @@ from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
 
 __all__ = ["Friction", "StickSlip"]
 
@@ -39,7 +40,7 @@ class Friction:
     def __init__(self, state: PairState) -> None:
         """Let all nodes slide, without traction."""
         n = len(state.nodes.nodes)
-        self._state = state
+        self._state, self._dim = state, dimension(state.nodes.V)
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
@@ -197,7 +198,7 @@ class StickSlip(Friction):
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
         node, known = pairs.node, self._known(pairs, active)
         stick = self.sticks(node, active) & ~pairs.fixed
-        rank = np.where(stick, 3, active & ~pairs.fixed).astype(np.int32)
+        rank = np.where(stick, self._dim, active & ~pairs.fixed).astype(np.int32)
         force = R + pairs.blocks.at_nodes(np.einsum("mi,mid->md", known, pairs.columns[:, 1:]))
         direction = self._model.direction[node]
         columns = _with_friction(pairs.columns, direction)

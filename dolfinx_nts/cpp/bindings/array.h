@@ -149,13 +149,46 @@ auto dispatch(std::size_t vertices, Function&& function)
 {
   switch (vertices)
   {
+  case 2:
+    return function.template operator()<Line2>();
   case 3:
     return function.template operator()<Tri3>();
   case 4:
     return function.template operator()<Quad4>();
   default:
-    throw nb::value_error(("expected segments of 3 or 4 vertices, given "
+    throw nb::value_error(("expected segments of 2, 3 or 4 vertices, given "
                            + std::to_string(vertices))
+                              .c_str());
+  }
+}
+
+/// @brief The same for segments in space.
+template <class Function>
+auto dispatch_facets(std::size_t vertices, Function&& function)
+{
+  if (vertices == 3)
+    return function.template operator()<Tri3>();
+  if (vertices == 4)
+    return function.template operator()<Quad4>();
+  throw nb::value_error(
+      ("expected segments of 3 or 4 vertices, given " + std::to_string(vertices))
+          .c_str());
+}
+
+/// @brief Call function.template operator()<B>() for this number of components
+/// of a node.
+template <class Function>
+auto dispatch_components(std::size_t components, Function&& function)
+{
+  switch (components)
+  {
+  case 2:
+    return function.template operator()<2>();
+  case 3:
+    return function.template operator()<3>();
+  default:
+    throw nb::value_error(("expected 2 or 3 components of a node, given "
+                           + std::to_string(components))
                               .c_str());
   }
 }

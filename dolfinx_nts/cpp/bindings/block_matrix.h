@@ -5,15 +5,24 @@
 
 namespace nts::bindings
 {
-/// @brief View of rows of 3 x 3 blocks; raise ValueError unless they are.
-inline BlockMatrix block_matrix(const In<std::int64_t>& start,
+/// @brief Components B of a node in a matrix of B x B blocks; 3 without blocks.
+inline std::size_t components_of(const In<std::int32_t>& column,
+                                 const Doubles& value)
+{
+  const std::size_t b = column.size();
+  return b > 0 && value.size() == 4 * b ? 2 : 3;
+}
+
+/// @brief View of rows of B x B blocks; raise ValueError unless they are.
+template <std::size_t B>
+BlockMatrix<B> block_matrix(const In<std::int64_t>& start,
                                 const In<std::int32_t>& column,
                                 const Doubles& value)
 {
   check("start", start, {any});
   check("column", column, {any});
-  check("value", value, {9 * column.size()});
-  const BlockMatrix result
+  check("value", value, {B * B * column.size()});
+  const BlockMatrix<B> result
       = {.start = view(start), .column = view(column), .value = view(value)};
   if (result.start.empty())
     throw nb::value_error("start: expected at least one entry");

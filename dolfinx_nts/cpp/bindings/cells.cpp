@@ -19,11 +19,13 @@ public:
   CellIntegral(const Kernel& kernel, Doubles X, Ints vertices, Ints nodes,
                std::vector<Doubles> functions,
                const std::vector<std::size_t>& first, Ints places,
-               std::size_t width)
+               std::size_t width, std::size_t components)
       : _kernel(kernel), _X(std::move(X)), _vertices(std::move(vertices)),
         _nodes(std::move(nodes)), _functions(std::move(functions)),
-        _places(std::move(places)), _width(width)
+        _places(std::move(places)), _width(width), _components(components)
   {
+    if (components != 2 && components != 3)
+      throw nb::value_error("components: expected 2 or 3 values a node");
     check("X", _X, {any, 3});
     check("vertices", _vertices, {any, any});
     check_rows("vertices: expected rows of X", _vertices, _X.shape(0));
@@ -36,12 +38,12 @@ public:
     }
     if (first.size() != _functions.size())
       throw nb::value_error("first: expected a place for each function");
-    const std::size_t values = 3 * _nodes.shape(1);
+    const std::size_t values = components * _nodes.shape(1);
     for (std::size_t i = 0; i < first.size(); ++i)
     {
       check_values("functions", _functions[i]);
       if (first[i] > width || values > width - first[i])
-        throw nb::value_error("first: expected places for three values a node");
+        throw nb::value_error("first: expected places for all values of the nodes");
       _gathered.push_back({view(_functions[i]), first[i]});
     }
     check("places", _places, {any});
@@ -56,7 +58,7 @@ public:
     check("packed", packed, {_nodes.shape(0), _places.size()});
     check_values("b", b);
     const CellNodes mesh{view(_X), view(_vertices), _vertices.shape(1),
-                         view(_nodes), _nodes.shape(1)};
+                         view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
                             view(constants)};
     std::visit([&](const auto& kernel)
@@ -69,9 +71,9 @@ private:
   void check_values(const char* name, const Array<T>& values) const
   {
     check(name, values, {any});
-    if (values.size() < 3 * _num_nodes)
+    if (values.size() < _components * _num_nodes)
       throw nb::value_error(
-          (std::string(name) + ": expected three values at each node").c_str());
+          (std::string(name) + ": expected all values of each node").c_str());
   }
 
   Kernel _kernel;
@@ -80,7 +82,7 @@ private:
   std::vector<Doubles> _functions;
   std::vector<Gathered> _gathered; // views of them
   Ints _places;
-  std::size_t _width, _num_nodes = 0;
+  std::size_t _width, _components, _num_nodes = 0;
 };
 } // namespace
 
@@ -100,13 +102,14 @@ void cells(nb::module_& m)
   {
     integral.def(
         nb::init<const Kernel&, Doubles, Ints, Ints, std::vector<Doubles>,
-                 const std::vector<std::size_t>&, Ints, std::size_t>(),
+                 const std::vector<std::size_t>&, Ints, std::size_t,
+                 std::size_t>(),
         nb::arg("kernel"), nb::arg("X").noconvert(),
         nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
         nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
-        nb::arg("width"),
-        "-, (g, 3), (c, v), (c, k), each (3 l,), place of each, places of "
-        "other values, number of values that the kernel reads");
+        nb::arg("width"), nb::arg("components") = 3,
+        "-, (g, 3), (c, v), (c, k), each (d l,), place of each, places of "
+        "other values, number of values that the kernel reads, d");
   };
   init.operator()<ElementKernel>();
   init.operator()<BatchKernel>();
@@ -114,6 +117,6 @@ void cells(nb::module_& m)
       "add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
       nb::arg("constants"), nb::arg("b").noconvert(),
       "(m,) of which cells, (c, n) values of other functions, (n,); adds "
-      "to b (3 l,)");
+      "to b (d l,)");
 }
 } // namespace nts::bindings

@@ -9,13 +9,19 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
 {
   check("columns", columns, {any, any, any});
   const std::size_t m = columns.shape(0);
-  check("normal", normal, {m, 3});
-  check("force", force, {m, 3});
-  if (columns.shape(1) == 0 || columns.shape(2) < 3)
-    throw nb::value_error("columns: expected three numbers of each pair");
+  check("normal", normal, {m, any});
+  const std::size_t components = normal.shape(1);
+  check("force", force, {m, components});
+  if (columns.shape(1) == 0 || columns.shape(2) < components)
+    throw nb::value_error("columns: expected the node of each pair");
   auto lambda = create<double>({m});
-  balance(view(normal), view(force), view(columns),
-          columns.shape(1) * columns.shape(2), view(lambda));
+  dispatch_components(
+      components,
+      [&]<std::size_t B>()
+      {
+        balance<B>(view(normal), view(force), view(columns),
+                   columns.shape(1) * columns.shape(2), view(lambda));
+      });
   return lambda;
 }
 
@@ -27,14 +33,21 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
   check("nodes", nodes, {m});
   check("moves", moves, {m});
   check("gap", gap, {m});
-  check("normal", normal, {m, 3});
+  check("x", x, {any, any});
+  const std::size_t components = x.shape(1);
+  check("normal", normal, {m, components});
   check("gradients", gradients, {m, any, any});
-  check("x", x, {any, 3});
   check_rows("nodes: expected rows of x", nodes, x.shape(0));
-  if (gradients.shape(1) == 0 || gradients.shape(2) < 3)
-    throw nb::value_error("gradients: expected three numbers of each pair");
-  close_gaps(view(nodes), view(moves), view(gap), view(normal), view(gradients),
-             gradients.shape(1) * gradients.shape(2), farthest, view(x));
+  if (gradients.shape(1) == 0 || gradients.shape(2) < components)
+    throw nb::value_error("gradients: expected the node of each pair");
+  dispatch_components(
+      components,
+      [&]<std::size_t B>()
+      {
+        close_gaps<B>(view(nodes), view(moves), view(gap), view(normal),
+                      view(gradients), gradients.shape(1) * gradients.shape(2),
+                      farthest, view(x));
+      });
 }
 } // namespace
 
@@ -50,27 +63,27 @@ void elimination(nb::module_& m)
            nb::arg("start"), nb::arg("nodes"), nb::arg("rank"),
            nb::arg("normal"), nb::arg("gradients"), nb::arg("columns"),
            nb::arg("slopes"), nb::arg("tangent_nodes"), nb::arg("tangent"),
-           "(m + 1,), (l,), (m,) of 0, 1, 3, (m, 3), 9 l numbers, 9 l numbers, "
-           "(m, 3, 3), (p, k), (p, 3 k, 3 k)")
+           "(m + 1,), (l,), (m,) of 0, 1, B, (m, B), B B l numbers, the same, "
+           "(m, B, B), (p, k), (p, B k, B k), with B = 2 or 3")
       .def("constrain", &BoundElimination::constrain, nb::arg("values"),
            nb::arg("x").noconvert(),
-           "x <- Z x + E (G^T E)^-1 values: (m, 3) or (0,), (n, 3)")
+           "x <- Z x + E (G^T E)^-1 values: (m, B) or (0,), (n, B)")
       .def("act", &BoundElimination::act, nb::arg("x"),
            nb::arg("y").noconvert(),
-           "y <- Z~^T (y + C x): (n, 3), (n, 3); the multipliers of the forces "
-           "that this removes, (m, 3)")
+           "y <- Z~^T (y + C x): (n, B), (n, B); the multipliers of the forces "
+           "that this removes, (m, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
-           nb::arg("y").noconvert(), "y <- y + C x: (n, 3), (n, 3)");
+           nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
         nb::arg("columns"),
         "lambda (m,) with n . (force + lambda F) = 0, 0 where n . F is small: "
-        "(m, 3), (m, 3), (m, c, d) of which F is [:, 0, :3]");
+        "(m, B), (m, B), (m, c, d) of which F is [:, 0, :B], B = 2 or 3");
   m.def(
       "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
       nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
       nb::arg("farthest"), nb::arg("x").noconvert(),
       "Move nodes along their normals to zero gap, unless that is farther: "
-      "(m,), (m,), (m,), (m, 3), (m, c, d) of which [:, 0, :3] count, scalar, "
-      "(n, 3)");
+      "(m,), (m,), (m,), (m, B), (m, c, d) of which [:, 0, :B] count, scalar, "
+      "(n, B), B = 2 or 3");
 }
 } // namespace nts::bindings

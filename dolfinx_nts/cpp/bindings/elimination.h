@@ -5,7 +5,8 @@
 
 namespace nts::bindings
 {
-/// @brief `Elimination` and the arrays that it reads.
+/// @brief `Elimination` and the arrays that it reads; how many components nodes
+/// have follows from them.
 class BoundElimination
 {
 public:
@@ -22,15 +23,17 @@ public:
     const std::size_t m = _rank.size();
     check("rank", _rank, {m});
     check("start", _start, {m + 1});
-    check("normal", _normal, {m, 3});
-    check("slopes", _slopes, {m, 3, 3});
+    check("normal", _normal, {m, any});
+    const std::size_t B = components();
+    dispatch_components(B, []<std::size_t>() {});
+    check("slopes", _slopes, {m, B, B});
     check("tangent_nodes", _tangent_nodes, {any, any});
-    const std::size_t n = 3 * _tangent_nodes.shape(1);
+    const std::size_t n = B * _tangent_nodes.shape(1);
     check("tangent", _tangent, {_tangent_nodes.shape(0), n, n});
     for (const Doubles* rows : {&_gradients, &_columns})
-      if (rows->size() != 9 * _nodes.size())
+      if (rows->size() != B * B * _nodes.size())
         throw nb::value_error(
-            "gradients and columns: expected 9 numbers for each of nodes");
+            "gradients and columns: expected a block for each of nodes");
     const auto begin = view(_start);
     if (begin.front() != 0 || begin.back() != std::ssize(view(_nodes))
         || std::ranges::adjacent_find(begin, std::greater_equal<>())
@@ -38,8 +41,9 @@ public:
       throw nb::value_error(
           "start: expected lists that have nodes and hold all of them");
     for (const std::int32_t rank : view(_rank))
-      if (rank != 0 && rank != 1 && rank != 3)
-        throw nb::value_error("rank: expected 0, 1 or 3 constraints");
+      if (rank != 0 && rank != 1 && rank != static_cast<std::int32_t>(B))
+        throw nb::value_error(
+            "rank: expected 0, 1 or all components as constraints");
     for (const In<std::int32_t>* nodes : {&_nodes, &_tangent_nodes})
       for (const std::int32_t node : view(*nodes))
       {
@@ -49,7 +53,11 @@ public:
       }
   }
 
-  Elimination get() const noexcept
+  /// @brief Components of a node.
+  std::size_t components() const noexcept { return _normal.shape(1); }
+
+  template <std::size_t B>
+  Elimination<B> get() const noexcept
   {
     return {.start = view(_start),
             .nodes = view(_nodes),
@@ -66,25 +74,30 @@ public:
   void constrain(const Doubles& values, Out<double> x) const
   {
     if (values.size())
-      check("values", values, {_rank.size(), 3});
+      check("values", values, {_rank.size(), components()});
     check_rows("x", x);
-    nts::constrain(get(), view(values), view(x));
+    dispatch_components(
+        components(), [&]<std::size_t B>()
+        { nts::constrain(get<B>(), view(values), view(x)); });
   }
 
   auto act(const Doubles& x, Out<double> y) const
   {
     check_rows("y", y);
-    check("x", x, {y.shape(0), 3});
-    auto multipliers = create<double>({_rank.size(), 3});
-    nts::act(get(), view(x), view(y), view(multipliers));
+    check("x", x, {y.shape(0), components()});
+    auto multipliers = create<double>({_rank.size(), components()});
+    dispatch_components(
+        components(), [&]<std::size_t B>()
+        { nts::act(get<B>(), view(x), view(y), view(multipliers)); });
     return multipliers;
   }
 
   void add_tangent(const Doubles& x, Out<double> y) const
   {
     check_rows("y", y);
-    check("x", x, {y.shape(0), 3});
-    nts::add_tangent(get(), view(x), view(y));
+    check("x", x, {y.shape(0), components()});
+    dispatch_components(components(), [&]<std::size_t B>()
+                        { nts::add_tangent(get<B>(), view(x), view(y)); });
   }
 
   /// @brief One more than the greatest node.
@@ -93,7 +106,7 @@ public:
 private:
   void check_rows(const char* name, const Out<double>& x) const
   {
-    check(name, x, {any, 3});
+    check(name, x, {any, components()});
     if (x.shape(0) < _num_nodes)
       throw nb::value_error(
           (std::string(name) + ": expected a row for each of the nodes")

@@ -1,17 +1,43 @@
 #include "block_matrix.h"
 #include "nts/solvers/single_matrix.h"
 
+#include <variant>
+
 namespace nts::bindings
 {
 namespace
 {
-using Factors = IncompleteFactors;
+/// @brief Factors of a matrix whose blocks are known when it is given.
+struct Factors
+{
+  std::variant<IncompleteFactors<3>, IncompleteFactors<2>> factors;
+
+  std::size_t size() const noexcept
+  {
+    return std::visit([](const auto& f) { return f.size(); }, factors);
+  }
+};
+
+/// @brief A matrix of blocks of either size.
+struct Product
+{
+  std::variant<SingleMatrix<3>, SingleMatrix<2>> matrix;
+};
+
+/// @brief Components of a node in the blocks of factors or of a matrix.
+template <template <std::size_t> class T, std::size_t B>
+constexpr std::size_t components(const T<B>&) noexcept
+{
+  return B;
+}
 
 bool factorise(Factors& factors, const In<std::int64_t>& start,
                const In<std::int32_t>& column, const Doubles& value,
                const In<std::int32_t>& order, bool fill)
 {
-  const BlockMatrix A = block_matrix(start, column, value);
+  check("start", start, {any});
+  if (!start.size())
+    throw nb::value_error("start: expected at least one entry");
   const std::size_t n = start.size() - 1;
   check("order", order, {n});
   std::vector<bool> found(n, false);
@@ -21,54 +47,87 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
       throw nb::value_error("order: expected each row once");
     found[row] = true;
   }
-  return factors.factorise(A, view(order), fill);
+  return dispatch_components(
+      components_of(column, value),
+      [&]<std::size_t B>()
+      {
+        const auto A = block_matrix<B>(start, column, value);
+        if (!std::holds_alternative<IncompleteFactors<B>>(factors.factors))
+          factors.factors.emplace<IncompleteFactors<B>>();
+        return std::get<IncompleteFactors<B>>(factors.factors)
+            .factorise(A, view(order), fill);
+      });
 }
 
 void apply(Factors& factors, const Doubles& b, Out<double> x)
 {
-  check("b", b, {factors.size(), 3});
-  check("x", x, {any, 3});
-  if (x.shape(0) > factors.size())
-    throw nb::value_error("x: expected no more rows than the matrix has");
-  factors.apply(view(b), view(x));
+  const std::size_t n = factors.size();
+  if (n == 0 && b.size() == 0 && x.size() == 0)
+    return; // a rank without nodes
+  std::visit(
+      [&](auto& some)
+      {
+        const std::size_t width = components(some);
+        check("b", b, {n, width});
+        check("x", x, {any, width});
+        if (x.shape(0) > n)
+          throw nb::value_error("x: expected no more rows than the matrix has");
+        some.apply(view(b), view(x));
+      },
+      factors.factors);
 }
 
-void pack(SingleMatrix* self, const In<std::int64_t>& start,
+void pack(Product* self, const In<std::int64_t>& start,
           const In<std::int32_t>& column, const Doubles& value)
 {
-  new (self) SingleMatrix(block_matrix(start, column, value));
+  dispatch_components(
+      components_of(column, value),
+      [&]<std::size_t B>() {
+        new (self) Product{SingleMatrix<B>(block_matrix<B>(start, column, value))};
+      });
 }
 
-void multiply(SingleMatrix& A, const Doubles& x, Out<double> y)
+void multiply(Product& product, const Doubles& x, Out<double> y)
 {
-  check("x", x, {any, 3});
-  if (x.shape(0) < A.width())
-    throw nb::value_error("x: expected a row for each column of the matrix");
-  check("y", y, {A.size(), 3});
-  A.multiply(view(x), view(y));
+  std::visit(
+      [&](auto& A)
+      {
+        // Without blocks nothing tells their size.
+        const std::size_t width = A.width() ? components(A) : any;
+        check("x", x, {any, width});
+        if (x.shape(0) < A.width())
+          throw nb::value_error(
+              "x: expected a row for each column of the matrix");
+        check("y", y, {A.size(), width});
+        if (A.width())
+          A.multiply(view(x), view(y));
+        else
+          std::fill_n(y.data(), y.size(), 0.);
+      },
+      product.matrix);
 }
 } // namespace
 
 void factors(nb::module_& m)
 {
   nb::class_<Factors>(m, "IncompleteFactors",
-                      "Incomplete factors of a matrix of 3 x 3 blocks in "
-                      "single precision, see nts/solvers/incomplete_factors.h")
+                      "Incomplete factors of a matrix of 2 x 2 or 3 x 3 blocks "
+                      "in single precision, see nts/solvers/incomplete_factors.h")
       .def(nb::init<>())
       .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), nb::arg("order"), nb::arg("fill") = false,
            "Factorise rows, columns beyond them left out; false if singular: "
-           "(n + 1,), (b,), (9 b,), (n,) rows in the order of elimination, "
+           "(n + 1,), (b,), (B B b,), (n,) rows in the order of elimination, "
            "whether to keep what the elimination of a neighbour fills")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
-           "Solve for x at the first m rows: (n, 3), (m, 3)");
-  nb::class_<SingleMatrix>(m, "SingleMatrix",
-                           "Rows of 3 x 3 blocks in single precision, see "
+           "Solve for x at the first m rows: (n, B), (m, B)");
+  nb::class_<Product>(m, "SingleMatrix",
+                      "Rows of 2 x 2 or 3 x 3 blocks in single precision, see "
                            "nts/solvers/single_matrix.h")
       .def("__init__", &pack, nb::arg("start"), nb::arg("column"),
-           nb::arg("value"), "Copy: (n + 1,), (b,), (9 b,)")
+           nb::arg("value"), "Copy: (n + 1,), (b,), (B B b,)")
       .def("multiply", &multiply, nb::arg("x"), nb::arg("y").noconvert(),
            "Set y to the product with x, columns in any number from those of "
-           "the matrix on: (m, 3), (n, 3)");
+           "the matrix on: (m, B), (n, B)");
 }
 } // namespace nts::bindings

@@ -110,7 +110,7 @@ auto invariants_batch(const Doubles& x_pair, const Doubles& normal,
   check("normal", normal, {m, 3});
   check("xi", xi, {m, 2});
   check("slack", slack, {m});
-  return dispatch(
+  return dispatch_facets(
       k,
       [&]<class S>()
       {
@@ -131,7 +131,7 @@ auto constraints_batch(const Doubles& invariants)
 {
   const std::size_t k = vertices_of("invariants", invariants);
   auto g = create<double>({invariants.shape(0), 6});
-  dispatch(k,
+  dispatch_facets(k,
            [&]<class S>()
            {
              for (std::size_t i = 0; i < invariants.shape(0); ++i)
@@ -145,7 +145,7 @@ auto constraints_gradient_batch(const Doubles& invariants)
 {
   const std::size_t k = vertices_of("invariants", invariants);
   auto D = create<double>({invariants.shape(0), 6, invariants.shape(1)});
-  dispatch(k,
+  dispatch_facets(k,
            [&]<class S>()
            {
              for (std::size_t i = 0; i < invariants.shape(0); ++i)
@@ -162,7 +162,7 @@ auto average_gradient_batch(const Doubles& invariants_n,
   check("invariants_n", invariants_n,
         {invariants.shape(0), invariants.shape(1)});
   auto W = create<double>({invariants.shape(0), 6, invariants.shape(1)});
-  dispatch(k,
+  dispatch_facets(k,
            [&]<class S>()
            {
              for (std::size_t i = 0; i < invariants.shape(0); ++i)

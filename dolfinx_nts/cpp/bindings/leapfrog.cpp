@@ -10,11 +10,12 @@ double drift_all(double dt, const Doubles& v, const Doubles& a,
                  Out<double> rate, Out<double> u, Out<double> du)
 {
   const std::size_t n = rate.shape(0);
-  check("rate", rate, {n, 3});
-  check("v", v, {n, 3});
-  check("a", a, {n, 3});
-  check("u", u, {n, 3});
-  check("du", du, {n, 3});
+  const std::size_t d = rate.shape(1);
+  check("rate", rate, {n, d});
+  check("v", v, {n, d});
+  check("a", a, {n, d});
+  check("u", u, {n, d});
+  check("du", du, {n, d});
   return drift(dt, view(v), view(a), view(rate), view(u), view(du));
 }
 
@@ -22,20 +23,23 @@ double kick_all(double dt, const Doubles& mobility, const Doubles& force,
                 Out<double> a, Out<double> rate)
 {
   const std::size_t n = a.shape(0);
-  check("a", a, {n, 3});
-  check("mobility", mobility, {n, 3});
-  check("force", force, {n, 3});
-  check("rate", rate, {n, 3});
+  const std::size_t d = a.shape(1);
+  check("a", a, {n, d});
+  check("mobility", mobility, {n, d});
+  check("force", force, {n, d});
+  check("rate", rate, {n, d});
   return kick(dt, view(mobility), view(force), view(a), view(rate));
 }
 
 auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
 {
-  check("x", x, {any, 3});
+  check("x", x, {any, any});
+  if (x.shape(1) != 2 && x.shape(1) != 3)
+    throw nb::value_error("x: expected 2 or 3 coordinates");
   check("cells", cells, {any, any});
   check_rows("cells: expected rows of x", cells, x.shape(0));
   auto length = create<double>({cells.shape(0)});
-  cell_lengths(view(x), view(cells), cells.shape(1), view(length));
+  cell_lengths(view(x), x.shape(1), view(cells), cells.shape(1), view(length));
   return length;
 }
 } // namespace
@@ -52,7 +56,7 @@ void leapfrog(nb::module_& m)
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, 3), (n, 3) -> force . a; sets a (n, 3), changes rate (n, 3)");
   m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
-        "(n, 3), (c, k) -> twice the least radius of gyration of the nodes of "
+        "(n, 2 or 3), (c, k) -> twice the least radius of gyration of the nodes of "
         "each cell (c,)");
 }
 } // namespace nts::bindings

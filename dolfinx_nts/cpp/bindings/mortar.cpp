@@ -44,7 +44,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
   check_rows("facets: expected rows of x", facets, x.shape(0));
   check_rows("segments: expected rows of x", segments, x.shape(0));
   MortarPoints points;
-  dispatch(k,
+  dispatch_facets(k,
            [&]<class S>()
            {
              const SegmentSurface<S> upper{

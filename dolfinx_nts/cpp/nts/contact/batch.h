@@ -1,7 +1,7 @@
 #pragma once
 
 #include "nts/contact/convective_slip.h"
-#include "nts/contact/triangle_gradient.h"
+#include "nts/contact/simplex_gradient.h"
 #include "nts/search/cached_tree.h"
 #include "nts/search/self_contact.h"
 

@@ -69,20 +69,20 @@ private:
   std::size_t _size;
 };
 
-/// @brief Copy rows of three numbers into lanes.
-/// @param[in] x (l, 3)
+/// @brief Copy rows of D numbers into lanes.
+/// @param[in] x (l, D)
 /// @param[in] row Where they begin in x, (n, L).
-/// @param[out] out (n, 3, L)
-template <class T, std::size_t L>
+/// @param[out] out (n, D, L)
+template <std::size_t D, class T, std::size_t L>
 void gather_lanes(std::span<const T> x,
                   std::span<const std::array<std::size_t, L>> rows, T* out)
 {
   for (const auto& row : rows)
   {
     for (std::size_t l = 0; l < L; ++l)
-      for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t i = 0; i < D; ++i)
         out[i * L + l] = x[row[l] + i];
-    out += 3 * L;
+    out += D * L;
   }
 }
 
@@ -110,15 +110,16 @@ private:
   std::span<const T> _values;
 };
 
-/// @brief The same as `add_cells` by batches of L cells, in numbers of type T.
-template <class T, std::size_t L>
+/// @brief The same as `add_cells` by batches of L cells, in numbers of type T, with
+/// D values at a node.
+template <class T, std::size_t L, std::size_t D>
 void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,
                  std::span<double> b)
 {
-  const auto [all_X, all_vertices, v, all_nodes, k] = mesh;
+  const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  AlignedArray<T> X(3 * v * L), w(width * L), element(3 * k * L);
+  AlignedArray<T> X(3 * v * L), w(width * L), element(D * k * L);
   const std::vector<T> c(constants.begin(), constants.end());
   const Converted<T> x(all_X);
   std::vector<Converted<T>> values;
@@ -138,21 +139,21 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
         vertices[i][l]
             = 3 * static_cast<std::size_t>(all_vertices[v * batch[l] + i]);
       for (std::size_t i = 0; i < k; ++i)
-        nodes[i][l] = 3 * static_cast<std::size_t>(all_nodes[k * batch[l] + i]);
+        nodes[i][l] = D * static_cast<std::size_t>(all_nodes[k * batch[l] + i]);
     }
-    gather_lanes<T, L>(x, vertices, X.data());
+    gather_lanes<3, T, L>(x, vertices, X.data());
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
     for (std::size_t i = 0; i < functions.size(); ++i)
-      gather_lanes<T, L>(values[i], nodes, w.data() + functions[i].first * L);
+      gather_lanes<D, T, L>(values[i], nodes, w.data() + functions[i].first * L);
     element.clear();
     kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)
       for (std::size_t i = 0; i < k; ++i)
-        for (std::size_t j = 0; j < 3; ++j)
-          b[nodes[i][l] + j] += element.data()[(3 * i + j) * L + l];
+        for (std::size_t j = 0; j < D; ++j)
+          b[nodes[i][l] + j] += element.data()[(D * i + j) * L + l];
   }
 }
 
@@ -161,17 +162,24 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
-/// @param[in,out] b Values at the nodes, (l, 3).
+/// @param[in,out] b Values at the nodes, (l, d).
 inline void add_cells(const BatchKernel& kernel, const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
                       const KernelInput& input, std::span<double> b)
 {
-  const auto add = [&]<std::size_t L>()
+  const auto add_values = [&]<std::size_t L, std::size_t D>()
   {
     if (kernel.is_single())
-      add_batches<float, L>(kernel, mesh, cells, input, b);
+      add_batches<float, L, D>(kernel, mesh, cells, input, b);
     else
-      add_batches<double, L>(kernel, mesh, cells, input, b);
+      add_batches<double, L, D>(kernel, mesh, cells, input, b);
+  };
+  const auto add = [&]<std::size_t L>()
+  {
+    if (mesh.d == 2)
+      add_values.template operator()<L, 2>();
+    else
+      add_values.template operator()<L, 3>();
   };
   switch (kernel.lanes())
   {

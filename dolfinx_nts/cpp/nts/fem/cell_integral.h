@@ -52,7 +52,7 @@ private:
 /// @brief Where a kernel finds the values of a function of the space.
 struct Gathered
 {
-  std::span<const double> values; ///< at the nodes, (l, 3)
+  std::span<const double> values; ///< at the nodes, (l, d)
   std::size_t first;              ///< place of the first among those it reads
 };
 
@@ -64,17 +64,19 @@ struct CellNodes
   std::size_t v;                          ///< vertices of a cell
   std::span<const std::int32_t> nodes;    ///< of the space, (c, k)
   std::size_t k;                          ///< nodes of a cell
+  std::size_t d;                          ///< values of the space at a node
 };
 
-/// @brief Copy rows of three numbers.
-/// @param[in] x (l, 3)
+/// @brief Copy rows of d numbers.
+/// @param[in] x (l, d)
+/// @param[in] d Numbers of a row.
 /// @param[in] rows (n,)
-/// @param[out] out (n, 3)
-inline void gather(std::span<const double> x,
+/// @param[out] out (n, d)
+inline void gather(std::span<const double> x, std::size_t d,
                    std::span<const std::int32_t> rows, double* out) noexcept
 {
   for (const std::int32_t row : rows)
-    out = std::copy_n(x.data() + 3 * static_cast<std::size_t>(row), 3, out);
+    out = std::copy_n(x.data() + d * static_cast<std::size_t>(row), d, out);
 }
 
 /// @brief What a kernel reads, cell by cell.
@@ -92,29 +94,29 @@ struct KernelInput
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
-/// @param[in,out] b Values at the nodes, (l, 3).
+/// @param[in,out] b Values at the nodes, (l, d).
 inline void add_cells(const ElementKernel& kernel, const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
                       const KernelInput& input, std::span<double> b)
 {
-  const auto [all_X, all_vertices, v, all_nodes, k] = mesh;
+  const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  std::vector<double> X(3 * v), w(width), element(3 * k);
+  std::vector<double> X(3 * v), w(width), element(d * k);
   for (const std::int32_t cell : cells)
   {
     const auto c = static_cast<std::size_t>(cell);
     const auto nodes = all_nodes.subspan(k * c, k);
-    gather(all_X, all_vertices.subspan(v * c, v), X.data());
+    gather(all_X, 3, all_vertices.subspan(v * c, v), X.data());
     for (std::size_t i = 0; i < places.size(); ++i)
       w[places[i]] = packed[places.size() * c + i];
     for (const auto& [values, first] : functions)
-      gather(values, nodes, w.data() + first);
+      gather(values, d, nodes, w.data() + first);
     std::ranges::fill(element, 0.0);
     kernel(element.data(), w.data(), constants.data(), X.data());
     const double* from = element.data();
     for (const std::int32_t node : nodes)
-      for (std::size_t i = 0; i < 3; ++i)
-        b[3 * static_cast<std::size_t>(node) + i] += *from++;
+      for (std::size_t i = 0; i < d; ++i)
+        b[d * static_cast<std::size_t>(node) + i] += *from++;
   }
 }
 } // namespace nts

@@ -66,11 +66,10 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
   constexpr double round_off = 1e-12; // of xi, for a node on the segment
   constexpr double unit = 1e-15;      // round-off of numbers of size 1
-  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed: the first
-  // vertices of all segments are those at (0,0), (1,0), (0,1).
+  // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed.
   const auto& x = pair.segment;
   const Vec3 from = pair.node - x[0], mixed = combine(S::d2phi(), x);
-  const std::array<Vec3, 2> edge = {x[1] - x[0], x[2] - x[0]};
+  const std::array<Vec3, 2> edge = S::directions(x);
 
   Projection<S> p;
   const auto finished = [&](const Vec3& r) noexcept

@@ -69,6 +69,9 @@ double inner(const double* a, const double* b) noexcept
 
 inline double norm(const Vec3& a) noexcept { return std::sqrt(dot(a, a)); }
 
+/// @brief Vector along z that is as long as another one.
+inline Vec3 out_of_plane(const Vec3& a) noexcept { return {0, 0, norm(a)}; }
+
 /// @brief Determinant of a 2 x 2 matrix.
 constexpr double det(const Matrix<2, 2>& A) noexcept
 {

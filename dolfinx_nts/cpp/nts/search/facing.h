@@ -26,15 +26,18 @@ struct FacingRule
 };
 
 /// @brief Unit normal of a facet out of its body; zero where it has none.
-/// @param[in] vertices Of a triangle or quadrilateral, in Basix order [m].
+/// @param[in] vertices Of an edge, triangle or quadrilateral, in Basix order [m].
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
 inline Vec3 facet_normal(std::span<const Vec3> vertices,
                          double orientation) noexcept
 {
   const auto& x = vertices;
   // Two edges of a triangle, the diagonals of a quadrilateral.
-  const Vec3 n = x.size() == 3 ? cross(x[1] - x[0], x[2] - x[0])
-                               : cross(x[3] - x[0], x[2] - x[1]);
+  const Vec3 first = x.size() == 4 ? x[3] - x[0] : x[1] - x[0];
+  const Vec3 second = x.size() == 2   ? out_of_plane(first)
+                      : x.size() == 3 ? x[2] - x[0]
+                                      : x[2] - x[1];
+  const Vec3 n = cross(first, second);
   const double length = norm(n);
   return length > 0 ? (orientation / length) * n : Vec3{};
 }

@@ -11,78 +11,108 @@
 #include <utility>
 #include <vector>
 
-/// @brief 3 x 3 blocks of sparse matrices.
+/// @brief B x B blocks of sparse matrices, one row and column for each component
+/// of the displacement of a node: B is 2 or 3.
 namespace nts
 {
-using Block = Matrix<3, 3>;
+template <std::size_t B>
+using Block = Matrix<B, B>;
 
-inline constexpr Block identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+template <std::size_t B>
+inline constexpr Block<B> identity = []
+{
+  Block<B> result = {};
+  for (std::size_t i = 0; i < B; ++i)
+    result[i][i] = 1;
+  return result;
+}();
 
-/// A column of a block in single precision and one entry that does not count.
-using Column __attribute__((vector_size(4 * sizeof(float)))) = float;
+/// @brief Numbers of a column of a block in one register.
+template <std::size_t B>
+struct Register;
+
+template <>
+struct Register<2>
+{
+  using type __attribute__((vector_size(2 * sizeof(float)))) = float;
+};
+
+template <>
+struct Register<3>
+{
+  using type __attribute__((vector_size(4 * sizeof(float)))) = float;
+};
+
+/// A column of a block in single precision; with three, one entry more that does
+/// not count.
+template <std::size_t B>
+using Column = typename Register<B>::type;
 
 /// @brief A block in single precision, column by column.
+template <std::size_t B>
 struct Columns
 {
-  Column column[3];
+  Column<B> column[B];
 
   /// @brief Take a block, row by row, times a number.
   static Columns of(const double* A, double scale) noexcept
   {
     Columns result = {};
-    for (std::size_t c = 0; c < 3; ++c)
-      for (std::size_t r = 0; r < 3; ++r)
-        result.column[c][r] = static_cast<float>(scale * A[3 * r + c]);
+    for (std::size_t c = 0; c < B; ++c)
+      for (std::size_t r = 0; r < B; ++r)
+        result.column[c][r] = static_cast<float>(scale * A[B * r + c]);
     return result;
   }
 
-  static Columns of(const Block& A, double scale = 1) noexcept
+  static Columns of(const Block<B>& A, double scale = 1) noexcept
   {
     return of(A.front().data(), scale);
   }
 
-  Block block() const noexcept
+  Block<B> block() const noexcept
   {
-    Block A;
-    for (std::size_t r = 0; r < 3; ++r)
-      for (std::size_t c = 0; c < 3; ++c)
+    Block<B> A;
+    for (std::size_t r = 0; r < B; ++r)
+      for (std::size_t c = 0; c < B; ++c)
         A[r][c] = static_cast<double>(column[c][r]);
     return A;
   }
 
   /// @brief This times a packed block.
-  Columns operator*(const float* B) const noexcept
+  Columns operator*(const float* other) const noexcept
   {
     Columns result;
-    for (std::size_t c = 0; c < 3; ++c, B += 3)
-      result.column[c] = column[0] * B[0] + column[1] * B[1] + column[2] * B[2];
+    for (std::size_t c = 0; c < B; ++c, other += B)
+      result.column[c] = times(other);
     return result;
   }
 
-  Columns operator*(const Columns& B) const noexcept
+  Columns operator*(const Columns& other) const noexcept
   {
     Columns result;
-    for (std::size_t c = 0; c < 3; ++c)
-      result.column[c] = column[0] * B.column[c][0] + column[1] * B.column[c][1]
-                         + column[2] * B.column[c][2];
+    for (std::size_t c = 0; c < B; ++c)
+      result.column[c] = times(other.column[c]);
     return result;
   }
 
   Columns operator*(float factor) const noexcept
   {
-    return {{column[0] * factor, column[1] * factor, column[2] * factor}};
+    Columns result;
+    for (std::size_t c = 0; c < B; ++c)
+      result.column[c] = column[c] * factor;
+    return result;
   }
 
   Columns& operator+=(const Columns& other) noexcept
   {
-    for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t c = 0; c < B; ++c)
       column[c] += other.column[c];
     return *this;
   }
 
   Columns& operator-=(const Columns& other) noexcept
   {
-    for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t c = 0; c < B; ++c)
       column[c] -= other.column[c];
     return *this;
   }
@@ -94,31 +124,44 @@ struct Columns
   {
     constexpr float tiny = 1.1e-19f; // above the root of the least number
     Columns result = *this;
-    for (Column& some : result.column)
-      some = (some < tiny) & (some > -tiny) ? Column{} : some;
+    for (Column<B>& some : result.column)
+      some = (some < tiny) & (some > -tiny) ? Column<B>{} : some;
     return result;
+  }
+
+private:
+  /// @brief This times a vector.
+  template <class Vector>
+  Column<B> times(const Vector& x) const noexcept
+  {
+    Column<B> sum = column[0] * x[0];
+    for (std::size_t c = 1; c < B; ++c)
+      sum += column[c] * x[c];
+    return sum;
   }
 };
 
 /// @brief y += A x.
-inline void add_product(const Columns& A, const double* x, double* y) noexcept
+template <std::size_t B>
+void add_product(const Columns<B>& A, const double* x, double* y) noexcept
 {
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t r = 0; r < 3; ++r)
+  for (std::size_t c = 0; c < B; ++c)
+    for (std::size_t r = 0; r < B; ++r)
       y[r] += static_cast<double>(A.column[c][r]) * x[c];
 }
 
-/// @brief Rows of a sparse matrix with 3 x 3 blocks.
+/// @brief Rows of a sparse matrix with B x B blocks.
+template <std::size_t B>
 struct BlockMatrix
 {
   std::span<const std::int64_t> start;  ///< where each row begins, and the end
   std::span<const std::int32_t> column; ///< of each block
-  std::span<const double> value;        ///< (blocks, 3, 3)
+  std::span<const double> value;        ///< (blocks, B, B)
 
   /// @brief A block, row by row.
   const double* operator[](std::size_t e) const noexcept
   {
-    return value.data() + 9 * e;
+    return value.data() + B * B * e;
   }
 
   /// @brief Columns of a row.
@@ -129,21 +172,24 @@ struct BlockMatrix
                           static_cast<std::size_t>(start[i + 1]) - first);
   }
 
-  Columns block(std::size_t e, double scale) const noexcept
+  Columns<B> block(std::size_t e, double scale) const noexcept
   {
-    return Columns::of((*this)[e], scale);
+    return Columns<B>::of((*this)[e], scale);
   }
 
   /// @brief Largest entry on the diagonal of a block.
   double diagonal(std::size_t e) const noexcept
   {
-    const double* A = (*this)[e];
-    return std::max({std::abs(A[0]), std::abs(A[4]), std::abs(A[8])});
+    double most = 0;
+    for (std::size_t d = 0; d < B; ++d)
+      most = std::max(most, std::abs((*this)[e][(B + 1) * d]));
+    return most;
   }
 };
 
 /// @brief Rows in single precision that are filled one after the other, each in
 /// any order.
+template <std::size_t B>
 class BlockRows
 {
 public:
@@ -158,7 +204,7 @@ public:
   }
 
   /// @brief Block of the last row, which no `end_row` has ended; zero if new.
-  Columns& operator[](std::int32_t j)
+  Columns<B>& operator[](std::int32_t j)
   {
     std::int64_t& place = _place[j];
     if (place < start.back())
@@ -174,7 +220,7 @@ public:
 
   std::size_t size() const noexcept { return start.size() - 1; }
 
-  Columns block(std::size_t e, double scale) const noexcept
+  Columns<B> block(std::size_t e, double scale) const noexcept
   {
     return value[e] * static_cast<float>(scale);
   }
@@ -182,14 +228,15 @@ public:
   /// @brief Largest entry on the diagonal of a block.
   double diagonal(std::size_t e) const noexcept
   {
-    const Columns& A = value[e];
-    return std::max({std::abs(A.column[0][0]), std::abs(A.column[1][1]),
-                     std::abs(A.column[2][2])});
+    float most = 0;
+    for (std::size_t d = 0; d < B; ++d)
+      most = std::max(most, std::abs(value[e].column[d][d]));
+    return most;
   }
 
   std::vector<std::int64_t> start = {0}; ///< where rows begin, and the end
   std::vector<std::int32_t> column;      ///< of each block
-  std::vector<Columns> value;
+  std::vector<Columns<B>> value;
 
 private:
   std::vector<std::int64_t> _place;
@@ -200,21 +247,22 @@ private:
 ///
 /// Products wait for memory, so that half of it takes half the time, and
 /// preconditioners need no more digits.
+template <std::size_t B>
 class PackedRows
 {
 public:
   void resize(std::size_t blocks)
   {
     _node.resize(blocks);
-    _entry.resize(9 * blocks + 1); // the last column is read as four
+    _entry.resize(B * B * blocks + 1); // with three, a column is read as four
   }
 
-  void put(std::size_t e, std::int32_t node, const Columns& A) noexcept
+  void put(std::size_t e, std::int32_t node, const Columns<B>& A) noexcept
   {
     _node[e] = node;
-    for (std::size_t c = 0; c < 3; ++c)
-      std::memcpy(_entry.data() + 9 * e + 3 * c, &A.column[c],
-                  3 * sizeof(float));
+    for (std::size_t c = 0; c < B; ++c)
+      std::memcpy(_entry.data() + B * B * e + B * c, &A.column[c],
+                  B * sizeof(float));
   }
 
   std::int32_t node(std::size_t e) const noexcept { return _node[e]; }
@@ -222,33 +270,36 @@ public:
   /// @brief A packed block.
   const float* operator[](std::size_t e) const noexcept
   {
-    return _entry.data() + 9 * e;
+    return _entry.data() + B * B * e;
   }
 
   /// @brief Sum of the next blocks times the values of their nodes.
   /// @param[in,out] e The first block; then `end`.
-  Column product(std::size_t& e, std::size_t end, const float* x) const noexcept
+  Column<B> product(std::size_t& e, std::size_t end,
+                    const float* x) const noexcept
   {
-    Column sum[3] = {};
+    Column<B> sum[B] = {};
     const float* block = (*this)[e];
-    for (; e < end; ++e, block += 9)
+    for (; e < end; ++e, block += B * B)
     {
       __builtin_prefetch(block + ahead); // may be beyond the last
-      const float* values = x + 3 * _node[e];
-      for (std::size_t c = 0; c < 3; ++c)
+      const float* values = x + B * _node[e];
+      for (std::size_t c = 0; c < B; ++c)
       {
-        Column column;
-        std::memcpy(&column, block + 3 * c, sizeof(column));
+        Column<B> column;
+        std::memcpy(&column, block + B * c, sizeof(column));
         sum[c] += column * values[c];
       }
     }
-    return sum[0] + sum[1] + sum[2];
+    for (std::size_t c = 1; c < B; ++c)
+      sum[0] += sum[c];
+    return sum[0];
   }
 
 private:
   /// Number of entries by which memory is asked for in advance. Processors by
   /// themselves look no farther than the end of a page.
-  static constexpr std::size_t ahead = 64 * 9;
+  static constexpr std::size_t ahead = 64 * B * B;
 
   std::vector<std::int32_t> _node;
   std::vector<float> _entry;

@@ -29,12 +29,13 @@
 namespace nts
 {
 /// @brief See the head of this file.
+template <std::size_t B>
 class ContactSchwarz
 {
 public:
   /// @param[in] K Bulk tangent; columns beyond its rows are of nodes that
   /// are not changed.
-  explicit ContactSchwarz(const BlockMatrix& K) : _K(K)
+  explicit ContactSchwarz(const BlockMatrix<B>& K) : _K(K)
   {
     std::size_t columns = K.start.size() - 1;
     for (const std::int32_t column : K.column)
@@ -46,14 +47,14 @@ public:
   std::size_t num_columns() const noexcept { return _number.size(); }
 
   /// @brief Add constraints and blocks of the tangent, all nodes rows of K.
-  void add(const Elimination& e)
+  void add(const Elimination<B>& e)
   {
     for (std::size_t i = 0; i < e.rank.size(); ++i)
     {
       _constraints.push_back(project(e, i));
       add_slopes(e, i);
     }
-    const std::size_t k = e.width, n = 3 * k;
+    const std::size_t k = e.width, n = B * k;
     for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
     {
       const auto nodes = e.tangent_nodes.subspan(k * p, k);
@@ -63,8 +64,8 @@ public:
       tangent.blocks.resize(k * k);
       for (std::size_t a = 0; a < k; ++a)
         for (std::size_t b = 0; b < k; ++b)
-          for (std::size_t c = 0; c < 3; ++c)
-            std::copy_n(C + n * (3 * a + c) + 3 * b, 3,
+          for (std::size_t c = 0; c < B; ++c)
+            std::copy_n(C + n * (B * a + c) + B * b, B,
                         tangent.blocks[k * a + b][c].begin());
     }
   }
@@ -95,53 +96,54 @@ public:
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
-  /// @param[in] r Right-hand side without a part in E, (n, 3).
+  /// @param[in] r Right-hand side without a part in E, (n, B).
   /// @param[in,out] z Values at the columns of K.
   void correct(std::span<const double> r, std::span<double> z)
   {
     for (const Constraint& constraint : _constraints)
     {
-      Vec3 x = {};
+      std::array<double, B> x = {};
       for (std::size_t a = 0; a < constraint.nodes.size(); ++a)
-        add_product(constraint.right[a], z.data() + 3 * constraint.nodes[a],
+        add_product(constraint.right[a], z.data() + B * constraint.nodes[a],
                     x.data());
-      std::ranges::copy(x, z.begin() + 3 * constraint.nodes[0]);
+      std::ranges::copy(x, z.begin() + B * constraint.nodes[0]);
     }
     if (_factors.size() != _size) // they do not exist
       return;
     double largest = 0;
     for (const std::int32_t node : _nodes)
-      for (std::size_t c = 0; c < 3; ++c)
-        largest = std::max(largest, std::abs(z[3 * node + c]));
+      for (std::size_t c = 0; c < B; ++c)
+        largest = std::max(largest, std::abs(z[B * node + c]));
     const double scale = power_of_two(largest);
-    _z.resize(3 * _nodes.size());
+    _z.resize(B * _nodes.size());
     for (std::size_t p = 0; p < _nodes.size(); ++p)
-      for (std::size_t c = 0; c < 3; ++c)
-        _z[3 * p + c]
-            = without_dust(static_cast<float>(scale * z[3 * _nodes[p] + c]));
-    _x.resize(3 * _size);
+      for (std::size_t c = 0; c < B; ++c)
+        _z[B * p + c]
+            = without_dust(static_cast<float>(scale * z[B * _nodes[p] + c]));
+    _x.resize(B * _size);
     std::size_t e = 0;
     for (std::size_t p = 0; p < _size; ++p)
     {
-      const Column product = _rows.product(
+      const Column<B> product = _rows.product(
           e, static_cast<std::size_t>(_made.all.start[p + 1]), _z.data());
-      for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * p + c] = _scale * r[3 * _nodes[p] + c]
+      for (std::size_t c = 0; c < B; ++c)
+        _x[B * p + c] = _scale * r[B * _nodes[p] + c]
                         - static_cast<double>(product[c]) / scale;
     }
     for (const Constraint& constraint : _constraints)
     {
-      const std::size_t s = 3 * _number[constraint.nodes[0]];
-      const Vec3 given_up = {_x[s], _x[s + 1], _x[s + 2]};
-      std::fill_n(_x.begin() + s, 3, 0.0);
+      const std::size_t s = B * _number[constraint.nodes[0]];
+      std::array<double, B> given_up;
+      std::copy_n(_x.begin() + s, B, given_up.begin());
+      std::fill_n(_x.begin() + s, B, 0.0);
       for (std::size_t a = 0; a < constraint.nodes.size(); ++a)
         add_product(constraint.left[a], given_up.data(),
-                    _x.data() + 3 * _number[constraint.nodes[a]]);
+                    _x.data() + B * _number[constraint.nodes[a]]);
     }
     _factors.apply(_x, _x);
     for (std::size_t p = 0; p < _size; ++p)
-      for (std::size_t c = 0; c < 3; ++c)
-        z[3 * _nodes[p] + c] += _x[3 * p + c];
+      for (std::size_t c = 0; c < B; ++c)
+        z[B * _nodes[p] + c] += _x[B * p + c];
   }
 
   /// @brief Number of nodes of the subdomain.
@@ -154,38 +156,38 @@ private:
   {
     std::size_t rank;                 // number of constraints
     std::vector<std::int32_t> nodes;  // that they reach, its own first
-    std::vector<Columns> right, left; // Z_0a and (Z~^T)_a0
-    Columns given_up;                 // E E^T at the node
+    std::vector<Columns<B>> right, left; // Z_0a and (Z~^T)_a0
+    Columns<B> given_up;                 // E E^T at the node
   };
 
   /// @brief A block of the contact tangent.
   struct Tangent
   {
     std::vector<std::int32_t> nodes;
-    std::vector<Block> blocks; // (nodes, nodes)
+    std::vector<Block<B>> blocks; // (nodes, nodes)
   };
 
   /// @brief Rows that `build` makes, in memory that is used again.
   struct Made
   {
-    BlockRows all;         // of K + C
-    BlockRows constrained; // times Z, those of constrained nodes
-    BlockRows projected;
+    BlockRows<B> all;         // of K + C
+    BlockRows<B> constrained; // times Z, those of constrained nodes
+    BlockRows<B> projected;
   };
 
   /// @brief Add the block of the tangent F_a S_ab G_b^T of node i.
-  void add_slopes(const Elimination& e, std::size_t i)
+  void add_slopes(const Elimination<B>& e, std::size_t i)
   {
-    const Matrix<3, 3> S = e.slope(i);
-    if (S == Matrix<3, 3>{})
+    const Matrix<B, B> S = e.slope(i);
+    if (S == Matrix<B, B>{})
       return;
     const auto list = e.list(i);
     const std::size_t k = list.size();
     Tangent& tangent = _tangents.emplace_back();
     tangent.nodes.assign(list.begin(), list.end());
     tangent.blocks.resize(k * k);
-    for (std::size_t a = 0; a < 3; ++a)
-      for (std::size_t b = 0; b < 3; ++b)
+    for (std::size_t a = 0; a < B; ++a)
+      for (std::size_t b = 0; b < B; ++b)
       {
         if (S[a][b] == 0)
           continue;
@@ -193,10 +195,10 @@ private:
         const double* G = e.row(e.gradients, i, b);
         for (std::size_t K = 0; K < k; ++K)
           for (std::size_t L = 0; L < k; ++L)
-            for (std::size_t c = 0; c < 3; ++c)
-              for (std::size_t d = 0; d < 3; ++d)
+            for (std::size_t c = 0; c < B; ++c)
+              for (std::size_t d = 0; d < B; ++d)
                 tangent.blocks[k * K + L][c][d]
-                    += S[a][b] * F[3 * K + c] * G[3 * L + d];
+                    += S[a][b] * F[B * K + c] * G[B * L + d];
       }
   }
 
@@ -214,47 +216,47 @@ private:
   }
 
   /// @brief Projections by the constraints of node i.
-  static Constraint project(const Elimination& e, std::size_t i)
+  static Constraint project(const Elimination<B>& e, std::size_t i)
   {
     const auto list = e.list(i);
     const auto constraints = static_cast<std::size_t>(e.rank[i]);
     Constraint result{.rank = constraints};
     result.nodes.assign(list.begin(), list.end());
     // Directions in rows, and the inverses of G^T E and E^T F.
-    Block E = identity, GE = identity, EF = identity;
+    Block<B> E = identity<B>, GE = identity<B>, EF = identity<B>;
     if (constraints == 1)
-      std::copy_n(e.normal.data() + 3 * i, 3, E[0].begin());
+      std::copy_n(e.normal.data() + B * i, B, E[0].begin());
     for (std::size_t a = 0; a < constraints; ++a)
       for (std::size_t b = 0; b < constraints; ++b)
       {
-        GE[a][b] = inner<3>(e.row(e.gradients, i, a), E[b].data());
-        EF[a][b] = inner<3>(E[a].data(), e.row(e.columns, i, b));
+        GE[a][b] = inner<B>(e.row(e.gradients, i, a), E[b].data());
+        EF[a][b] = inner<B>(E[a].data(), e.row(e.columns, i, b));
       }
-    Block GE_inverse = identity, EF_inverse = identity;
+    Block<B> GE_inverse = identity<B>, EF_inverse = identity<B>;
     solve(GE, GE_inverse);
     solve(EF, EF_inverse);
     for (std::size_t K = 0; K < list.size(); ++K)
     {
-      Block right = K == 0 ? identity : Block{}, left = right;
+      Block<B> right = K == 0 ? identity<B> : Block<B>{}, left = right;
       for (std::size_t a = 0; a < constraints; ++a)
         for (std::size_t b = 0; b < constraints; ++b)
-          for (std::size_t c = 0; c < 3; ++c)
-            for (std::size_t d = 0; d < 3; ++d)
+          for (std::size_t c = 0; c < B; ++c)
+            for (std::size_t d = 0; d < B; ++d)
             {
               right[c][d] -= E[a][c] * GE_inverse[a][b]
-                             * e.row(e.gradients, i, b)[3 * K + d];
-              left[c][d] -= e.row(e.columns, i, a)[3 * K + c] * EF_inverse[a][b]
+                             * e.row(e.gradients, i, b)[B * K + d];
+              left[c][d] -= e.row(e.columns, i, a)[B * K + c] * EF_inverse[a][b]
                             * E[b][d];
             }
-      result.right.push_back(Columns::of(right));
-      result.left.push_back(Columns::of(left));
+      result.right.push_back(Columns<B>::of(right));
+      result.left.push_back(Columns<B>::of(left));
     }
-    Block given_up = {};
+    Block<B> given_up = {};
     for (std::size_t a = 0; a < constraints; ++a)
-      for (std::size_t c = 0; c < 3; ++c)
-        for (std::size_t d = 0; d < 3; ++d)
+      for (std::size_t c = 0; c < B; ++c)
+        for (std::size_t d = 0; d < B; ++d)
           given_up[c][d] += E[a][c] * E[a][d];
-    result.given_up = Columns::of(given_up);
+    result.given_up = Columns<B>::of(given_up);
     return result;
   }
 
@@ -299,7 +301,7 @@ private:
   void take_rows()
   {
     const auto tangents = by_node(_tangents);
-    BlockRows& rows = _made.all;
+    BlockRows<B>& rows = _made.all;
     rows.clear(_nodes.size());
     for (std::size_t p = 0; p < _size; ++p)
     {
@@ -308,7 +310,7 @@ private:
         rows[_number[_K.column[e]]] = _K.block(e, _scale);
       for (const auto& [tangent, a] : tangents[p])
         for (std::size_t b = 0; b < tangent->nodes.size(); ++b)
-          rows[_number[tangent->nodes[b]]] += Columns::of(
+          rows[_number[tangent->nodes[b]]] += Columns<B>::of(
               tangent->blocks[tangent->nodes.size() * a + b], _scale);
       rows.end_row();
     }
@@ -343,7 +345,7 @@ private:
         present = &constraint;
     }
 
-    const auto add_row = [&, &rows = rows](std::size_t p, BlockRows& sum)
+    const auto add_row = [&, &rows = rows](std::size_t p, BlockRows<B>& sum)
     {
       for (std::int64_t e = rows.start[p]; e < rows.start[p + 1]; ++e)
       {
@@ -398,21 +400,21 @@ private:
     double sum = 0;
     for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1]; ++e)
       if (_K.column[e] == _nodes[p])
-        for (std::size_t d = 0; d < 3; ++d)
-          sum += std::abs(_K[e][4 * d]);
-    return sum / 3;
+        for (std::size_t d = 0; d < B; ++d)
+          sum += std::abs(_K[e][(B + 1) * d]);
+    return sum / B;
   }
 
-  BlockMatrix _K;
+  BlockMatrix<B> _K;
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
   std::vector<std::int32_t> _nodes;  // of the subdomain, then those outside
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the subdomain
-  PackedRows _rows;                  // of K + C, times _scale as the factors
+  PackedRows<B> _rows;                  // of K + C, times _scale as the factors
   Made _made;
   double _scale = 1;
-  IncompleteFactors _factors;
+  IncompleteFactors<B> _factors;
   std::vector<float> _z;
   std::vector<double> _x;
 };

@@ -8,10 +8,11 @@
 /// @brief Elimination of the multipliers: a constrained node gives up the
 /// displacements that its constraints determine.
 ///
-/// A node has 0 (no multiplier), 1 (normal) or 3 (normal and stick)
+/// With B components a node, a node has 0 (no multiplier), 1 (normal) or B (normal
+/// and stick)
 /// constraints, with gradients G_a and forces F_a per multiplier, which reach
 /// any number of other nodes. E holds the directions that are given up: the
-/// normal, or all three. Where no constrained node is reached by constraints
+/// normal, or all components. Where no constrained node is reached by constraints
 /// of another one, G^T E and E^T F are block diagonal and
 ///
 ///     Z = 1 - E (G^T E)^-1 G^T,   Z~^T = 1 - F (E^T F)^-1 E^T
@@ -22,6 +23,7 @@ namespace nts
 {
 /// @brief Constraints of some nodes, and blocks of the tangent of contact, all
 /// with lists of nodes of their own.
+template <std::size_t B>
 struct Elimination
 {
   /// (m + 1,) Where the nodes of each list begin, and the end.
@@ -31,19 +33,19 @@ struct Elimination
   std::span<const std::int32_t> nodes;
   /// (m,) Number of constraints.
   std::span<const std::int32_t> rank;
-  /// (m, 3) Unit normal at the constrained node.
+  /// (m, B) Unit normal at the constrained node.
   std::span<const double> normal;
-  /// (9 l,) G_a, list by list, shape (3, 3 k) for k nodes.
+  /// (B B l,) G_a, list by list, shape (B, B k) for k nodes.
   std::span<const double> gradients;
-  /// (9 l,) F_a, the same.
+  /// (B B l,) F_a, the same.
   std::span<const double> columns;
-  /// (m, 3, 3) How forces F_a follow gap and slip, S_ab: springs and friction.
+  /// (m, B, B) How forces F_a follow gap and slip, S_ab: springs and friction.
   std::span<const double> slopes;
   /// Nodes of a block of the tangent.
   std::size_t width;
   /// (p, width) Nodes of the blocks.
   std::span<const std::int32_t> tangent_nodes;
-  /// (p, 3 width, 3 width) Blocks, whose sum, with that of F_a S_ab G_b^T, is
+  /// (p, B width, B width) Blocks, whose sum, with that of F_a S_ab G_b^T, is
   /// the contact tangent C.
   std::span<const double> tangent;
 
@@ -53,28 +55,31 @@ struct Elimination
     return nodes.subspan(start[i], start[i + 1] - start[i]);
   }
 
-  /// @brief Constraint a of node i: gradient or force, three numbers a node.
+  /// @brief Constraint a of node i: gradient or force, B numbers a node.
   const double* row(std::span<const double> rows, std::size_t i,
                     std::size_t a) const noexcept
   {
-    return rows.data() + 9 * start[i] + 3 * a * list(i).size();
+    return rows.data() + B * B * start[i] + B * a * list(i).size();
   }
 
   /// @brief S of node i.
-  Matrix<3, 3> slope(std::size_t i) const noexcept
+  Matrix<B, B> slope(std::size_t i) const noexcept
   {
-    const double* S = slopes.data() + 9 * i;
-    return {{{S[0], S[1], S[2]}, {S[3], S[4], S[5]}, {S[6], S[7], S[8]}}};
+    Matrix<B, B> S;
+    for (std::size_t a = 0; a < B; ++a)
+      std::copy_n(slopes.data() + B * (B * i + a), B, S[a].begin());
+    return S;
   }
 };
 
 /// @brief Multipliers that balance forces at nodes along their normals:
 /// -n . force / n . F, 0 where F has no part along the normal.
-/// @param[in] normal Normals n, (m, 3).
-/// @param[in] force What is to be balanced, (m, 3).
-/// @param[in] columns Force per multiplier F, (m, stride): the first three.
+/// @param[in] normal Normals n, (m, B).
+/// @param[in] force What is to be balanced, (m, B).
+/// @param[in] columns Force per multiplier F, (m, stride): the first B.
 /// @param[out] lambda Multipliers, (m,).
-inline void balance(std::span<const double> normal,
+template <std::size_t B>
+void balance(std::span<const double> normal,
                     std::span<const double> force,
                     std::span<const double> columns, std::size_t stride,
                     std::span<double> lambda) noexcept
@@ -82,10 +87,10 @@ inline void balance(std::span<const double> normal,
   constexpr double least = 1e-3; // of the unit force per multiplier [-]
   for (std::size_t i = 0; i < lambda.size(); ++i)
   {
-    const double* n = normal.data() + 3 * i;
-    const double response = inner<3>(n, columns.data() + stride * i);
+    const double* n = normal.data() + B * i;
+    const double response = inner<B>(n, columns.data() + stride * i);
     const bool responds = std::abs(response) > least;
-    lambda[i] = responds ? -inner<3>(n, force.data() + 3 * i) / response : 0;
+    lambda[i] = responds ? -inner<B>(n, force.data() + B * i) / response : 0;
   }
 }
 
@@ -94,10 +99,11 @@ inline void balance(std::span<const double> normal,
 /// @param[in] nodes Contact nodes, (m,).
 /// @param[in] moves Whether each moves, (m,).
 /// @param[in] gap What is to become zero, (m,).
-/// @param[in] normal Normals n, (m, 3).
-/// @param[in] gradients Of the gaps, (m, stride): the first three.
-/// @param[in,out] x Nodal vectors, (n, 3).
-inline void close_gaps(std::span<const std::int32_t> nodes,
+/// @param[in] normal Normals n, (m, B).
+/// @param[in] gradients Of the gaps, (m, stride): the first B.
+/// @param[in,out] x Nodal vectors, (n, B).
+template <std::size_t B>
+void close_gaps(std::span<const std::int32_t> nodes,
                        std::span<const bool> moves, std::span<const double> gap,
                        std::span<const double> normal,
                        std::span<const double> gradients, std::size_t stride,
@@ -107,120 +113,124 @@ inline void close_gaps(std::span<const std::int32_t> nodes,
   {
     if (!moves[i])
       continue;
-    const double* n = normal.data() + 3 * i;
-    const double way = gap[i] / inner<3>(n, gradients.data() + stride * i);
+    const double* n = normal.data() + B * i;
+    const double way = gap[i] / inner<B>(n, gradients.data() + stride * i);
     if (std::islessequal(std::abs(way), farthest)) // quiet where it is NaN
-      for (std::size_t c = 0; c < 3; ++c)
-        x[3 * nodes[i] + c] -= way * n[c];
+      for (std::size_t c = 0; c < B; ++c)
+        x[B * nodes[i] + c] -= way * n[c];
   }
 }
 
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Constraints.
-/// @param[in] values Wanted G^T x, (m, 3), or empty for none.
-/// @param[in,out] x Nodal vectors, (n, 3).
-inline void constrain(const Elimination& e, std::span<const double> values,
+/// @param[in] values Wanted G^T x, (m, B), or empty for none.
+/// @param[in,out] x Nodal vectors, (n, B).
+template <std::size_t B>
+void constrain(const Elimination<B>& e, std::span<const double> values,
                       std::span<double> x) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
     const std::span<const std::int32_t> list = e.list(i);
     const auto rank = static_cast<std::size_t>(e.rank[i]);
-    Vec3 missing = {};
+    std::array<double, B> missing = {};
     for (std::size_t a = 0; a < rank; ++a)
     {
       const double* G = e.row(e.gradients, i, a);
       double product = 0;
       for (const std::int32_t node : list)
-        for (std::size_t c = 0; c < 3; ++c)
-          product += *G++ * x[3 * node + c];
-      missing[a] = (values.empty() ? 0 : values[3 * i + a]) - product;
+        for (std::size_t c = 0; c < B; ++c)
+          product += *G++ * x[B * node + c];
+      missing[a] = (values.empty() ? 0 : values[B * i + a]) - product;
     }
-    Vec3 dx = {};
+    std::array<double, B> dx = {};
     if (rank == 1)
     {
-      const double* E = e.normal.data() + 3 * i;
-      for (std::size_t c = 0; c < 3; ++c)
-        dx[c] = missing[0] / inner<3>(e.row(e.gradients, i, 0), E) * E[c];
+      const double* E = e.normal.data() + B * i;
+      for (std::size_t c = 0; c < B; ++c)
+        dx[c] = missing[0] / inner<B>(e.row(e.gradients, i, 0), E) * E[c];
     }
-    else if (rank == 3)
+    else if (rank == B)
     {
-      Matrix<3, 3> A;
-      Matrix<3, 1> b;
-      for (std::size_t a = 0; a < 3; ++a)
+      Matrix<B, B> A;
+      Matrix<B, 1> b;
+      for (std::size_t a = 0; a < B; ++a)
       {
-        std::copy_n(e.row(e.gradients, i, a), 3, A[a].begin());
+        std::copy_n(e.row(e.gradients, i, a), B, A[a].begin());
         b[a][0] = missing[a];
       }
       solve(A, b);
-      dx = {b[0][0], b[1][0], b[2][0]};
+      for (std::size_t c = 0; c < B; ++c)
+        dx[c] = b[c][0];
     }
-    for (std::size_t c = 0; c < 3; ++c)
-      x[3 * list[0] + c] += dx[c];
+    for (std::size_t c = 0; c < B; ++c)
+      x[B * list[0] + c] += dx[c];
   }
 }
 
 /// @brief y <- y + sum of F_a S_ab G_b^T x.
-inline void add_slopes(const Elimination& e, std::span<const double> x,
+template <std::size_t B>
+void add_slopes(const Elimination<B>& e, std::span<const double> x,
                        std::span<double> y) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
-    const Matrix<3, 3> S = e.slope(i);
-    if (S == Matrix<3, 3>{})
+    const Matrix<B, B> S = e.slope(i);
+    if (S == Matrix<B, B>{})
       continue;
     const std::span<const std::int32_t> list = e.list(i);
-    Vec3 change = {};
-    for (std::size_t b = 0; b < 3; ++b)
+    std::array<double, B> change = {};
+    for (std::size_t b = 0; b < B; ++b)
     {
       const double* G = e.row(e.gradients, i, b);
       double product = 0;
       for (std::size_t K = 0; K < list.size(); ++K)
-        product += inner<3>(G + 3 * K, x.data() + 3 * list[K]);
-      for (std::size_t a = 0; a < 3; ++a)
+        product += inner<B>(G + B * K, x.data() + B * list[K]);
+      for (std::size_t a = 0; a < B; ++a)
         change[a] += S[a][b] * product;
     }
-    for (std::size_t a = 0; a < 3; ++a)
+    for (std::size_t a = 0; a < B; ++a)
     {
       const double* F = e.row(e.columns, i, a);
       for (std::size_t K = 0; K < list.size(); ++K)
-        for (std::size_t c = 0; c < 3; ++c)
-          y[3 * list[K] + c] += change[a] * F[3 * K + c];
+        for (std::size_t c = 0; c < B; ++c)
+          y[B * list[K] + c] += change[a] * F[B * K + c];
     }
   }
 }
 
 /// @brief y <- y + C x.
-inline void add_tangent(const Elimination& e, std::span<const double> x,
+template <std::size_t B>
+void add_tangent(const Elimination<B>& e, std::span<const double> x,
                         std::span<double> y) noexcept
 {
   add_slopes(e, x, y);
-  const std::size_t n = 3 * e.width;
+  const std::size_t n = B * e.width;
   for (std::size_t p = 0; n * n * p < e.tangent.size(); ++p)
   {
     const auto nodes = e.tangent_nodes.subspan(e.width * p, e.width);
     const double* C = e.tangent.data() + n * n * p;
     for (const std::int32_t row : nodes)
     {
-      Vec3 sum = {};
+      std::array<double, B> sum = {};
       for (const std::int32_t column : nodes)
       {
-        const double* values = x.data() + 3 * column;
-        for (std::size_t r = 0; r < 3; ++r)
-          sum[r] += C[n * r] * values[0] + C[n * r + 1] * values[1]
-                    + C[n * r + 2] * values[2];
-        C += 3;
+        const double* values = x.data() + B * column;
+        for (std::size_t r = 0; r < B; ++r)
+          sum[r] += inner<B>(C + n * r, values);
+        C += B;
       }
-      C += 2 * n;
-      for (std::size_t r = 0; r < 3; ++r)
-        y[3 * row + r] += sum[r];
+      C += (B - 1) * n;
+      for (std::size_t r = 0; r < B; ++r)
+        y[B * row + r] += sum[r];
     }
   }
 }
 
 /// @brief y <- Z~^T (y + C x).
-/// @param[out] multipliers What this removes from y, in forces F, (m, 3).
-inline void act(const Elimination& e, std::span<const double> x,
+/// @param[out] multipliers What this removes from y, in forces F, (m, B).
+template <std::size_t B>
+void act(const Elimination<B>& e, std::span<const double> x,
                 std::span<double> y, std::span<double> multipliers) noexcept
 {
   add_tangent(e, x, y);
@@ -228,41 +238,42 @@ inline void act(const Elimination& e, std::span<const double> x,
   {
     const std::span<const std::int32_t> list = e.list(i);
     const auto rank = static_cast<std::size_t>(e.rank[i]);
-    std::fill_n(multipliers.begin() + 3 * i, 3, 0.0);
+    std::fill_n(multipliers.begin() + B * i, B, 0.0);
     if (rank == 0)
       continue;
     // The multipliers balance the force in the directions that are given up.
-    const double* force = y.data() + 3 * list[0];
-    Vec3 lambda = {};
+    const double* force = y.data() + B * list[0];
+    std::array<double, B> lambda = {};
     if (rank == 1)
     {
-      const double* E = e.normal.data() + 3 * i;
-      lambda[0] = inner<3>(E, force) / inner<3>(E, e.row(e.columns, i, 0));
+      const double* E = e.normal.data() + B * i;
+      lambda[0] = inner<B>(E, force) / inner<B>(E, e.row(e.columns, i, 0));
     }
-    else if (rank == 3)
+    else if (rank == B)
     {
-      Matrix<3, 3> A;
-      Matrix<3, 1> b;
-      for (std::size_t c = 0; c < 3; ++c)
+      Matrix<B, B> A;
+      Matrix<B, 1> b;
+      for (std::size_t c = 0; c < B; ++c)
       {
-        for (std::size_t a = 0; a < 3; ++a)
+        for (std::size_t a = 0; a < B; ++a)
           A[c][a] = e.row(e.columns, i, a)[c];
         b[c][0] = force[c];
       }
       solve(A, b);
-      lambda = {b[0][0], b[1][0], b[2][0]};
+      for (std::size_t c = 0; c < B; ++c)
+        lambda[c] = b[c][0];
     }
-    std::ranges::copy(lambda, multipliers.begin() + 3 * i);
-    const std::size_t n = 3 * list.size();
+    std::ranges::copy(lambda, multipliers.begin() + B * i);
+    const std::size_t n = B * list.size();
     const double* F = e.row(e.columns, i, 0);
     for (std::size_t K = 0; K < list.size(); ++K)
     {
-      Vec3 sum = {};
+      std::array<double, B> sum = {};
       for (std::size_t a = 0; a < rank; ++a)
-        for (std::size_t c = 0; c < 3; ++c)
-          sum[c] += lambda[a] * F[n * a + 3 * K + c];
-      for (std::size_t c = 0; c < 3; ++c)
-        y[3 * list[K] + c] -= sum[c];
+        for (std::size_t c = 0; c < B; ++c)
+          sum[c] += lambda[a] * F[n * a + B * K + c];
+      for (std::size_t c = 0; c < B; ++c)
+        y[B * list[K] + c] -= sum[c];
     }
   }
 }

@@ -8,9 +8,9 @@
 namespace nts
 {
 /// @brief Pattern of incomplete factors of a sparse matrix, row by row.
-/// @tparam Matrix `BlockMatrix` or `BlockRows`; columns beyond its rows are
+/// @tparam Rows `BlockMatrix` or `BlockRows`; columns beyond its rows are
 /// left out.
-template <class Matrix>
+template <class Rows>
 class FactorPattern
 {
 public:
@@ -25,7 +25,7 @@ public:
   /// @param[in] fill Whether the pattern has, beside the entries of the matrix,
   /// those between nodes that are neighbours of a node eliminated before,
   /// ILU(1).
-  FactorPattern(const Matrix& A, std::span<const std::int32_t> order, bool fill)
+  FactorPattern(const Rows& A, std::span<const std::int32_t> order, bool fill)
       : _A(A), _order(order), _place(order.size()), _last(order.size(), -1),
         _fill(fill)
   {
@@ -66,7 +66,7 @@ private:
         function(_place[_A.column[e]], e);
   }
 
-  const Matrix& _A;
+  const Rows& _A;
   std::span<const std::int32_t> _order;
   std::vector<std::int32_t> _place; // of rows in the order
   std::vector<std::int32_t> _last;  // row that had this column
@@ -74,12 +74,13 @@ private:
   Entries _entries;
 };
 
-/// @brief Incomplete LU factors of a sparse matrix with 3 x 3 blocks in single
+/// @brief Incomplete LU factors of a sparse matrix with B x B blocks in single
 /// precision, see `FactorPattern`.
 ///
 /// Memory has them in the order in which solving reads them: the rows of L
 /// forward, then the rows of U backward, each with the inverse of its diagonal
 /// block at the end.
+template <std::size_t B>
 class IncompleteFactors
 {
 public:
@@ -89,16 +90,16 @@ public:
   /// @param[in] order The rows in the order of elimination.
   /// @param[in] fill See `FactorPattern`.
   /// @return False if a block on the diagonal is singular.
-  template <class Matrix>
-  bool factorise(const Matrix& A, std::span<const std::int32_t> order,
+  template <class Rows>
+  bool factorise(const Rows& A, std::span<const std::int32_t> order,
                  bool fill = false)
   {
     const std::size_t n = order.size();
     _order.assign(order.begin(), order.end());
-    FactorPattern<Matrix> pattern(A, order, fill);
+    FactorPattern<Rows> pattern(A, order, fill);
     allocate(A, pattern);
     std::vector<std::int32_t> at(n, -1); // columns in the present row
-    std::vector<Columns> row;
+    std::vector<Columns<B>> row;
     for (std::size_t i = 0; i < n; ++i)
     {
       auto& entries = pattern.row(static_cast<std::int32_t>(i));
@@ -108,7 +109,7 @@ public:
       for (const auto& [column, e] : entries)
       {
         at[column] = static_cast<std::int32_t>(row.size());
-        row.push_back(e == pattern.filled ? Columns{}
+        row.push_back(e == pattern.filled ? Columns<B>{}
                                           : A.block(e, _scale).without_dust());
       }
       const std::size_t diagonal = _begin[i + 1] - _begin[i];
@@ -120,20 +121,20 @@ public:
         // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
         const auto k = static_cast<std::size_t>(entries[c].first);
         const std::size_t end = _begin[2 * n - k] - 1;
-        const Columns L = (row[c] * _factors[end]).without_dust();
+        const Columns<B> L = (row[c] * _factors[end]).without_dust();
         _factors.put(_begin[i] + c, entries[c].first, L);
         for (std::size_t u = _begin[2 * n - 1 - k]; u < end; ++u)
           if (const std::int32_t target = at[_factors.node(u)]; target >= 0)
             row[target] -= L * _factors[u];
       }
-      Block pivot = row[diagonal].block(), inverse = identity;
+      Block<B> pivot = row[diagonal].block(), inverse = identity<B>;
       if (!solve(pivot, inverse))
         return fail();
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
         _factors.put(u++, entries[c].first, row[c].without_dust());
       _factors.put(u, entries[diagonal].first,
-                   Columns::of(inverse).without_dust());
+                   Columns<B>::of(inverse).without_dust());
       for (const auto& [column, e] : entries)
         at[column] = -1;
     }
@@ -147,31 +148,31 @@ public:
   {
     const double scale = power_of_two(largest(b));
     const std::size_t n = _order.size();
-    _x.resize(3 * n);
+    _x.resize(B * n);
     std::size_t e = 0;
-    const auto set = [&](std::size_t i, const Column& y)
+    const auto set = [&](std::size_t i, const Column<B>& y)
     {
-      for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * i + c] = without_dust(y[c]);
+      for (std::size_t c = 0; c < B; ++c)
+        _x[B * i + c] = without_dust(y[c]);
     };
     for (std::size_t i = 0; i < n; ++i)
     {
-      Column y = {};
-      for (std::size_t c = 0; c < 3; ++c)
-        y[c] = static_cast<float>(scale * b[3 * _order[i] + c]);
+      Column<B> y = {};
+      for (std::size_t c = 0; c < B; ++c)
+        y[c] = static_cast<float>(scale * b[B * _order[i] + c]);
       set(i, y - _factors.product(e, _begin[i + 1], _x.data()));
     }
     const double back = _scale / scale;
     for (std::size_t i = n; i-- > 0;)
     {
-      const Column sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
-      for (std::size_t c = 0; c < 3; ++c)
-        _x[3 * i + c] -= sum[c];
+      const Column<B> sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
+      for (std::size_t c = 0; c < B; ++c)
+        _x[B * i + c] -= sum[c];
       set(i, _factors.product(e, _begin[2 * n - i], _x.data()));
       if (const auto node = static_cast<std::size_t>(_order[i]);
-          3 * node < x.size())
-        for (std::size_t c = 0; c < 3; ++c)
-          x[3 * node + c] = back * static_cast<double>(_x[3 * i + c]);
+          B * node < x.size())
+        for (std::size_t c = 0; c < B; ++c)
+          x[B * node + c] = back * static_cast<double>(_x[B * i + c]);
     }
   }
 
@@ -180,8 +181,8 @@ public:
 
 private:
   /// @brief Count the blocks of each row, and find the scale of the matrix.
-  template <class Matrix>
-  void allocate(const Matrix& A, FactorPattern<Matrix>& pattern)
+  template <class Rows>
+  void allocate(const Rows& A, FactorPattern<Rows>& pattern)
   {
     const std::size_t n = _order.size();
     _begin.assign(2 * n + 1, 0);
@@ -209,7 +210,7 @@ private:
   double _scale = 1; // of the matrix
   std::vector<std::int32_t> _order;
   std::vector<std::size_t> _begin; // rows of L, then those of U from the last
-  PackedRows _factors;
+  PackedRows<B> _factors;
   std::vector<float> _x; // values in this order
 };
 } // namespace nts

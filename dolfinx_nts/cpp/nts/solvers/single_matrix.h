@@ -4,12 +4,13 @@
 
 namespace nts
 {
-/// @brief Rows of a sparse matrix with 3 x 3 blocks in single precision, for
+/// @brief Rows of a sparse matrix with B x B blocks in single precision, for
 /// products in preconditioners.
+template <std::size_t B>
 class SingleMatrix
 {
 public:
-  explicit SingleMatrix(const BlockMatrix& A)
+  explicit SingleMatrix(const BlockMatrix<B>& A)
       : _start(A.start.begin(), A.start.end())
   {
     _scale = power_of_two(largest(A.value));
@@ -22,8 +23,8 @@ public:
   }
 
   /// @brief y = A x.
-  /// @param[in] x Values of all columns, (m, 3), m at least `width`.
-  /// @param[out] y Values of the rows, (n, 3).
+  /// @param[in] x Values of all columns, (m, B), m at least `width`.
+  /// @param[out] y Values of the rows, (n, B).
   void multiply(std::span<const double> x, std::span<double> y)
   {
     const double scale = power_of_two(largest(x));
@@ -34,10 +35,10 @@ public:
     std::size_t e = 0;
     for (std::size_t i = 0; i < size(); ++i)
     {
-      const Column sum = _rows.product(
+      const Column<B> sum = _rows.product(
           e, static_cast<std::size_t>(_start[i + 1]), _x.data());
-      for (std::size_t c = 0; c < 3; ++c)
-        y[3 * i + c] = back * static_cast<double>(sum[c]);
+      for (std::size_t c = 0; c < B; ++c)
+        y[B * i + c] = back * static_cast<double>(sum[c]);
     }
   }
 
@@ -51,7 +52,7 @@ private:
   double _scale = 1;
   std::size_t _width = 0;
   std::vector<std::int64_t> _start;
-  PackedRows _rows;
+  PackedRows<B> _rows;
   std::vector<float> _x;
 };
 } // namespace nts

@@ -2,32 +2,34 @@
 
 #include "nts/contact/discrete_gradient.h"
 
-/// @brief Closed form of the energy-momentum scheme for triangles.
+/// @brief Closed form of the energy-momentum scheme for edges and triangles.
 ///
 /// Constraints are of degree two in the invariants, so that those of d alone
 /// decide on the force of `discrete_gradient.h`. With the mean normal d_m, mean
-/// edges E_i and mean position E_0 of the node relative to the first vertex,
-/// and the vectors c^i with c^i . E_j = delta_ij, c^i . d_m = 0,
+/// edges E_i from the first vertex to the others, and mean position E_0 of the
+/// node relative to the first vertex, and the vectors c^i with c^i . E_j =
+/// delta_ij, c^i . d_m = 0,
 ///
 ///     beta_i = c^i . E_0,  F = d_m (x) w,  w = (1, -(1 - sum beta), -beta_i)
 ///
 /// is the same force: beta is where the line from the node along d_m meets the
-/// mean segment.
+/// mean segment. The second direction of an edge in the plane is along z.
 namespace nts
 {
-/// @brief As the template; eight times as fast.
-inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
-                               double orientation,
-                               Contact<Tri3>& contact) noexcept
+/// @brief As the template for all segments; eight times as fast.
+template <class S>
+  requires S::is_simplex
+void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
+                        double orientation, Contact<S>& contact) noexcept
 {
+  constexpr std::size_t nodes = 1 + S::vertices, edges = S::vertices - 1;
   constexpr double singular = 1e-12; // volume of edges and normal: round-off
-  const Projection<Tri3> p_n = project(pair_n, orientation);
-  const Projection<Tri3> p = project(pair, orientation);
-  const Pair<Tri3> mean = midpoint(pair_n, pair);
+  const Projection<S> p_n = project(pair_n, orientation);
+  const Projection<S> p = project(pair, orientation);
+  const Pair<S> mean = midpoint(pair_n, pair);
   const Vec3 d = 0.5 * (p_n.normal + p.normal);
   const Vec3 E0 = mean.node - mean.segment[0];
-  const std::array<Vec3, 2> E
-      = {mean.segment[1] - mean.segment[0], mean.segment[2] - mean.segment[0]};
+  const std::array<Vec3, 2> E = S::directions(mean.segment);
   const double volume = dot(d, cross(E[0], E[1]));
   contact.valid
       = p_n.converged && p.converged
@@ -39,9 +41,13 @@ inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
   const std::array<Vec3, 2> c
       = {(1 / volume) * cross(E[1], d), (1 / volume) * cross(d, E[0])};
   const Vec2 beta = {dot(c[0], E0), dot(c[1], E0)};
-  const std::array<double, 4> w
-      = {1, beta[0] + beta[1] - 1, -beta[0], -beta[1]};
-  for (std::size_t A = 0; A < 4; ++A)
+  std::array<double, nodes> w = {1, -1};
+  for (std::size_t i = 0; i < edges; ++i)
+  {
+    w[1] += beta[i];
+    w[2 + i] = -beta[i];
+  }
+  for (std::size_t A = 0; A < nodes; ++A)
     for (std::size_t i = 0; i < 3; ++i)
       contact.force[3 * A + i] = w[A] * d[i];
 
@@ -50,22 +56,23 @@ inline void contact_conserving(const Pair<Tri3>& pair_n, const Pair<Tri3>& pair,
   const double height
       = dot(E0 - beta[0] * E[0] - beta[1] * E[1], d) / dot(d, d);
   const Matrix<2, 2> m = inverse(p.metric);
-  std::array<Vec3, 4> turn = {};
-  std::array<std::array<Vec3, 4>, 2> dbeta;
-  for (std::size_t i = 0; i < 2; ++i)
+  std::array<Vec3, nodes> turn = {};
+  std::array<std::array<Vec3, nodes>, edges> dbeta;
+  for (std::size_t i = 0; i < edges; ++i)
   {
     turn[2 + i] = -0.5 * (m[i][0] * p.tangents[0] + m[i][1] * p.tangents[1]);
     turn[1] += -1 * turn[2 + i];
   }
-  for (std::size_t i = 0; i < 2; ++i)
-    for (std::size_t B = 0; B < 4; ++B)
+  for (std::size_t i = 0; i < edges; ++i)
+    for (std::size_t B = 0; B < nodes; ++B)
       dbeta[i][B] = 0.5 * w[B] * c[i] - height * dot(c[i], turn[B]) * p.normal;
-  for (std::size_t A = 0; A < 4; ++A)
-    for (std::size_t B = 0; B < 4; ++B)
+  for (std::size_t A = 0; A < nodes; ++A)
+    for (std::size_t B = 0; B < nodes; ++B)
     {
       Vec3 dw = {};
       if (A == 1)
-        dw = dbeta[0][B] + dbeta[1][B];
+        for (std::size_t i = 0; i < edges; ++i)
+          dw += dbeta[i][B];
       else if (A > 1)
         dw = -1 * dbeta[A - 2][B];
       for (std::size_t i = 0; i < 3; ++i)

@@ -1,0 +1,53 @@
+"""Nodal vectors: as many components as the space has, and positions, which have three.
+
+Positions have three coordinates, as DOLFINx has them, in the plane the third is zero. So have the
+normals, forces and gradients of contact. Displacements, residuals and linear systems have the
+components of the space.
+"""
+
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+
+__all__ = ["deformation_gradient", "dimension", "gradient", "in_space", "nodal"]
+
+
+def dimension(V: fem.FunctionSpace) -> int:
+    """Components of the displacement at a node, 2 or 3. Local."""
+    return int(V.dofmap.index_map_bs)
+
+
+def nodal(function: fem.Function) -> Floats:
+    """Values at the local nodes, a view of shape ``(l, 2)`` or ``(l, 3)``. Local."""
+    values: Floats = function.x.array.reshape(-1, dimension(function.function_space))
+    return values
+
+
+def in_space(vectors: Floats) -> Floats:
+    """Vectors, shape ``(..., 2)`` or ``(..., 3)``, with three components. Local.
+
+    Those that have three already are returned as they are.
+    """
+    if vectors.shape[-1] == 3:
+        return vectors
+    padded: Floats = np.zeros((*vectors.shape[:-1], 3))
+    padded[..., :2] = vectors
+    return padded
+
+
+def gradient(v: Any) -> Any:
+    """Gradient of a vector field, UFL (3, 3); in the plane nothing changes along z."""
+    grad = ufl.grad(v)
+    if grad.ufl_shape == (3, 3):
+        return grad
+    rows = [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, 0]]
+    return ufl.as_matrix(rows)
+
+
+def deformation_gradient(u: Any) -> Any:
+    """Deformation gradient of a displacement, UFL (3, 3); in the plane that of plane strain."""
+    return ufl.Identity(3) + gradient(u)
