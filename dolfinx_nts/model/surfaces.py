@@ -269,7 +269,7 @@ class Surface(Declaration):
         x = self.V.tabulate_dof_coordinates()[self.segments]
         if x.shape[1] == 2:  # no corner within an edge
             has_length = diameters(x) > _NO_LENGTH * self.size
-            return float(reductions.least(self.V.mesh.comm, has_length.min(initial=True)))
+            return float(reductions.everywhere(self.V.mesh.comm, bool(has_length.all())))
         neighbours = np.array(NEIGHBOURS[self.segments.shape[1]])
         a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
         length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
