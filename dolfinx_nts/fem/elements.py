@@ -157,8 +157,8 @@ def check_space(V: fem.FunctionSpace) -> None:
     degree = compat.geometry_degree(mesh)
     if degree != 1:
         raise ValueError(
-            f"expected a mesh of degree 1, given degree {degree}; displacements on it may be of "
-            "degree 2 in space"
+            f"expected a mesh of degree 1 and straight cells, given degree {degree} in {dim}; "
+            "displacements on it may be of degree 2 in space"
         )
     if (
         element.family_name not in ("P", "Q")

@@ -99,14 +99,13 @@ class ImplicitStepper(Stepper):
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
-        self._dim = dimension(self.u.function_space)
         # For the size of forces, where lumped masses are exact enough.
-        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._dim)
+        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), dimension(self._bulk.u.function_space))
         free: Sequence[FreeBody] = ()
         if self._rates.acceleration is None:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[:: self._dim])
+        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[:: dimension(self._bulk.u.function_space)])
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift
@@ -118,7 +117,7 @@ class ImplicitStepper(Stepper):
         )
         self._free: Floats | None = None
         if bcs:
-            self._free = np.ones((len(self.node_ids), self._dim))
+            self._free = np.ones((len(self.node_ids), dimension(self._bulk.u.function_space)))
             self._free.ravel()[self.supports.fixed] = 0
         damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
@@ -336,7 +335,7 @@ class ImplicitStepper(Stepper):
 
     def _in_space(self, values: Floats) -> Floats:
         """Vectors at nodes, ``(l, 3)``, of the values of their dofs. Local."""
-        return in_space(values.reshape(-1, self._dim))
+        return in_space(values.reshape(-1, dimension(self._bulk.u.function_space)))
 
     def _norm(self, values: Floats) -> float:
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
@@ -351,6 +350,6 @@ class ImplicitStepper(Stepper):
             return 0.0
         # The residual of a state has no forces on given displacements; ``force`` has all.
         everywhere = [state._replace(residual=state.force) for state in states]
-        shape = len(self.node_ids), self._dim
+        shape = len(self.node_ids), dimension(self._bulk.u.function_space)
         reaction = self._bulk.forces() + contact_residual(steps, everywhere, shape)
         return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))

@@ -11,6 +11,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
@@ -55,7 +56,7 @@ class SleepingBodies:
         """Find out which loads and pairs can act on which body."""
         self._bulk, self._all = bulk, tuple(bodies)
         self._tangent, self._sizes = tangent, sizes
-        comm, num_owned = bulk.comm, bulk.num_owned // bulk.dim
+        comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
         }
@@ -89,7 +90,7 @@ class SleepingBodies:
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
-            a.reshape(-1, self._bulk.dim) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
+            a.reshape(-1, dimension(self._bulk.u.function_space)) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
         for body in self._all:
             nodes = self._nodes[body]
@@ -122,7 +123,7 @@ class SleepingBodies:
         u = bulk.u.x.array
         before = u.copy()
         u[:] = u_n
-        R = np.abs(bulk.residual().reshape(-1, bulk.dim))
+        R = np.abs(bulk.residual().reshape(-1, dimension(bulk.u.function_space)))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]

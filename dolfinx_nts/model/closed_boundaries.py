@@ -127,7 +127,7 @@ def triangles_at(x: Floats, triangles: Ints) -> Floats:
     extent = np.ptp(corners.reshape(-1, 3), axis=0).max() if len(corners) else 0.0
     up = np.array([0.0, 0.0, _HEIGHT * extent])
     a, b = corners[:, 0], corners[:, 1]
-    walls = np.stack([a - up, b + up, b - up, a - up, a + up, b + up], axis=1)
+    walls = np.stack([a - up, b - up, b + up, a - up, b + up, a + up], axis=1)
     return walls.reshape(-1, 3, 3)
 
 

@@ -204,12 +204,14 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
         camera: Position, focus and upward direction as in PyVista, or None to look from
             ``direction``.
         direction: Direction from the points to the camera, shape ``(3,)``; by default +x, a
-            little from above and aside.
+            little from above and aside, and +z where all points have one z.
     """
     if camera is not None:
         plotter.camera_position = camera
         return
-    towards = np.array(_TOWARDS_CAMERA) if direction is None else direction
+    is_plane = np.ptp(points[:, 2]) == 0
+    usual = (0.0, 0.0, 1.0) if is_plane else _TOWARDS_CAMERA
+    towards = np.array(usual) if direction is None else direction
     steep = abs(towards[2]) > _STEEP * np.linalg.norm(towards)
     plotter.view_vector(tuple(towards), viewup=(0.0, 1.0, 0.0) if steep else (0.0, 0.0, 1.0))
     plotter.reset_camera(bounds=np.ravel([points.min(axis=0), points.max(axis=0)], order="F"))

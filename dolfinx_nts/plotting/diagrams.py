@@ -81,8 +81,10 @@ def momenta(table: str | Path, filename: str | Path | None = None) -> Picture:
     figure, axes = _figure(2, 2)
     kinds = (("linear", "p", "kg m/s"), ("angular", "L", "kg m²/s"))
     for (kind, symbol, unit), (above, below) in zip(kinds, axes.T, strict=True):
-        parts = np.array([rows[f"{kind}_momentum_{axis}"] for axis in "xyz"])
-        for axis, part, style in zip("xyz", parts, ("-", "--", ":"), strict=True):
+        names = {axis: f"{kind}_momentum_{axis}" for axis in "xyz"}
+        names = {axis: name for axis, name in names.items() if name in rows.dtype.names}
+        parts = np.array([rows[name] for name in names.values()])
+        for axis, part, style in zip(names, parts, ("-", "--", ":"), strict=False):
             above.plot(rows["time"], part, style, linewidth=2, label=axis)
         above.set(ylabel=f"{kind} momentum {symbol} [{unit}]")
         above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
@@ -148,7 +150,8 @@ def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
     above, below = axes[:, 0]
     for name in rows.dtype.names:
         if name.startswith("pair_") and name.endswith("_force_x"):
-            parts = [rows[f"{name[:-1]}{axis}"] for axis in "xyz"]
+            axes_of = [axis for axis in "xyz" if f"{name[:-1]}{axis}" in rows.dtype.names]
+            parts = [rows[f"{name[:-1]}{axis}"] for axis in axes_of]
             label = name.removesuffix("_force_x").replace("_", " ")
             above.plot(rows["time"], np.linalg.norm(parts, axis=0), label=label)
             above.legend()

@@ -14,6 +14,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
@@ -178,6 +179,7 @@ def contact(
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
+    _check_space(stepper)
     touching = stepper.contacts[pair]
     surface, V = touching.nodes, stepper.u.function_space
     comm: MPI.Comm = V.mesh.comm
@@ -290,6 +292,7 @@ def _bodies(
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
+    _check_space(stepper)
     V = stepper.u.function_space
     dofmap, comm, pieces = V.dofmap, V.mesh.comm, Element.of(V).pieces
     cells = dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
@@ -314,6 +317,15 @@ def _bodies(
         aim(plotter, points, camera)
 
     return put
+
+
+def _check_space(stepper: Stepper) -> None:
+    """Raise unless bodies are in space. Local."""
+    if dimension(stepper.u.function_space) != 3:
+        raise ValueError(
+            "expected bodies in three dimensions, given two, of which there are no pictures yet: "
+            "Recorder writes XDMF, which ParaView shows, and plotting.animate draws"
+        )
 
 
 def _unit(symbol: str, given: str | None) -> Unit:

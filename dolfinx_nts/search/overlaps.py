@@ -84,7 +84,9 @@ class OverlapSearch:
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
-        length = _kernels.cell_lengths(V.tabulate_dof_coordinates()[:, : dimension(V)], V.dofmap.list)
+        self._is_plane = dimension(V) == 2
+        X = V.tabulate_dof_coordinates()[:, : dimension(V)]
+        length = _kernels.cell_lengths(X, V.dofmap.list)
         self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
 
     @cached_property
@@ -206,7 +208,10 @@ class OverlapSearch:
             some = x.take(boundary.nodes, axis=0)
             least[0, number] = some.min(axis=0, initial=np.inf)
             least[1, number] = -some.max(axis=0, initial=-np.inf)
-        return reductions.least(self._comm, least) * [[[1]], [[-1]]]
+        boxes: Floats = reductions.least(self._comm, least) * [[[1]], [[-1]]]
+        if self._is_plane:  # bodies have no end along z
+            boxes[0, :, 2], boxes[1, :, 2] = -np.inf, np.inf
+        return boxes
 
     def _with_obstacles(self, x: Floats, touching: Floats) -> tuple[list[Overlap], float]:
         """Overlaps with obstacles, and the least distance from one [m]."""

@@ -31,7 +31,6 @@ class Bulk:
         comm: Communicator of the mesh.
         u: The unknown.
         supports: The conditions.
-        dim: Components of the displacement at a node, d below.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
         given: Owned scalar dofs that residual and action take as given, sorted.
@@ -56,8 +55,8 @@ class Bulk:
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
         self._residual, self._derivative = NodalSum(forms, V), Derivative(forms, u)
-        self.dim = dimension(V)
-        self.num_owned = self.dim * nodes.size_local
+        self._dim = dimension(V)
+        self.num_owned = self._dim * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self.num_cells = self._all_cells
         self.stabilisation: Callable[[Floats], Floats] | None = None
@@ -89,7 +88,7 @@ class Bulk:
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
         self.num_cells = self._all_cells - len(cells)
-        dofs = (self.dim * nodes[:, None] + np.arange(self.dim, dtype=np.int32)).ravel()
+        dofs = (self._dim * nodes[:, None] + np.arange(self._dim, dtype=np.int32)).ravel()
         self.given = np.union1d(self.supports.fixed, dofs)
 
     def forces(self) -> Floats:
@@ -128,7 +127,7 @@ class Bulk:
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
         y[self.given] = x.ravel()[self.given]
-        return y.reshape(-1, self.dim)
+        return y.reshape(-1, self._dim)
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         """Derivative of the forces in the direction that is set, ``(d n,)`` [m]. Collective."""

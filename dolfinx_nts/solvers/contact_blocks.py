@@ -45,11 +45,6 @@ class ContactBlocks(NamedTuple):
     tangent: Floats
 
     @property
-    def dim(self) -> int:
-        """Components of a node, d."""
-        return self.normal.shape[1]
-
-    @property
     def constrained(self) -> Array:
         """Nodes that have constraints."""
         return self.nodes[self.start[:-1][self.rank > 0]]
@@ -90,8 +85,8 @@ class ContactBlocks(NamedTuple):
             self.nodes[entries],
             self.rank[constraints],
             self.normal[constraints],
-            self.gradients.reshape(-1, self.dim**2)[entries],
-            self.columns.reshape(-1, self.dim**2)[entries],
+            self.gradients.reshape(-1, self.normal.shape[1] ** 2)[entries],
+            self.columns.reshape(-1, self.normal.shape[1] ** 2)[entries],
             self.slopes[constraints],
             self.tangent_nodes[blocks],
             self.tangent[blocks],
@@ -107,7 +102,7 @@ class ContactBlocks(NamedTuple):
 
 def rows_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats, Floats]]:
     """Nodes, ``(k,)``, gradients and columns, ``(d, d k)``, of each constrained node."""
-    d = blocks.dim
+    d = blocks.normal.shape[1]
     gradients, columns = blocks.gradients.ravel(), blocks.columns.ravel()
     for first, last in pairwise(map(int, blocks.start)):
         part = slice(d * d * first, d * d * last)
@@ -125,7 +120,7 @@ def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
 
 def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
     """The part of the slopes in the tangent of the constrained nodes, ``(m, d, d)``."""
-    d, length = blocks.dim, np.diff(blocks.start)[:, None, None]
+    d, length = blocks.normal.shape[1], np.diff(blocks.start)[:, None, None]
     first, width = d * d * blocks.start[:-1, None, None], d * length
     entries = first + width * np.arange(d)[:, None] + np.arange(d)
     gradients, columns = blocks.gradients.ravel()[entries], blocks.columns.ravel()[entries]

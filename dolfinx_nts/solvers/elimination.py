@@ -25,6 +25,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.partial_scatter import PartialScatter
@@ -206,7 +207,7 @@ def active_pairs(
     # An exchange is collective: what is empty on all ranks is left out.
     return [
         (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(
-            step.candidates, state, step.dim
+            step.candidates, state, dimension(step.state.nodes.V)
         )
         for step, state in zip(steps, states, strict=True)
         if step.num_active
@@ -262,7 +263,7 @@ class Elimination:
             Those of each of `pairs`, constraint by constraint [N].
         """
         removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
-        return [-values[np.arange(p.blocks.dim) < p.blocks.rank[:, None]] for p, values in removed]
+        return [-values[np.arange(p.blocks.normal.shape[1]) < p.blocks.rank[:, None]] for p, values in removed]
 
     def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
         """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""

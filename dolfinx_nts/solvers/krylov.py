@@ -18,6 +18,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
@@ -294,7 +295,7 @@ class LinearSolver:
 
     def _nodal(self, values: Floats) -> Floats:
         """Values of dofs by nodes, shape ``(n, d)``. Local."""
-        return values.reshape(-1, self._operator.bulk.dim)
+        return values.reshape(-1, dimension(self._operator.bulk.u.function_space))
 
     def _wave_crossings(self) -> float:
         """Number of cells that waves cross in a step, about h c/dx. Collective.

@@ -10,7 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
@@ -136,7 +136,7 @@ def solve(
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    n, size, dim = bulk.num_owned, sizes.smallest, bulk.dim
+    n, size, dim = bulk.num_owned, sizes.smallest, dimension(bulk.u.function_space)
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
@@ -229,7 +229,7 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
     a node and the size h of its cells this is a force of eps k (h + |u|).
     """
-    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.dim), axis=1)
+    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, dimension(bulk.u.function_space)), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 

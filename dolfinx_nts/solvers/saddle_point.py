@@ -82,7 +82,7 @@ class SaddlePointSystem:
         right[: last - first] = -R
         for p in pairs:
             blocks = p.global_blocks()
-            d = blocks.dim
+            d = blocks.normal.shape[1]
             for nodes, tangent in tangents_of(blocks):
                 dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)

@@ -57,7 +57,6 @@ class ContactStep:
 
     Attributes:
         state: The argument.
-        dim: Components of the displacement at a node, d.
         search: Segments of the nodes.
         normal: Normal contact of the nodes.
         friction: Friction of the nodes.
@@ -80,7 +79,6 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
-        self.dim = dimension(state.nodes.V)
         state.derive_penalty(stiffness)
         make = _SEARCHES[state.pair.method, is_static]
         self.search = search = make(state, x_n, x_trial)
@@ -234,7 +232,7 @@ class ContactStep:
         force = lambda_N[:, None] * pairs.contact.force
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = self.dim
+        rank[self.friction.sticks(pairs.node, active)] = dimension(self.state.nodes.V)
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)

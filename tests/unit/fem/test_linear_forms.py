@@ -178,8 +178,8 @@ def test_kernel_refuses_what_does_not_fit():
         ({"X": X[:3]}, "rows of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
         ({"nodes": nodes - 1}, "no negative entry"),
-        ({"functions": [values[:9]]}, "three values at each node"),
-        ({"first": [1]}, "places for three values"),
+        ({"functions": [values[:9]]}, "all values of each node"),
+        ({"first": [1]}, "places for all values"),
         ({"first": []}, "a place for each function"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -192,5 +192,5 @@ def test_kernel_refuses_what_does_not_fit():
         integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values)
     with pytest.raises(ValueError, match="packed: expected shape"):
         integral.add(none, np.zeros((1, 12)), np.empty(0), values)
-    with pytest.raises(ValueError, match="three values at each node"):
+    with pytest.raises(ValueError, match="all values of each node"):
         integral.add(none, nothing, np.empty(0), values[:9])

@@ -171,7 +171,9 @@ def test_numbers_that_make_no_obstacle_are_refused():
     with pytest.raises(ValueError, match=r"radius > 0, given -1"):
         nts.RigidSphere((0, 0, 0), -1)
     with pytest.raises(ValueError, match="three finite numbers for centre"):
-        nts.RigidSphere((0, 0), 1)
+        nts.RigidSphere((0, 0, 0, 0), 1)
+    with pytest.raises(ValueError, match="two finite numbers for normal"):
+        nts.RigidPlane((0, 0), (0, 0, 1))
     with pytest.raises(ValueError, match="direction for normal"):
         nts.RigidPlane((0, 0, 0), (0, 0, 0))
     with pytest.raises(ValueError, match="direction for axis"):

@@ -27,7 +27,7 @@ class Bulk:
         index_map = SimpleNamespace(
             size_local=self.last - self.first, local_range=(self.first, self.last)
         )
-        self.tangent = SimpleNamespace(comm=comm, rows=SimpleNamespace(index_map=index_map))
+        self.tangent = SimpleNamespace(comm=comm, rows=SimpleNamespace(index_map=index_map, dim=3))
 
     def responses(self, forces):
         whole = np.vstack(self.comm.allgather(forces))

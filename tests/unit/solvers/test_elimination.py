@@ -78,7 +78,7 @@ def test_nodes_move_along_their_normals_to_zero_gap(rng):
 
 
 def test_columns_without_three_numbers_are_refused(rng):
-    with pytest.raises(ValueError, match="three numbers of each pair"):
+    with pytest.raises(ValueError, match="the node of each pair"):
         _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
 
 
@@ -98,10 +98,10 @@ def test_wrong_lists_and_vectors_are_refused(rng):
         ({"start": start - [0, 0, 0, 0, 0, 1]}, lists),
         ({"start": np.array([0, 3, 3, 40, 52, 55])}, lists),
         ({"start": np.array([0, 33, 3, 40, 52, 55])}, lists),
-        ({"rank": rank + 1}, "rank: expected 0, 1 or 3"),
-        ({"normal": arrays["normal"][:, :2].copy()}, "normal: expected shape"),
-        ({"gradients": arrays["gradients"][:-1]}, "9 numbers for each of nodes"),
-        ({"columns": arrays["columns"][:-1]}, "9 numbers for each of nodes"),
+        ({"rank": rank + 1}, "rank: expected 0, 1 or all"),
+        ({"normal": arrays["normal"][:, :2].copy()}, "slopes: expected shape"),
+        ({"gradients": arrays["gradients"][:-1]}, "a block for each of nodes"),
+        ({"columns": arrays["columns"][:-1]}, "a block for each of nodes"),
         ({"tangent": arrays["tangent"][:-1]}, "tangent: expected shape"),
     ):
         with pytest.raises(ValueError, match=match):
