@@ -48,8 +48,8 @@ def check_dimension(pair: Any) -> None:
     dim, segments = dimension(pair.nodes.V), pair.segments
     if not isinstance(segments, Surface) and segments.dim != dim:
         raise ValueError(
-            f"expected an obstacle given by points of {dim} coordinates, as those of the mesh, given "
-            f"{segments!r}"
+            f"expected an obstacle given by points of {dim} coordinates, as those of the mesh, "
+            f"given {segments!r}"
         )
     if dim == 3:
         return

@@ -132,8 +132,8 @@ def check_space(V: fem.FunctionSpace) -> None:
     Raises:
         TypeError: ``V`` is no function space.
         ValueError: The mesh does not consist of straight tetrahedra or hexahedra in space, or
-            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, or the element is no vector of Lagrange elements of
-            degree 1 or 2, in the plane 1.
+            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, or the
+            element is no vector of Lagrange elements of degree 1 or 2, in the plane 1.
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
@@ -168,7 +168,8 @@ def check_space(V: fem.FunctionSpace) -> None:
     ):
         raise ValueError(
             f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},)))"
-            f"{', or of degree 2' if dim == 3 else ''}, given {element} with block size {V.dofmap.index_map_bs}"
+            f"{', or of degree 2' if dim == 3 else ''}, given {element} with block size "
+            f"{V.dofmap.index_map_bs}"
         )
 
 

@@ -100,12 +100,16 @@ class ImplicitStepper(Stepper):
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
-        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), dimension(self._bulk.u.function_space))
+        self._lumped_mass: Floats = np.repeat(
+            lumped_mass(bodies), dimension(self._bulk.u.function_space)
+        )
         free: Sequence[FreeBody] = ()
         if self._rates.acceleration is None:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        self._free_bodies = FreeBodies(free, self._tangent, self._lumped_mass[:: dimension(self._bulk.u.function_space)])
+        self._free_bodies = FreeBodies(
+            free, self._tangent, self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+        )
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift

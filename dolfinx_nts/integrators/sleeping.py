@@ -90,7 +90,8 @@ class SleepingBodies:
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
-            a.reshape(-1, dimension(self._bulk.u.function_space)) for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
+            a.reshape(-1, dimension(self._bulk.u.function_space))
+            for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
         for body in self._all:
             nodes = self._nodes[body]

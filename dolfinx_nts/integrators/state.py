@@ -114,7 +114,8 @@ class State(ABC):
         Args:
             body: One of the bodies.
             value: As many numbers as there are dimensions [m]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``, in the plane ``(2, n)``; or a Function of the bodies' space.
+                positions, shape ``(3, n)``, that returns ``(3, n)``, in the plane ``(2, n)``; or a
+                Function of the bodies' space.
 
         Raises:
             TypeError: ``body`` is no body, or the value does not consist of real numbers.

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import ufl
 
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.contact.pair import ContactPair

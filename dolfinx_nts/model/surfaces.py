@@ -19,8 +19,8 @@ from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.common.named_tag import NamedTag
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -132,7 +132,9 @@ class Surface(Declaration):
         mine = np.repeat(owned, len(sides[0][0]))
         self.segments: Ints = segments[mine]
         self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)
-        self.thickness: Floats = Element.of(V).degree * (np.abs(height[mine]) / _CENTRE[Element.of(V).cell])
+        self.thickness: Floats = Element.of(V).degree * (
+            np.abs(height[mine]) / _CENTRE[Element.of(V).cell]
+        )
         self.key = self._number()
         x = X[self.segments]
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))

@@ -73,7 +73,9 @@ class BlockCSR:
             Where each row begins and the end, shape ``(m + 1,)``; global
             columns, shape ``(b,)``; blocks, shape ``(d d b,)``.
         """
-        start, column, value = self._gather(nodes, ends, self._global, self.value.reshape(-1, self.dim**2))
+        start, column, value = self._gather(
+            nodes, ends, self._global, self.value.reshape(-1, self.dim**2)
+        )
         return start, column.astype(np.int64), value.ravel()
 
     def neighbours(self, nodes: GlobalInts, ends: GlobalInts) -> GlobalInts:

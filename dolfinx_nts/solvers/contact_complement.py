@@ -172,7 +172,9 @@ def _response(
     G: list[Floats] = [np.empty((0, n))]
     for blocks in contacts:
         lists = np.searchsorted(nodes, blocks.nodes)
-        gradients, columns = (some.reshape(-1, d * d) for some in (blocks.gradients, blocks.columns))
+        gradients, columns = (
+            some.reshape(-1, d * d) for some in (blocks.gradients, blocks.columns)
+        )
         for i, rank in enumerate(blocks.rank):
             entries = slice(blocks.start[i], blocks.start[i + 1])
             dofs = _dofs(lists[entries], d)

@@ -263,7 +263,10 @@ class Elimination:
             Those of each of `pairs`, constraint by constraint [N].
         """
         removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
-        return [-values[np.arange(p.blocks.normal.shape[1]) < p.blocks.rank[:, None]] for p, values in removed]
+        return [
+            -values[np.arange(p.blocks.normal.shape[1]) < p.blocks.rank[:, None]]
+            for p, values in removed
+        ]
 
     def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
         """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""

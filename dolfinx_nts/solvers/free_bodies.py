@@ -87,7 +87,9 @@ class FreeBody:
         motions = []
         axes = ("xyz", "xyz") if len(part) == 6 else ("xy", "z")
         parts = whole[: len(axes[0])], whole[len(axes[0]) :]
-        for kind, names, some in zip(("translation in", "rotation about"), axes, parts, strict=True):
+        for kind, names, some in zip(
+            ("translation in", "rotation about"), axes, parts, strict=True
+        ):
             if some.any():
                 motions.append(f"{kind} {', '.join(np.array(list(names))[some])}")
         if others := self.motions.shape[1] - int(np.count_nonzero(whole)):
@@ -124,7 +126,9 @@ def find_free_bodies(
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)
         weighted = (motions[:, some] * stiffness[some, None]).reshape(num_motions, -1)
-        products = np.stack([modes @ forces[:, some].reshape(num_motions, -1).T, modes @ weighted.T])
+        products = np.stack(
+            [modes @ forces[:, some].reshape(num_motions, -1).T, modes @ weighted.T]
+        )
         resistance, scale = reductions.total(comm, products)
         # Forces do next to no work in free motions.
         values, vectors = np.linalg.eigh((resistance + resistance.T) / 2 / np.trace(scale))
@@ -354,7 +358,7 @@ def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:
 
 
 def _rigid_motions(x: Floats, centre: Floats, size: float, is_plane: bool) -> Floats:
-    """Translations and rotations at positions, ``(6, ..., 3)``, or three in the plane [-]. Local."""
+    """Translations and rotations at positions, ``(6, ..., 3)``, three in the plane [-]. Local."""
     units = np.broadcast_to(np.eye(3).reshape(3, *[1] * (x.ndim - 1), 3), (3, *x.shape))
-    motions = np.concatenate([units, np.cross(units, (x - centre) / size)])
-    return motions[[0, 1, 5]] if is_plane else motions
+    motions: Floats = np.concatenate([units, np.cross(units, (x - centre) / size)])
+    return motions.take([0, 1, 5], axis=0) if is_plane else motions

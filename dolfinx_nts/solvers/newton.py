@@ -229,7 +229,9 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
     a node and the size h of its cells this is a force of eps k (h + |u|).
     """
-    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, dimension(bulk.u.function_space)), axis=1)
+    u = np.linalg.norm(
+        bulk.u.x.array[: bulk.num_owned].reshape(-1, dimension(bulk.u.function_space)), axis=1
+    )
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 

@@ -150,7 +150,9 @@ class BulkPreconditioner:
     @property
     def _is_small(self) -> bool:
         """Whether complete factors are the stronger ones."""
-        return bool(self._tangent.rows.dim * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO)
+        return bool(
+            self._tangent.rows.dim * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO
+        )
 
     def _made(self) -> "BlockILU | _PetscFactors":
         """Factors of the present kind, without values. Collective."""

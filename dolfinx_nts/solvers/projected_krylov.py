@@ -158,4 +158,6 @@ class KrylovMethod:
             self._options = None
         if self._ksp.getConvergedReason() < 0:
             return None, iterations
-        return self._x.array.reshape(-1, dimension(self._operator.bulk.u.function_space)), iterations
+        return self._x.array.reshape(
+            -1, dimension(self._operator.bulk.u.function_space)
+        ), iterations

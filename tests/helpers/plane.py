@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 import basix.ufl
-import dolfinx_nts as nts
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+
+import dolfinx_nts as nts
 from dolfinx_nts import compat
 
 RUBBER = {"E": 1.0e5, "nu": 0.3, "rho": 1.0e3}  # Pa, -, kg/m^3
@@ -56,9 +57,7 @@ def blocks(
     gdim = 2
     if depth:
         cell, gdim, n = "hexahedron", 3, len(points)
-        points = np.concatenate(
-            [np.column_stack([points, np.full(n, z)]) for z in (0.0, depth)]
-        )
+        points = np.concatenate([np.column_stack([points, np.full(n, z)]) for z in (0.0, depth)])
         quads = np.concatenate([quads, quads + n], axis=1)
         turn = np.eye(3)
         turn[:2, :2] = turning(angle)

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-import dolfinx_nts as nts
 import numpy as np
 import pytest
 from dolfinx import fem
+
+import dolfinx_nts as nts
 from helpers.plane import blocks, throw
 
 STEPS = 12
@@ -45,7 +46,9 @@ def test_motion_is_that_of_one_layer_in_space_in_plane_strain():
         bcs = []
         if depth:
             z, _ = scene.V.sub(2).collapse()
-            dofs = fem.locate_dofs_geometrical((scene.V.sub(2), z), lambda x: np.full(x.shape[1], True))
+            dofs = fem.locate_dofs_geometrical(
+                (scene.V.sub(2), z), lambda x: np.full(x.shape[1], True)
+            )
             bcs = [fem.dirichletbc(fem.Function(z), dofs, scene.V.sub(2))]
         pair = nts.ContactPair(scene.nodes, scene.segments)
         stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01, bcs=bcs)
@@ -72,7 +75,11 @@ def test_motion_is_that_of_one_layer_in_space_in_plane_strain():
 
 @pytest.mark.parametrize(
     ("enforcement", "eps_T"),
-    [(nts.LagrangeMultiplier(), None), (nts.LagrangeMultiplier("plastic"), 1e5), (nts.Penalty(), None)],
+    [
+        (nts.LagrangeMultiplier(), None),
+        (nts.LagrangeMultiplier("plastic"), 1e5),
+        (nts.Penalty(), None),
+    ],
     ids=["exact stick", "tangential springs", "penalty"],
 )
 def test_ledger_of_friction_closes(enforcement, eps_T):

@@ -266,7 +266,9 @@ def _normal_contact(
 
 
 def contact_residual(
-    steps: Sequence[ContactStep], contributions: Sequence[ContactContribution], shape: tuple[int, int]
+    steps: Sequence[ContactStep],
+    contributions: Sequence[ContactContribution],
+    shape: tuple[int, int],
 ) -> Floats:
     """Sum of the contact forces on the owned dofs, shape ``(n d,)`` [N]. Collective.
 

@@ -1,8 +1,9 @@
 """Pairs that may transmit force: kinematics, residual and tangent.
 
 Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the
-coordinates of a pair, three a node also in the plane, those of its node first: 3 (1+k) with segments of k vertices, three times
-the nodes of the longest list with mortar contact. Everything is local.
+coordinates of a pair, three a node also in the plane, those of its node first: 3 (1+k) with
+segments of k vertices, three times the nodes of the longest list with mortar contact. Everything
+is local.
 """
 
 from typing import NamedTuple

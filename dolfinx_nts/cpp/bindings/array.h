@@ -170,9 +170,9 @@ auto dispatch_facets(std::size_t vertices, Function&& function)
     return function.template operator()<Tri3>();
   if (vertices == 4)
     return function.template operator()<Quad4>();
-  throw nb::value_error(
-      ("expected segments of 3 or 4 vertices, given " + std::to_string(vertices))
-          .c_str());
+  throw nb::value_error(("expected segments of 3 or 4 vertices, given "
+                         + std::to_string(vertices))
+                            .c_str());
 }
 
 /// @brief Call function.template operator()<B>() for this number of components

@@ -16,8 +16,8 @@ inline std::size_t components_of(const In<std::int32_t>& column,
 /// @brief View of rows of B x B blocks; raise ValueError unless they are.
 template <std::size_t B>
 BlockMatrix<B> block_matrix(const In<std::int64_t>& start,
-                                const In<std::int32_t>& column,
-                                const Doubles& value)
+                            const In<std::int32_t>& column,
+                            const Doubles& value)
 {
   check("start", start, {any});
   check("column", column, {any});

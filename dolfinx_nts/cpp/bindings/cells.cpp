@@ -43,7 +43,8 @@ public:
     {
       check_values("functions", _functions[i]);
       if (first[i] > width || values > width - first[i])
-        throw nb::value_error("first: expected places for all values of the nodes");
+        throw nb::value_error(
+            "first: expected places for all values of the nodes");
       _gathered.push_back({view(_functions[i]), first[i]});
     }
     check("places", _places, {any});
@@ -57,7 +58,7 @@ public:
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
     check("packed", packed, {_nodes.shape(0), _places.size()});
     check_values("b", b);
-    const CellNodes mesh{view(_X), view(_vertices), _vertices.shape(1),
+    const CellNodes mesh{view(_X),     view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
                             view(constants)};

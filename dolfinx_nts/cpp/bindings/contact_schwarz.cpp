@@ -76,8 +76,7 @@ private:
                       const In<std::int32_t>& column, const Doubles& value)
   {
     return dispatch_components(
-        components_of(column, value),
-        [&]<std::size_t B>() -> Schwarz
+        components_of(column, value), [&]<std::size_t B>() -> Schwarz
         { return ContactSchwarz<B>(block_matrix<B>(start, column, value)); });
   }
 

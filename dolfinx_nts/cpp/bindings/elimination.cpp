@@ -15,13 +15,13 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
   if (columns.shape(1) == 0 || columns.shape(2) < components)
     throw nb::value_error("columns: expected the node of each pair");
   auto lambda = create<double>({m});
-  dispatch_components(
-      components,
-      [&]<std::size_t B>()
-      {
-        balance<B>(view(normal), view(force), view(columns),
-                   columns.shape(1) * columns.shape(2), view(lambda));
-      });
+  dispatch_components(components,
+                      [&]<std::size_t B>()
+                      {
+                        balance<B>(view(normal), view(force), view(columns),
+                                   columns.shape(1) * columns.shape(2),
+                                   view(lambda));
+                      });
   return lambda;
 }
 
@@ -40,14 +40,14 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
   check_rows("nodes: expected rows of x", nodes, x.shape(0));
   if (gradients.shape(1) == 0 || gradients.shape(2) < components)
     throw nb::value_error("gradients: expected the node of each pair");
-  dispatch_components(
-      components,
-      [&]<std::size_t B>()
-      {
-        close_gaps<B>(view(nodes), view(moves), view(gap), view(normal),
-                      view(gradients), gradients.shape(1) * gradients.shape(2),
-                      farthest, view(x));
-      });
+  dispatch_components(components,
+                      [&]<std::size_t B>()
+                      {
+                        close_gaps<B>(view(nodes), view(moves), view(gap),
+                                      view(normal), view(gradients),
+                                      gradients.shape(1) * gradients.shape(2),
+                                      farthest, view(x));
+                      });
 }
 } // namespace
 

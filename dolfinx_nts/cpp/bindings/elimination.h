@@ -76,9 +76,8 @@ public:
     if (values.size())
       check("values", values, {_rank.size(), components()});
     check_rows("x", x);
-    dispatch_components(
-        components(), [&]<std::size_t B>()
-        { nts::constrain(get<B>(), view(values), view(x)); });
+    dispatch_components(components(), [&]<std::size_t B>()
+                        { nts::constrain(get<B>(), view(values), view(x)); });
   }
 
   auto act(const Doubles& x, Out<double> y) const

@@ -80,11 +80,12 @@ void apply(Factors& factors, const Doubles& b, Out<double> x)
 void pack(Product* self, const In<std::int64_t>& start,
           const In<std::int32_t>& column, const Doubles& value)
 {
-  dispatch_components(
-      components_of(column, value),
-      [&]<std::size_t B>() {
-        new (self) Product{SingleMatrix<B>(block_matrix<B>(start, column, value))};
-      });
+  dispatch_components(components_of(column, value),
+                      [&]<std::size_t B>()
+                      {
+                        new (self) Product{SingleMatrix<B>(
+                            block_matrix<B>(start, column, value))};
+                      });
 }
 
 void multiply(Product& product, const Doubles& x, Out<double> y)
@@ -110,9 +111,10 @@ void multiply(Product& product, const Doubles& x, Out<double> y)
 
 void factors(nb::module_& m)
 {
-  nb::class_<Factors>(m, "IncompleteFactors",
-                      "Incomplete factors of a matrix of 2 x 2 or 3 x 3 blocks "
-                      "in single precision, see nts/solvers/incomplete_factors.h")
+  nb::class_<Factors>(
+      m, "IncompleteFactors",
+      "Incomplete factors of a matrix of 2 x 2 or 3 x 3 blocks "
+      "in single precision, see nts/solvers/incomplete_factors.h")
       .def(nb::init<>())
       .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), nb::arg("order"), nb::arg("fill") = false,
@@ -123,7 +125,7 @@ void factors(nb::module_& m)
            "Solve for x at the first m rows: (n, B), (m, B)");
   nb::class_<Product>(m, "SingleMatrix",
                       "Rows of 2 x 2 or 3 x 3 blocks in single precision, see "
-                           "nts/solvers/single_matrix.h")
+                      "nts/solvers/single_matrix.h")
       .def("__init__", &pack, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), "Copy: (n + 1,), (b,), (B B b,)")
       .def("multiply", &multiply, nb::arg("x"), nb::arg("y").noconvert(),

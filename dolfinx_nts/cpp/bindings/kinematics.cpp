@@ -132,12 +132,12 @@ auto constraints_batch(const Doubles& invariants)
   const std::size_t k = vertices_of("invariants", invariants);
   auto g = create<double>({invariants.shape(0), 6});
   dispatch_facets(k,
-           [&]<class S>()
-           {
-             for (std::size_t i = 0; i < invariants.shape(0); ++i)
-               store(constraints<S>(load_invariants<S>(invariants, i)), view(g),
-                     i);
-           });
+                  [&]<class S>()
+                  {
+                    for (std::size_t i = 0; i < invariants.shape(0); ++i)
+                      store(constraints<S>(load_invariants<S>(invariants, i)),
+                            view(g), i);
+                  });
   return g;
 }
 
@@ -145,13 +145,14 @@ auto constraints_gradient_batch(const Doubles& invariants)
 {
   const std::size_t k = vertices_of("invariants", invariants);
   auto D = create<double>({invariants.shape(0), 6, invariants.shape(1)});
-  dispatch_facets(k,
-           [&]<class S>()
-           {
-             for (std::size_t i = 0; i < invariants.shape(0); ++i)
-               store(constraints_gradient<S>(load_invariants<S>(invariants, i)),
-                     view(D), i);
-           });
+  dispatch_facets(
+      k,
+      [&]<class S>()
+      {
+        for (std::size_t i = 0; i < invariants.shape(0); ++i)
+          store(constraints_gradient<S>(load_invariants<S>(invariants, i)),
+                view(D), i);
+      });
   return D;
 }
 
@@ -162,14 +163,15 @@ auto average_gradient_batch(const Doubles& invariants_n,
   check("invariants_n", invariants_n,
         {invariants.shape(0), invariants.shape(1)});
   auto W = create<double>({invariants.shape(0), 6, invariants.shape(1)});
-  dispatch_facets(k,
-           [&]<class S>()
-           {
-             for (std::size_t i = 0; i < invariants.shape(0); ++i)
-               store(average_gradient<S>(load_invariants<S>(invariants_n, i),
-                                         load_invariants<S>(invariants, i)),
-                     view(W), i);
-           });
+  dispatch_facets(
+      k,
+      [&]<class S>()
+      {
+        for (std::size_t i = 0; i < invariants.shape(0); ++i)
+          store(average_gradient<S>(load_invariants<S>(invariants_n, i),
+                                    load_invariants<S>(invariants, i)),
+                view(W), i);
+      });
   return W;
 }
 } // namespace

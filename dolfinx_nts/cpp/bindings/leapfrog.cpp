@@ -56,7 +56,8 @@ void leapfrog(nb::module_& m)
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, 3), (n, 3) -> force . a; sets a (n, 3), changes rate (n, 3)");
   m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
-        "(n, 2 or 3), (c, k) -> twice the least radius of gyration of the nodes of "
+        "(n, 2 or 3), (c, k) -> twice the least radius of gyration of the "
+        "nodes of "
         "each cell (c,)");
 }
 } // namespace nts::bindings

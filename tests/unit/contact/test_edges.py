@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from dolfinx_nts import _kernels
 
 pytestmark = pytest.mark.serial

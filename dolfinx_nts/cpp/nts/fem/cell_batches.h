@@ -110,8 +110,8 @@ private:
   std::span<const T> _values;
 };
 
-/// @brief The same as `add_cells` by batches of L cells, in numbers of type T, with
-/// D values at a node.
+/// @brief The same as `add_cells` by batches of L cells, in numbers of type T,
+/// with D values at a node.
 template <class T, std::size_t L, std::size_t D>
 void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,
@@ -147,7 +147,8 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
     for (std::size_t i = 0; i < functions.size(); ++i)
-      gather_lanes<D, T, L>(values[i], nodes, w.data() + functions[i].first * L);
+      gather_lanes<D, T, L>(values[i], nodes,
+                            w.data() + functions[i].first * L);
     element.clear();
     kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)

@@ -43,7 +43,9 @@ inline void cell_lengths(std::span<const double> x, std::size_t d,
   {
     const auto nodes = cells.subspan(k * c, k);
     const auto position = [&](std::size_t node) noexcept
-    { return Vec3{x[d * node], x[d * node + 1], d == 3 ? x[d * node + 2] : 0}; };
+    {
+      return Vec3{x[d * node], x[d * node + 1], d == 3 ? x[d * node + 2] : 0};
+    };
     Vec3 centre = {};
     for (const std::int32_t node : nodes)
       centre += (1. / k) * position(node);

@@ -38,8 +38,7 @@ struct Line2
 
   static constexpr std::array<double, 2> d2phi() noexcept { return {0, 0}; }
 
-  static std::array<Vec3, 2>
-  directions(const std::array<Vec3, 2>& x) noexcept
+  static std::array<Vec3, 2> directions(const std::array<Vec3, 2>& x) noexcept
   {
     const Vec3 edge = x[1] - x[0];
     return {edge, out_of_plane(edge)};

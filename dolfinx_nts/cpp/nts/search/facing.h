@@ -26,7 +26,8 @@ struct FacingRule
 };
 
 /// @brief Unit normal of a facet out of its body; zero where it has none.
-/// @param[in] vertices Of an edge, triangle or quadrilateral, in Basix order [m].
+/// @param[in] vertices Of an edge, triangle or quadrilateral, in Basix order
+/// [m].
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
 inline Vec3 facet_normal(std::span<const Vec3> vertices,
                          double orientation) noexcept

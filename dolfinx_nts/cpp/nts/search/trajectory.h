@@ -5,9 +5,9 @@
 /// @brief Where nodes pass through a surface within a step.
 ///
 /// Nodes and vertices move straight from one state to the other, and
-/// quadrilaterals are two triangles, and edges in the plane sweep along z: a node
-/// crosses the plane of a moving
-/// triangle where a cubic polynomial of time is zero.
+/// quadrilaterals are two triangles, and edges in the plane sweep along z: a
+/// node crosses the plane of a moving triangle where a cubic polynomial of time
+/// is zero.
 namespace nts
 {
 /// @brief The longest way of a node below a surface that it enters.
@@ -206,7 +206,8 @@ private:
           const auto rows = _surface.segment(i);
           if (std::ranges::find(rows, row) == rows.end())
           {
-            cross_triangle(from, path, i, {rows[0], rows[1], rows[_surface.k == 2 ? 1 : 2]});
+            cross_triangle(from, path, i,
+                           {rows[0], rows[1], rows[_surface.k == 2 ? 1 : 2]});
             if (_surface.k == 4)
               cross_triangle(from, path, i, {rows[1], rows[3], rows[2]});
           }
@@ -226,8 +227,8 @@ private:
     {
       const Vec3 corner = _surface.at(rows[0], s);
       const Vec3 first = _surface.at(rows[1], s) - corner;
-      const Vec3 second = is_edge ? out_of_plane(first)
-                                  : _surface.at(rows[2], s) - corner;
+      const Vec3 second
+          = is_edge ? out_of_plane(first) : _surface.at(rows[2], s) - corner;
       return Plane{first, second, cross(first, second),
                    from + s * path - corner};
     };

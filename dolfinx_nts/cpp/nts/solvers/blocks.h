@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-/// @brief B x B blocks of sparse matrices, one row and column for each component
-/// of the displacement of a node: B is 2 or 3.
+/// @brief B x B blocks of sparse matrices, one row and column for each
+/// component of the displacement of a node: B is 2 or 3.
 namespace nts
 {
 template <std::size_t B>
@@ -43,8 +43,8 @@ struct Register<3>
   using type __attribute__((vector_size(4 * sizeof(float)))) = float;
 };
 
-/// A column of a block in single precision; with three, one entry more that does
-/// not count.
+/// A column of a block in single precision; with three, one entry more that
+/// does not count.
 template <std::size_t B>
 using Column = typename Register<B>::type;
 

@@ -154,8 +154,8 @@ private:
   /// it has none.
   struct Constraint
   {
-    std::size_t rank;                 // number of constraints
-    std::vector<std::int32_t> nodes;  // that they reach, its own first
+    std::size_t rank;                    // number of constraints
+    std::vector<std::int32_t> nodes;     // that they reach, its own first
     std::vector<Columns<B>> right, left; // Z_0a and (Z~^T)_a0
     Columns<B> given_up;                 // E E^T at the node
   };
@@ -411,7 +411,7 @@ private:
   std::vector<std::int32_t> _nodes;  // of the subdomain, then those outside
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the subdomain
-  PackedRows<B> _rows;                  // of K + C, times _scale as the factors
+  PackedRows<B> _rows;               // of K + C, times _scale as the factors
   Made _made;
   double _scale = 1;
   IncompleteFactors<B> _factors;

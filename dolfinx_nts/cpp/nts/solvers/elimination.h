@@ -8,12 +8,12 @@
 /// @brief Elimination of the multipliers: a constrained node gives up the
 /// displacements that its constraints determine.
 ///
-/// With B components a node, a node has 0 (no multiplier), 1 (normal) or B (normal
-/// and stick)
-/// constraints, with gradients G_a and forces F_a per multiplier, which reach
-/// any number of other nodes. E holds the directions that are given up: the
-/// normal, or all components. Where no constrained node is reached by constraints
-/// of another one, G^T E and E^T F are block diagonal and
+/// With B components a node, a node has 0 (no multiplier), 1 (normal) or B
+/// (normal and stick) constraints, with gradients G_a and forces F_a per
+/// multiplier, which reach any number of other nodes. E holds the directions
+/// that are given up: the normal, or all components. Where no constrained node
+/// is reached by constraints of another one, G^T E and E^T F are block diagonal
+/// and
 ///
 ///     Z = 1 - E (G^T E)^-1 G^T,   Z~^T = 1 - F (E^T F)^-1 E^T
 ///
@@ -79,10 +79,9 @@ struct Elimination
 /// @param[in] columns Force per multiplier F, (m, stride): the first B.
 /// @param[out] lambda Multipliers, (m,).
 template <std::size_t B>
-void balance(std::span<const double> normal,
-                    std::span<const double> force,
-                    std::span<const double> columns, std::size_t stride,
-                    std::span<double> lambda) noexcept
+void balance(std::span<const double> normal, std::span<const double> force,
+             std::span<const double> columns, std::size_t stride,
+             std::span<double> lambda) noexcept
 {
   constexpr double least = 1e-3; // of the unit force per multiplier [-]
   for (std::size_t i = 0; i < lambda.size(); ++i)
@@ -104,10 +103,10 @@ void balance(std::span<const double> normal,
 /// @param[in,out] x Nodal vectors, (n, B).
 template <std::size_t B>
 void close_gaps(std::span<const std::int32_t> nodes,
-                       std::span<const bool> moves, std::span<const double> gap,
-                       std::span<const double> normal,
-                       std::span<const double> gradients, std::size_t stride,
-                       double farthest, std::span<double> x) noexcept
+                std::span<const bool> moves, std::span<const double> gap,
+                std::span<const double> normal,
+                std::span<const double> gradients, std::size_t stride,
+                double farthest, std::span<double> x) noexcept
 {
   for (std::size_t i = 0; i < gap.size(); ++i)
   {
@@ -127,7 +126,7 @@ void close_gaps(std::span<const std::int32_t> nodes,
 /// @param[in,out] x Nodal vectors, (n, B).
 template <std::size_t B>
 void constrain(const Elimination<B>& e, std::span<const double> values,
-                      std::span<double> x) noexcept
+               std::span<double> x) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
@@ -171,7 +170,7 @@ void constrain(const Elimination<B>& e, std::span<const double> values,
 /// @brief y <- y + sum of F_a S_ab G_b^T x.
 template <std::size_t B>
 void add_slopes(const Elimination<B>& e, std::span<const double> x,
-                       std::span<double> y) noexcept
+                std::span<double> y) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
@@ -202,7 +201,7 @@ void add_slopes(const Elimination<B>& e, std::span<const double> x,
 /// @brief y <- y + C x.
 template <std::size_t B>
 void add_tangent(const Elimination<B>& e, std::span<const double> x,
-                        std::span<double> y) noexcept
+                 std::span<double> y) noexcept
 {
   add_slopes(e, x, y);
   const std::size_t n = B * e.width;
@@ -231,7 +230,7 @@ void add_tangent(const Elimination<B>& e, std::span<const double> x,
 /// @param[out] multipliers What this removes from y, in forces F, (m, B).
 template <std::size_t B>
 void act(const Elimination<B>& e, std::span<const double> x,
-                std::span<double> y, std::span<double> multipliers) noexcept
+         std::span<double> y, std::span<double> multipliers) noexcept
 {
   add_tangent(e, x, y);
   for (std::size_t i = 0; i < e.rank.size(); ++i)

@@ -165,7 +165,8 @@ public:
     const double back = _scale / scale;
     for (std::size_t i = n; i-- > 0;)
     {
-      const Column<B> sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
+      const Column<B> sum
+          = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
       for (std::size_t c = 0; c < B; ++c)
         _x[B * i + c] -= sum[c];
       set(i, _factors.product(e, _begin[2 * n - i], _x.data()));
