@@ -107,9 +107,9 @@ class ImplicitStepper(Stepper):
         if self._rates.acceleration is None:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        self._free_bodies = FreeBodies(
-            free, self._tangent, self._lumped_mass[:: dimension(self._bulk.u.function_space)]
-        )
+        dim = dimension(self.u.function_space)
+        mass = self._lumped_mass[::dim]
+        self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift

@@ -172,6 +172,7 @@ class FreeBodies:
         bodies: The free bodies.
         tangent: Matrix of the bulk.
         mass: Lumped masses of the owned nodes, shape ``(n,)`` [kg].
+        dim: Components of the displacement at a node.
 
     Attributes:
         bodies: The argument.
@@ -179,12 +180,14 @@ class FreeBodies:
         shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
     """
 
-    def __init__(self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats) -> None:
+    def __init__(
+        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, dim: int
+    ) -> None:
         """Choose the stiffness."""
         self.bodies, self._mass = tuple(bodies), mass[:, None]
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros((len(mass), tangent.dim))  # number of the body, from 1
+        self._label = np.zeros((len(mass), dim))  # number of the body, from 1
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number

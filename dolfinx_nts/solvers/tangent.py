@@ -13,7 +13,7 @@ from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
-from dolfinx_nts.fem.components import dimension, in_space, nodal
+from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -41,7 +41,6 @@ class Tangent:
 
     Attributes:
         comm: Communicator of the mesh.
-        dim: Components of the displacement at a node.
         shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
             the forms, shape ``(n, 1)``, or of all [N/m].
         num_assembled: Matrices assembled so far. It tells the values of the
@@ -60,7 +59,7 @@ class Tangent:
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
         self.comm: MPI.Comm = u.function_space.mesh.comm
-        self._u, self._bcs, self.dim = u, list(bcs), dimension(u.function_space)
+        self._u, self._bcs = u, list(bcs)
         forms = [residual, *(-load for load in loads)]
         trial = ufl.TrialFunction(u.function_space)
         self._derivatives = [ufl.derivative(form, u, trial) for form in forms]
