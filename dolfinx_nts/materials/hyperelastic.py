@@ -36,6 +36,9 @@ _LARGE_STRAIN = 0.1
 _ROUND_OFF = 1e-10
 # Stress without deformation, relative to the moduli [-], that comes from rounded parameters.
 _NO_STRESS = 1e-6
+# Poisson's ratios of small strains [-], rounded, from which on hexahedra lock enough to matter;
+# and at which nothing but volume has energy.
+_LOCKS, _FLUID = 0.3 - 1e-9, 0.5 - 1e-9
 # Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
 # other a logarithm of the volume doubles, a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
@@ -61,16 +64,16 @@ class Hyperelastic(Declaration):
         stiffness_damping: Coefficient beta [s].
         one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
             change of volume, in hexahedra of degree 1, which then do not lock in nearly
-            incompressible materials. Or names of parameters whose
-            terms of ``psi``, in which it must be linear, have one point. Energy is conserved
-            with every choice, because every point has an energy and a conserving stress of its
-            own.
+            incompressible materials; this is the default from a Poisson's ratio of 0.3 on. Or
+            names of parameters whose terms of ``psi``, in which it must be linear, have one
+            point; ``()`` for none, as in the paper. Energy is conserved with every choice,
+            because every point has an energy and a conserving stress of its own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
-        splits_volume: Whether ``"volumetric"`` was given. Without names the energy of an equal
+        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the energy of an equal
             change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
@@ -97,7 +100,7 @@ class Hyperelastic(Declaration):
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
-        one_point: str | Sequence[str] = (),
+        one_point: str | Sequence[str] | None = None,
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -115,26 +118,28 @@ class Hyperelastic(Declaration):
         numbers = {name: float(value) for name, value in parameters.items()}
         self.parameters = MappingProxyType(numbers)
         self._psi = psi
-        self.splits_volume = one_point == "volumetric"
+        self._check_energy()
+        self._has_default = one_point is None
+        self.splits_volume = (
+            _LOCKS <= self.poisson_ratio < _FLUID if one_point is None else one_point == "volumetric"
+        )
         self.one_point = (
-            self._volumetric_parameters() if self.splits_volume else frozenset(one_point)
+            self._volumetric_parameters() if self.splits_volume else frozenset(one_point or ())
         )
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
                 f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
                 f"given {one_point!r}"
             )
-        self._check_energy()
+        self._check_parts()
 
     def __repr__(self) -> str:
         """Numbers in SI units, and the options that are set, in one line. Local."""
         names = tuple(sorted(self.one_point))
-        options = {
-            "mass_damping": self.mass_damping,
-            "stiffness_damping": self.stiffness_damping,
-            "one_point": "volumetric" if self.splits_volume else names,
-        }
-        options = {name: value for name, value in options.items() if value}
+        damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
+        options: dict[str, Any] = {name: value for name, value in damping.items() if value}
+        if not self._has_default:
+            options["one_point"] = "volumetric" if self.splits_volume else names
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
@@ -215,7 +220,7 @@ class Hyperelastic(Declaration):
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def _check_energy(self) -> None:
-        """Raise unless the energy is a scalar with derivatives that fit the options."""
+        """Raise unless the energy is a scalar with derivatives that fit the damping."""
         value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
         if (shape := value.ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -228,7 +233,6 @@ class Hyperelastic(Declaration):
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
             ) from error
         self._check_stress()
-        self._check_parts()
         if self.stiffness_damping > 0:
             least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
             if least < -_ROUND_OFF * max(most, -least):
@@ -252,7 +256,7 @@ class Hyperelastic(Declaration):
 
     def _check_parts(self) -> None:
         """Raise unless the energy is the sum of its parts for `one_point`."""
-        if not self.one_point:
+        if not self.one_point or self._has_fields:
             return
         C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
@@ -373,7 +377,10 @@ class MassOnly(Hyperelastic):
     def __init__(self, material: Hyperelastic) -> None:
         """Take over density and mass damping; the energy is zero."""
         super().__init__(
-            lambda C, **parameters: ufl.zero(), rho=material.rho, mass_damping=material.mass_damping
+            lambda C, **parameters: ufl.zero(),
+            rho=material.rho,
+            mass_damping=material.mass_damping,
+            one_point=(),
         )
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:
