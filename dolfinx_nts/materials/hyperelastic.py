@@ -121,7 +121,9 @@ class Hyperelastic(Declaration):
         self._check_energy()
         self._has_default = one_point is None
         self.splits_volume = (
-            _LOCKS <= self.poisson_ratio < _FLUID if one_point is None else one_point == "volumetric"
+            _LOCKS <= poisson_ratio(self) < _FLUID
+            if one_point is None
+            else one_point == "volumetric"
         )
         self.one_point = (
             self._volumetric_parameters() if self.splits_volume else frozenset(one_point or ())

@@ -187,6 +187,26 @@ def test_volumetric_terms_have_one_point_where_cells_would_lock(comm, law):
     assert value < 0.1 * full
 
 
+def test_cells_do_not_lock_by_default_from_a_ratio_of_three_tenths_on(comm):
+    for nu, chosen in ((0.29, ()), (0.3, "volumetric"), (0.49, "volumetric")):
+        expected, value = (
+            stored(comm, nts.NeoHookean(E, nu, RHO, **option), bent)
+            for option in ({"one_point": chosen}, {})
+        )
+        assert value == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_the_ratio_of_an_own_energy_is_measured():
+    def rubber(kappa):
+        return nts.Hyperelastic(not_linear, rho=RHO, c=0.5 * MU, b=2.0, kappa=kappa)
+
+    # K = 13/6 mu at a ratio of 0.3.
+    assert [rubber(ratio * MU).splits_volume for ratio in (2.1, 2.2)] == [False, True]
+    # Nothing but volume resists: with one point cells would have no energy of their own.
+    fluid = nts.Hyperelastic(lambda C, k: k / 2 * (ufl.sqrt(ufl.det(C)) - 1) ** 2, rho=RHO, k=MU)
+    assert not fluid.splits_volume and fluid.one_point == frozenset()
+
+
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 2), ("tetrahedron", 1)])
 def test_other_elements_have_all_points(comm, cell, degree):
     expected, value = (
