@@ -73,8 +73,8 @@ class Hyperelastic(Declaration):
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
-        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the energy of an equal
-            change of volume, psi(J^(2/3) 1), has one point.
+        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
+            energy of an equal change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
     Raises:
