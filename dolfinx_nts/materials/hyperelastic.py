@@ -34,7 +34,7 @@ _SMALL_STRAIN_INCREMENT = 1e-2
 _LARGE_STRAIN = 0.1
 # Relative errors [-] of energies, and of eigenvalues of moduli, that are round-off.
 _ROUND_OFF = 1e-10
-# Stress without deformation, relative to the moduli [-], that comes from rounded parameters.
+# Stress that should vanish, relative to the moduli [-], that comes from rounded parameters.
 _NO_STRESS = 1e-6
 # Poisson's ratios of small strains [-], rounded, from which on hexahedra lock enough to matter;
 # and at which nothing but volume has energy.
@@ -64,7 +64,8 @@ class Hyperelastic(Declaration):
         stiffness_damping: Coefficient beta [s].
         one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
             change of volume, in hexahedra of degree 1, which then do not lock in nearly
-            incompressible materials; this is the default from a Poisson's ratio of 0.3 on. Or
+            incompressible materials; this is the default from a Poisson's ratio of 0.3 on, but
+            for energies with fields, or with fibres that resist an equal change of volume. Or
             names of parameters whose terms of ``psi``, in which it must be linear, have one
             point; ``()`` for none, as in the paper. Energy is conserved with every choice,
             because every point has an energy and a conserving stress of its own.
@@ -83,7 +84,8 @@ class Hyperelastic(Declaration):
             twice differentiable at C = 1, where energies without fields are evaluated, or has a
             stress there; stiffness damping would add energy, as the moduli at C = 1 have a
             negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is
-            not the sum of both parts.
+            not the sum of both parts, or under an equal change of volume has a stress that is
+            no pressure where ``"volumetric"`` is given.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -120,14 +122,7 @@ class Hyperelastic(Declaration):
         self._psi = psi
         self._check_energy()
         self._has_default = one_point is None
-        self.splits_volume = (
-            _LOCKS <= poisson_ratio(self) < _FLUID
-            if one_point is None
-            else one_point == "volumetric"
-        )
-        self.one_point = (
-            self._volumetric_parameters() if self.splits_volume else frozenset(one_point or ())
-        )
+        self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
                 f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
@@ -300,6 +295,33 @@ class Hyperelastic(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
+    def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
+        """`splits_volume` and `one_point` of what was given."""
+        if one_point is None:
+            splits = _LOCKS <= poisson_ratio(self) < _FLUID
+        else:
+            splits = one_point == "volumetric"
+        if not splits:
+            return False, frozenset(one_point or ())
+        names = self._volumetric_parameters()
+        if names or self._has_fields or self._volume_has_pressure_alone():
+            return True, names
+        if one_point is None:
+            return False, frozenset()
+        raise ValueError(
+            "expected an energy whose stress is a pressure where nothing but the volume changes, "
+            "for one_point='volumetric', given one with another stress there, as of fibres: some "
+            "deformations would release energy; give one_point=(), or let fibres feel "
+            "(det C)^(-1/3) C only"
+        )
+
+    def _volume_has_pressure_alone(self) -> bool:
+        """Whether the stress of a small equal change of volume is a pressure."""
+        volume = np.einsum("aii->a", self.strain_basis())
+        stress = self.moduli @ volume
+        rest = stress - stress @ volume / 3 * volume
+        return bool(np.abs(rest).max() <= _NO_STRESS * np.abs(self.moduli).max())
+
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
 
@@ -361,7 +383,7 @@ class PartOfEnergy(Hyperelastic):
     def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
         """Take over all numbers."""
         self.rho, self.parameters = material.rho, material.parameters
-        self.one_point, self.splits_volume = frozenset(), False
+        self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
         self.mass_damping = material.mass_damping
         self.stiffness_damping = material.stiffness_damping
         self._psi = psi

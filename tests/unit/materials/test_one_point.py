@@ -251,26 +251,60 @@ def test_energy_of_a_divided_material_is_conserved(comm):
     np.testing.assert_allclose(energies, energies[0], rtol=ENERGY_TOLERANCE)
 
 
-@pytest.mark.serial
-@pytest.mark.parametrize("nu", [0.3, 0.499])
-@pytest.mark.parametrize("turned", [0.0, 2.0])
-def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
-    """Of the 24 motions of a distorted cell, six are rigid; hourglasses would be more."""
+def eigenvalues(material, motion):
+    """Of the stiffness of a distorted cell after a motion, in ascending order [N/m]."""
     rng = np.random.default_rng(3)
     data = scenes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
     data.X[:] += 0.1 * rng.uniform(-1, 1, data.X.shape)
     mesh, cells, _, tag = scenes.distribute(MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E, nu, RHO, one_point="volumetric"))
+    body = nts.Body(V, cells, tag["body 0"], material)
     u, eta = fem.Function(V), ufl.TestFunction(V)
     F = ufl.Identity(3) + ufl.grad(u)
 
     def work(material, parameters, rho):
         return ufl.inner(F * material.stress(F.T * F, **parameters), ufl.grad(eta))
 
-    Q = scenes.rotation((1, 2, 3), turned)
-    u.interpolate(lambda x: Q @ x - x)
+    u.interpolate(lambda x: motion @ x - x)
     K = fem.assemble_matrix(fem.form(ufl.derivative(bulk_form([body], work), u))).to_dense()
-    values = np.linalg.eigvalsh((K + K.T) / 2)
+    return np.linalg.eigvalsh((K + K.T) / 2)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
+    """Of the 24 motions of a distorted cell, six are rigid; hourglasses would be more."""
+    material = nts.NeoHookean(E, nu, RHO, one_point="volumetric")
+    values = eigenvalues(material, scenes.rotation((1, 2, 3), turned))
     assert np.abs(values[:6]).max() < 1e-9 * MU
     assert values[6] > 0.05 * MU
+
+
+def with_fibres(C, mu, kappa, k, b, stretch):
+    """Energy of rubber with fibres along the first axis, of which a stretch is given."""
+    J2 = ufl.det(C)
+    rubber = mu / 2 * (J2 ** (-1 / 3) * ufl.tr(C) - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+    return rubber + k / (2 * b) * (ufl.exp(b * stretch(C) ** 2) - 1)
+
+
+@pytest.mark.serial
+def test_fibres_that_resist_a_change_of_volume_keep_all_points(refused):
+    """With one point for what they resist, hourglasses would release energy."""
+
+    def tissue(stretch, **option):
+        def psi(C, **numbers):
+            return with_fibres(C, stretch=stretch, **numbers)
+
+        numbers = {"mu": MU, "kappa": 10 * MU, "k": 10 * MU, "b": 1.0}
+        return nts.Hyperelastic(psi, rho=RHO, **numbers, **option)
+
+    def stretch(C):
+        return C[0, 0] - 1
+
+    assert eigenvalues(tissue(stretch), np.eye(3))[6] > 0.05 * MU
+    with refused(ValueError, re.escape("(det C)^(-1/3) C")):
+        tissue(stretch, one_point="volumetric")
+    isochoric = tissue(lambda C: stretch(ufl.det(C) ** (-1 / 3) * C))
+    assert isochoric.splits_volume
+    assert eigenvalues(isochoric, np.eye(3))[6] > 0.05 * MU
