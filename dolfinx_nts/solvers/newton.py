@@ -156,15 +156,16 @@ def solve(
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
         counts.append(not excess <= _GAP_TOLERANCE * size)
-        sums = reductions.total(bulk.comm, np.array([R @ R, R_contact @ R_contact, *counts]))
-        norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
-        changed, failed, violated = (int(value) for value in sums[2:])
+        squares = [R @ R, R_contact @ R_contact, _round_off_of_contact(states, x) ** 2]
+        sums = reductions.total(bulk.comm, np.array([*squares, *counts]))
+        norm, contact_norm, steep = (float(value) for value in np.sqrt(sums[:3]))
+        changed, failed, violated = (int(value) for value in sums[3:])
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
         # With inertia the floor is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
-        small = norm <= max(_SMALL_RESIDUAL * scale, floor)
+        small = norm <= max(_SMALL_RESIDUAL * scale, floor, steep)
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
@@ -230,6 +231,16 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, 3), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
+
+
+def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
+    """Norm of the forces that rounding leaves in gaps and slips [N]. Local.
+
+    They are known up to eps |x|. A node that slides, but has hardly moved, has a direction of
+    friction that turns with the last digits.
+    """
+    slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
+    return float(np.finfo(np.float64).eps * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:
