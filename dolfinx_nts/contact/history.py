@@ -89,6 +89,7 @@ class ContactWork(NamedTuple):
         friction: Minus the dissipation by friction.
         equilibrium: Strain energy that nodes without mass took to find their equilibrium.
         refund: Kinetic energy that vibration got for it.
+        obstacles: Work of moving obstacles.
     """
 
     persistent: float = 0.0
@@ -98,6 +99,7 @@ class ContactWork(NamedTuple):
     friction: float = 0.0
     equilibrium: float = 0.0
     refund: float = 0.0
+    obstacles: float = 0.0
 
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Add energies cause by cause. Local."""

@@ -55,7 +55,8 @@ class PairState:
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         self.pair = pair
-        self._passes = Passes(pair.nodes.V.tabulate_dof_coordinates) if passes is None else passes
+        at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
+        self._passes = at_rest if passes is None else passes
         self._passes.join(self)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
@@ -126,7 +127,8 @@ class PairState:
     def points(self, x: Floats) -> NodalPoints:
         """Contact points of the nodes, which face what they do at positions x. Collective.
 
-        ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+        ``x`` are positions of the local nodes of the space, owned and ghost, in the frame of the
+        search, shape ``(l, 3)`` [m].
         """
         return self._facets.points(x)
 
@@ -142,12 +144,28 @@ class PairState:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         return self._faced(x, reach)[2]
 
+    def way(self, x: Floats, way: float) -> float:
+        """Bound of which nodes come nearer to the segments by at most twice as much. Collective.
+
+        Args:
+            x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
+            way: Bound on the way of any node in the step, the same on all ranks [m].
+        """
+        frame = self.search.frame
+        if not frame.moves:
+            return way
+        drag = reductions.largest(self.pair.nodes.V.mesh.comm, frame.drag(x).max(initial=0.0))
+        return max(way, float(drag))
+
     def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:
         """Candidates at any distance, and which of them the nodes face, with the gap. Collective.
 
         Arguments are those of `gap`.
         """
-        candidates, _ = self._far_search.update(x, np.inf)
+        search, t = self._far_search, self._passes.time()
+        search.begin(t, t)
+        x = search.frame.at_end(x)
+        candidates, _ = search.update(x, np.inf)
         current = candidates.find(self.history.key)
         points, x = self.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)

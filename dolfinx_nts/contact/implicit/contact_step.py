@@ -62,8 +62,8 @@ class ContactStep:
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
         touched: Whether one was active in any iteration.
-        x: Positions of the nodes that the candidates know in the last evaluation, ``(l, 3)``
-            [m].
+        x: Positions of the nodes that the candidates know in the last evaluation, in the frame
+            of the search, ``(l, 3)`` [m].
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class ContactStep:
         Returns:
             The pairs that may transmit force.
         """
-        x = self.x = self.candidates.scatter.forward(x)
+        x = self.x = self.search.positions(x)
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
         changed += self.normal.update(pairs, x, R_bulk, self.friction, iteration)
         num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
@@ -158,7 +158,17 @@ class ContactStep:
         ``contribution`` is the last evaluation. Collective.
         """
         history = self._history(contribution)
-        return history, self._work(contribution, history)
+        return history, self._work(contribution, history)._replace(
+            obstacles=self._work_of_obstacle(history)
+        )
+
+    def _work_of_obstacle(self, new: ContactHistory) -> float:
+        """Work of a moving obstacle on the nodes [J]. Collective."""
+        search, nodes = self.search, self.state.nodes
+        if not search.frame.moves:
+            return 0.0
+        way = search.frame.carried(search.x_n[nodes.nodes], self.x[nodes.nodes])
+        return float(reductions.total(self._comm, (new.force * way).sum()))
 
     def _history(self, contribution: ContactContribution) -> ContactHistory:
         pairs, search, n = self._pairs, self.search, len(self.normal.active)
@@ -190,7 +200,8 @@ class ContactStep:
     def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
         """Energy given by the contact of the step, by cause. Collective."""
         old, pairs = self.state.history, contribution.pairs
-        dx = self.x.take(pairs.dofs, axis=0) - self.search.x_n.take(pairs.dofs, axis=0)
+        ends = (x.take(pairs.dofs, axis=0) for x in (self.search.x_n, self.x))
+        dx = self.search.frame.relative(*ends)
         F = pairs.contact.force
         work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
         # What springs account for is not counted twice.

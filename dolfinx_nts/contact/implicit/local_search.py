@@ -48,6 +48,7 @@ class LocalSearch:
 
     Attributes:
         candidates: Candidates in reach.
+        frame: Frame of the candidates in the step, in which all positions here are.
         points: Contact points of the nodes, which face what they do at t_n.
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
@@ -64,6 +65,8 @@ class LocalSearch:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
+        self.frame = state.search.frame
+        x_n, x_trial = self.frame.at_start(x_n), self.frame.at_end(x_trial)
         # Longest way of a node in the ballistic step.
         self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.
@@ -72,7 +75,7 @@ class LocalSearch:
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
-        trial = candidates.scatter.forward(x_trial)
+        self._trial = trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
         self.pairing: Pairing = NodePairing(pair.nodes, candidates, points, self.x_n, last)
@@ -98,6 +101,13 @@ class LocalSearch:
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
+
+    def positions(self, x: Floats) -> Floats:
+        """Positions of the nodes that the candidates know, ``(l, 3)`` [m]. Collective.
+
+        ``x`` are positions in space of the owned nodes at the end of the step, ``(n, 3)`` [m].
+        """
+        return self.candidates.scatter.forward(self.frame.at_end(x))
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
