@@ -178,9 +178,9 @@ class Stepper(TimeLoop):
         Raises:
             ConvergenceError: The step could not be solved, or an obstacle turns by more than 90
                 degrees. The state is as before the call.
-            ValueError: The state, a load, a motion or a condition is not finite, conditions conflict, or
-                bodies start inside a rigid obstacle, or were put there between steps, or ranks
-                have different ``dt``. The state is as before the call.
+            ValueError: The state, a load, a motion or a condition is not finite, conditions
+                conflict, or bodies start inside a rigid obstacle, or were put there between
+                steps, or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
         if self._was_displaced:

@@ -1,9 +1,10 @@
 r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
 
 An obstacle takes the place of a surface's segments in a contact pair and has no unknowns. It is
-at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`. Gap and normal are those of the exact surface. The contact force of the energy-momentum
-scheme is a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
-Obstacles made of facets are in `rigid_surface`.
+at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`. Gap
+and normal are those of the exact surface. The contact force of the energy-momentum scheme is a
+discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made
+of facets are in `rigid_surface`.
 """
 
 from abc import abstractmethod
@@ -80,7 +81,12 @@ class Obstacle(Declaration):
         return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
 
     def __repr__(self) -> str:
-        """Arguments that define the surface, or its number of facets, in one line. Local."""
+        """Arguments that define the surface, and its motion, in one line. Local."""
+        motion = "" if self.motion.is_rest else f".moving({self.motion!r})"
+        return f"{self._declaration()}{motion}"
+
+    def _declaration(self) -> str:
+        """Arguments that define the surface, or its number of facets."""
         return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
@@ -272,8 +278,7 @@ class RigidPlane(_Exact):
         self._point = _vector("point", point)
         self._normal = _direction("normal", normal)
 
-    def __repr__(self) -> str:
-        """Point [m] and unit normal in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(self, point=self._point, normal=self._normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
@@ -370,8 +375,7 @@ class RigidSphere(_Round):
         """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
 
-    def __repr__(self) -> str:
-        """Centre and radius [m] in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(self, centre=self._centre, radius=self._radius, hollow=self._sign < 0)
 
 
@@ -400,8 +404,7 @@ class RigidCylinder(_Round):
         self._axis = a = _direction("axis", axis)
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
 
-    def __repr__(self) -> str:
-        """Point and radius [m] and unit vector of the axis in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(
             self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
         )
