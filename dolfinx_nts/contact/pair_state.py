@@ -144,19 +144,6 @@ class PairState:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         return self._faced(x, reach)[2]
 
-    def way(self, x: Floats, way: float) -> float:
-        """Bound of which nodes come nearer to the segments by at most twice as much. Collective.
-
-        Args:
-            x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
-            way: Bound on the way of any node in the step, the same on all ranks [m].
-        """
-        frame = self.search.frame
-        if not frame.moves:
-            return way
-        drag = reductions.largest(self.pair.nodes.V.mesh.comm, frame.drag(x).max(initial=0.0))
-        return max(way, float(drag))
-
     def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:
         """Candidates at any distance, and which of them the nodes face, with the gap. Collective.
 

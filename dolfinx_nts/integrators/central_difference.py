@@ -224,7 +224,7 @@ class CentralDifference(Stepper):
 
         Args:
             ways: Bound on the motion since the last evaluation for each pair, as of
-                `PairState.way` [m].
+                `Search.way` [m].
         """
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
@@ -343,7 +343,7 @@ class CentralDifference(Stepper):
         if not any(contact.search.frame.moves for contact in self.contacts):
             return [moved] * len(self.contacts)
         x = self.x
-        return [contact.way(x, moved) for contact in self.contacts]
+        return [contact.search.way(x, moved) for contact in self.contacts]
 
     def _check_passage(self, moved: float, ways: Sequence[float]) -> None:
         """Raise if nodes or vertices pass a surface.

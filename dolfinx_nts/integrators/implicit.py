@@ -240,7 +240,8 @@ class ImplicitStepper(Stepper):
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
-        if self._rates.acceleration is None and self._update is None:
+        moves = any(contact.search.may_move for contact in self.contacts)
+        if self._rates.acceleration is None and self._update is None and not moves:
             load = self._bulk.load()
             self._load_at(0.0)
             change = self._norm(self._bulk.load() - load)

@@ -200,7 +200,7 @@ class Stepper(TimeLoop):
         self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
         way = self._way
         for contact in moving:
-            way = contact.way(self.x, way)
+            way = contact.search.way(self.x, way)
         if self.watch.overlaps.moved_far(way):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)

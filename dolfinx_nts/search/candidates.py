@@ -210,6 +210,17 @@ class Search(ABC):
         # A node and a vertex of different ranks may approach each other.
         return sum(reductions.largest(self._comm, moved))
 
+    def way(self, x: Floats, way: float) -> float:
+        """Bound on the ways of nodes and of the frame where they are in a step [m]. Collective.
+
+        Args:
+            x: Positions of the local nodes at its end in space, shape ``(l, 3)`` [m].
+            way: Bound on the ways of the nodes, the same on all ranks [m].
+        """
+        if not self.frame.moves:
+            return way
+        return max(way, reductions.largest(self._comm, float(self.frame.drag(x).max(initial=0.0))))
+
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize where the candidates were found, under a name. Collective."""

@@ -307,7 +307,7 @@ class FreeBodies:
         products, counts = np.zeros((n, n)), np.zeros(n)
         for step, state in zip(steps, states, strict=True):
             label = step.candidates.scatter.forward(self._label)[:, 0]
-            x = step.search.frame.in_space(step.x)
+            x = step.state.search.frame.in_space(step.x)
             dofs, gradients = state.pairs.dofs, state.pairs.gradients
             # Without friction tangential gradients are zero.
             gradients, dofs = gradients[state.active], dofs[state.active]

@@ -73,7 +73,7 @@ class NeighbourList:
         """Rebuild the list if nodes outside of it may touch.
 
         ``x`` are positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m],
-        ``step`` bounds the motion since the last update, see `PairState.way` [m].
+        ``step`` bounds the motion since the last update, see `Search.way` [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size

@@ -189,7 +189,7 @@ class ContactSprings:
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
             x: The same at its end.
-            moved: Bound on the motion of nodes and obstacle as of `PairState.way` [m].
+            moved: Bound on the motion of nodes and obstacle as of `Search.way` [m].
             dt: Length of the step [s].
         """
         state, reach = self._state, 2 * moved + self._neighbours.reach
@@ -223,7 +223,7 @@ class ContactSprings:
                 only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
             step: Bound on the motion of nodes and obstacle since the last evaluation, as of
-                `PairState.way` [m].
+                `Search.way` [m].
         """
         seen, n = self._neighbours, len(self._reduced_mass)
         frame = self._state.search.frame

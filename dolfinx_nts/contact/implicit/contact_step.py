@@ -113,7 +113,7 @@ class ContactStep:
         Returns:
             The pairs that may transmit force.
         """
-        x = self.x = self.search.positions(x)
+        x = self.x = self.candidates.scatter.forward(self.state.search.frame.at_end(x))
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
         changed += self.normal.update(pairs, x, R_bulk, self.friction, iteration)
         num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
@@ -158,17 +158,7 @@ class ContactStep:
         ``contribution`` is the last evaluation. Collective.
         """
         history = self._history(contribution)
-        return history, self._work(contribution, history)._replace(
-            obstacles=self._work_of_obstacle(history)
-        )
-
-    def _work_of_obstacle(self, new: ContactHistory) -> float:
-        """Work of a moving obstacle on the nodes [J]. Collective."""
-        search, nodes = self.search, self.state.nodes
-        if not search.frame.moves:
-            return 0.0
-        way = search.frame.carried(search.x_n[nodes.nodes], self.x[nodes.nodes])
-        return float(reductions.total(self._comm, (new.force * way).sum()))
+        return history, self._work(contribution, history)
 
     def _history(self, contribution: ContactContribution) -> ContactHistory:
         pairs, search, n = self._pairs, self.search, len(self.normal.active)
@@ -200,8 +190,9 @@ class ContactStep:
     def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
         """Energy given by the contact of the step, by cause. Collective."""
         old, pairs = self.state.history, contribution.pairs
-        ends = (x.take(pairs.dofs, axis=0) for x in (self.search.x_n, self.x))
-        dx = self.search.frame.relative(*ends)
+        frame, ends = self.state.search.frame, (self.search.x_n, self.x)
+        dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
+        carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
         F = pairs.contact.force
         work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
         # What springs account for is not counted twice.
@@ -215,9 +206,11 @@ class ContactStep:
                 work[before & ~same].sum() - self.normal.released_energy(pairs.node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
+                np.vdot(new.force, carried),
             ]
         )
-        return ContactWork(*reductions.total(self._comm, parts).tolist())
+        *causes, obstacles = reductions.total(self._comm, parts).tolist()
+        return ContactWork(*causes, obstacles=obstacles)
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
         """Kinematics of nodes that may transmit force; how many changed or left their segment."""

@@ -44,6 +44,7 @@ class FrozenPoints(LocalSearch):
         """Choose the points where the surfaces would be without contact."""
         super().__init__(state, x_n, x_trial)
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        self._trial = self.candidates.scatter.forward(x_trial)
         self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
         self._renewals = 0
         self._choose(self._trial)

@@ -40,6 +40,8 @@ class Approach(NamedTuple):
 class LocalSearch:
     """Nodes of a contact pair and the segments that they face. Collective; its methods are local.
 
+    Positions are those in the frame of the search of the pair, but for those of the arguments.
+
     Args:
         state: State of the contact pair.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
@@ -48,7 +50,6 @@ class LocalSearch:
 
     Attributes:
         candidates: Candidates in reach.
-        frame: Frame of the candidates in the step, in which all positions here are.
         points: Contact points of the nodes, which face what they do at t_n.
         reach: Largest gap of interest [m].
         x_n: Positions at t_n of the nodes that the candidates know.
@@ -65,8 +66,8 @@ class LocalSearch:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
-        self.frame = state.search.frame
-        x_n, x_trial = self.frame.at_start(x_n), self.frame.at_end(x_trial)
+        frame = state.search.frame
+        x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Longest way of a node in the ballistic step.
         self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.
@@ -75,7 +76,7 @@ class LocalSearch:
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
-        self._trial = trial = candidates.scatter.forward(x_trial)
+        trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
         self.pairing: Pairing = NodePairing(pair.nodes, candidates, points, self.x_n, last)
@@ -101,13 +102,6 @@ class LocalSearch:
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
-
-    def positions(self, x: Floats) -> Floats:
-        """Positions of the nodes that the candidates know, ``(l, 3)`` [m]. Collective.
-
-        ``x`` are positions in space of the owned nodes at the end of the step, ``(n, 3)`` [m].
-        """
-        return self.candidates.scatter.forward(self.frame.at_end(x))
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
