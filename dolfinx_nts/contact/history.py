@@ -87,9 +87,9 @@ class ContactWork(NamedTuple):
         facet_change: By nodes that were active on another segment.
         springs: Taken from penalty and friction springs.
         friction: Minus the dissipation by friction.
+        obstacles: Work of moving obstacles.
         equilibrium: Strain energy that nodes without mass took to find their equilibrium.
         refund: Kinetic energy that vibration got for it.
-        obstacles: Work of moving obstacles.
     """
 
     persistent: float = 0.0
@@ -97,9 +97,9 @@ class ContactWork(NamedTuple):
     facet_change: float = 0.0
     springs: float = 0.0
     friction: float = 0.0
+    obstacles: float = 0.0
     equilibrium: float = 0.0
     refund: float = 0.0
-    obstacles: float = 0.0
 
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Add energies cause by cause. Local."""

@@ -211,9 +211,10 @@ class Diagnostics:
         """Resultants on the obstacles by those on the nodes of all pairs, ``(p, 2, 3)``."""
         stepper = self._stepper
         totals: dict[Obstacle, Floats] = {}
-        for pair, (force, torque) in zip(stepper.pairs, pairs, strict=True):
+        for number, pair in enumerate(stepper.pairs):
             obstacle = pair.segments
             if isinstance(obstacle, Obstacle):
+                force, torque = pairs[number]
                 centre = obstacle.motion.frame(stepper.t_n, stepper.t).centre
                 on_nodes = np.array([force, torque - np.cross(centre, force)])
                 totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes

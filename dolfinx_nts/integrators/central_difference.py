@@ -282,13 +282,12 @@ class CentralDifference(Stepper):
             contact += *counts, *springs.work(old, new, x, du)
         defect = dt**2 / 8 * (forces.power - power)
         works = reductions.total(self._comm, [load, damping, support, defect, *contact.tolist()])
-        load, damping, support, defect, num_lost, num_segments, num_active, *by_cause, obstacles = (
-            works
-        )
+        load, damping, support, defect, num_lost, num_segments, num_active, *by_cause = works
         if num_lost:
             self._refuse(f"{num_lost:g} nodes sank too deep into a surface, stiffer springs help")
-        contact_work = ContactWork(*by_cause, obstacles=obstacles)
-        self._stability.count((load, support, obstacles), damping + contact_work.friction)
+        contact_work = ContactWork(*by_cause)
+        driven = load, support, contact_work.obstacles
+        self._stability.count(driven, damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate

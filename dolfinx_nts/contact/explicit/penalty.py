@@ -272,9 +272,9 @@ class ContactSprings:
     def work(
         self, old: SpringForces, new: SpringForces, x: Floats, du: Floats
     ) -> tuple[float, ...]:
-        """Work of the mean of two forces on this rank: five causes, the obstacle. Collective.
+        """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
 
-        The causes are the first ones of `ContactWork` [J]. ``du`` is the displacement of the owned
+        ``du`` is the displacement of the owned
         nodes between both, shape ``(n, 3)`` [m], and ``x`` are their positions at its end.
         """
         if old.scatter is None and new.scatter is None:
@@ -284,10 +284,11 @@ class ContactSprings:
             carried = frame.carried(frame.at_start(x - du), frame.at_end(x))
             du = du - carried
             for springs in (old.springs, new.springs):
-                obstacle += np.vdot(springs.force[:, 0], carried[springs.dofs[:, 0]]) / 2
+                way = carried[springs.dofs[:, 0]]
+                obstacle += float(np.vdot(springs.force[:, 0], way)) / 2
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:
             du_new = du if new.scatter is None else new.scatter.forward(du)
         causes = _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)
-        return *causes, float(obstacle)
+        return *causes, obstacle

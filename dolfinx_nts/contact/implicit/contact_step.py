@@ -209,8 +209,7 @@ class ContactStep:
                 np.vdot(new.force, carried),
             ]
         )
-        *causes, obstacles = reductions.total(self._comm, parts).tolist()
-        return ContactWork(*causes, obstacles=obstacles)
+        return ContactWork(*reductions.total(self._comm, parts).tolist())
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
         """Kinematics of nodes that may transmit force; how many changed or left their segment."""
