@@ -175,18 +175,13 @@ class _TurnedSlip(Slip):
     """Slip relative to a frame that turns, with the rotations at t_n, mean and at t_{n+1}."""
 
     def __init__(self, slip: Slip, start: Floats, mean: Floats, end: Floats) -> None:
-        self._slip, self._rotations = slip, (mean, end)
-        self.value, self.force, self.gradient = (
-            slip.value,
-            slip.force @ mean.T,
-            slip.gradient @ end.T,
-        )
+        self._slip, self._mean, self._end, self.value = slip, mean, end, slip.value
+        self.force, self.gradient = slip.force @ mean.T, slip.gradient @ end.T
         self.frame_n, self.normal_n = slip.frame_n @ start.T, slip.normal_n @ start.T
         self.frame, self.normal = slip.frame @ end.T, slip.normal @ end.T
 
     def hessian(self, t: Floats) -> Floats:
-        mean, end = self._rotations
-        hessian: Floats = mean @ self._slip.hessian(t) @ end.T
+        hessian: Floats = self._mean @ self._slip.hessian(t) @ self._end.T
         return hessian
 
 
