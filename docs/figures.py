@@ -35,6 +35,7 @@ DEMOS = {
     "bar_impact": ["bar_impact_force.png"],
     "bowl": ["bowl.png"],
     "hertz": ["hertz_pressure.png"],
+    "ironing": ["ironing.png", "ironing_force.png"],
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
     "pile": ["pile.png"],

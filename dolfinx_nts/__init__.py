@@ -23,6 +23,7 @@ from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
+from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
@@ -54,6 +55,7 @@ __all__ = [
     "MeshData",
     "Midpoint",
     "MooneyRivlin",
+    "Motion",
     "NeoHookean",
     "Obstacle",
     "Overlap",

@@ -87,6 +87,7 @@ class ContactWork(NamedTuple):
         facet_change: By nodes that were active on another segment.
         springs: Taken from penalty and friction springs.
         friction: Minus the dissipation by friction.
+        obstacles: Work of moving obstacles.
         equilibrium: Strain energy that nodes without mass took to find their equilibrium.
         refund: Kinetic energy that vibration got for it.
     """
@@ -96,6 +97,7 @@ class ContactWork(NamedTuple):
     facet_change: float = 0.0
     springs: float = 0.0
     friction: float = 0.0
+    obstacles: float = 0.0
     equilibrium: float = 0.0
     refund: float = 0.0
 

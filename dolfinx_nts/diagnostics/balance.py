@@ -27,6 +27,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.overlaps import Overlap
@@ -51,6 +52,8 @@ class Balance:
         contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N].
         pairs: Force [N] and torque about the origin [N m] of the last step on the nodes of each
             pair, shape ``(p, 2, 3)``.
+        obstacles: Force [N] and torque [N m] of the last step on each obstacle, ``(o, 2, 3)``,
+            see `Diagnostics.obstacle_resultants`.
         active_nodes: Number of nodes that transmit force.
         min_gap: Least gap [m]; NaN if no node faces a segment.
 
@@ -70,6 +73,7 @@ class Balance:
     angular_momentum: Floats
     contact_force: Floats
     pairs: Floats
+    obstacles: Floats
     active_nodes: int
     min_gap: float
 
@@ -85,11 +89,11 @@ class Balance:
         names.insert(names.index("contact_energy") + 1, "total_energy")
         for name in names:
             value = getattr(self, name)
-            if name == "pairs":
-                for number, pair in enumerate(value, start=1):
-                    for kind, vector in zip(("force", "torque"), pair, strict=True):
+            if name in ("pairs", "obstacles"):
+                for number, resultant in enumerate(value, start=1):
+                    for kind, vector in zip(("force", "torque"), resultant, strict=True):
                         for axis, v in zip("xyz", vector, strict=True):
-                            columns[f"pair_{number}_{kind}_{axis}"] = float(v)
+                            columns[f"{name[:-1]}_{number}_{kind}_{axis}"] = float(v)
             elif isinstance(value, np.ndarray):
                 for axis, v in zip("xyz", value, strict=True):
                     columns[f"{name}_{axis}"] = float(v)
@@ -192,6 +196,30 @@ class Diagnostics:
         resultants: Floats = self._sum(parts)
         return resultants
 
+    def obstacle_resultants(self) -> Floats:
+        """Force [N] and torque [N m] of the last step on each rigid obstacle, ``(o, 2, 3)``.
+
+        Obstacles come in the order in which the pairs name them first. The torque is about the
+        centre of the motion in the middle of the step, or about the origin if the obstacle is at
+        rest. With `EnergyMomentum` the work of a moving obstacle on the bodies is minus force
+        times displacement of the centre, minus torque times 2 tan(angle/2) along the axis of the
+        turn in the step.
+        """
+        return self._on_obstacles(self.pair_resultants())
+
+    def _on_obstacles(self, pairs: Floats) -> Floats:
+        """Resultants on the obstacles by those on the nodes of all pairs, ``(p, 2, 3)``."""
+        stepper = self._stepper
+        totals: dict[Obstacle, Floats] = {}
+        for number, pair in enumerate(stepper.pairs):
+            obstacle = pair.segments
+            if isinstance(obstacle, Obstacle):
+                force, torque = pairs[number]
+                centre = obstacle.motion.frame(stepper.t_n, stepper.t).centre
+                on_nodes = np.array([force, torque - np.cross(centre, force)])
+                totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes
+        return np.array([*totals.values()]).reshape(-1, 2, 3)
+
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""
         active = [np.count_nonzero(pair.history.active) for pair in self._stepper.contacts]
@@ -231,7 +259,8 @@ class Diagnostics:
         Returns:
             One `Overlap` for each two, empty if bodies only touch.
         """
-        return self._stepper.watch.overlaps.search.find(self._stepper.x)[0]
+        stepper = self._stepper
+        return stepper.watch.overlaps.search.find(stepper.x, t=stepper.t)[0]
 
     def _distances(self, x: Floats) -> tuple[Floats, Floats]:
         """Least and greatest distances between nodes and segments of the pairs, each ``(p,)`` [m].
@@ -278,9 +307,10 @@ class Diagnostics:
         """All numbers of the state at once."""
         kinetic_energy, linear, angular = self._motion()
         energies = kinetic_energy, self.strain_energy(), self.contact_energy()
-        force, pairs = self.contact_force(), self.pair_resultants()
-        active, gap = self.active_nodes(), self.min_gap()
-        return Balance(self._stepper.t, *energies, linear, angular, force, pairs, active, gap)
+        pairs = self.pair_resultants()
+        resultants = pairs[:, 0].sum(axis=0), pairs, self._on_obstacles(pairs)
+        counts = self.active_nodes(), self.min_gap()
+        return Balance(self._stepper.t, *energies, linear, angular, *resultants, *counts)
 
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""

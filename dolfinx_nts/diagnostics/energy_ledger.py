@@ -17,6 +17,7 @@ _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentu
 _WORKS = {
     "loads": attrgetter("load_work"),
     "supports": attrgetter("support_work"),
+    "obstacles": attrgetter("contact_work.obstacles"),
     "damping": attrgetter("damping_work"),
     "persistent_contact": attrgetter("contact_work.persistent"),
     "activation": attrgetter("contact_work.activation"),
@@ -92,13 +93,13 @@ class EnergyLedger:
             setattr(self, name, Balance(**numbers))
 
     def columns(self) -> dict[str, float]:
-        """Sums by name [J]: causes, the remainder, and works of loads and friction."""
+        """Sums by name [J]: causes, the remainder, and works from outside and of friction."""
         energy = self.energy
         change = self.last.total_energy - self.first.total_energy
         return {
             **{f"energy_{cause}": work for cause, work in energy.items()},
             "energy_unaccounted": change - sum(energy.values()),
-            "external_work": energy["loads"] + energy["supports"],
+            "external_work": energy["loads"] + energy["supports"] + energy["obstacles"],
             "friction_dissipation": -energy["friction"],
         }
 

@@ -192,9 +192,10 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether supports stay and the norm of the loads [N] is that of the last step."""
+        """Whether supports and obstacles stay, and the norm of the loads [N] is the last one."""
         fixed, u = self.supports.fixed, self.u.x.array
-        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        moves = any(contact.search.frame.moves for contact in self.contacts)
+        stays = not moves and np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
@@ -239,7 +240,8 @@ class ImplicitStepper(Stepper):
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
-        if self._rates.acceleration is None and self._update is None:
+        moves = any(contact.search.may_move for contact in self.contacts)
+        if self._rates.acceleration is None and self._update is None and not moves:
             load = self._bulk.load()
             self._load_at(0.0)
             change = self._norm(self._bulk.load() - load)

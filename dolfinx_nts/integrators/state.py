@@ -30,6 +30,7 @@ class State(ABC):
 
     Attributes:
         t: Time [s].
+        t_n: Time at the start of the last step [s].
         step: Number of accepted steps.
         u: Displacement at t [m], a Function.
         v: Velocity at t [m/s], a Function.
@@ -41,7 +42,7 @@ class State(ABC):
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
         """Begin with undeformed bodies without motion at the time 0."""
-        self.t, self.step, self.inertia_defect = 0.0, 0, 0.0
+        self.t, self.t_n, self.step, self.inertia_defect = 0.0, 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
@@ -101,6 +102,7 @@ class State(ABC):
         What ``update`` and the functions of loads remember is not part of it.
         """
         self.t = archive.same("t", self.t)
+        self.t_n = archive.same("t_n", self.t_n)
         self.step = archive.same("step", self.step)
         self._set_dt(archive.same("dt", self.dt))
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)

@@ -1,13 +1,16 @@
 r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
 
-An obstacle takes the place of a surface's segments in a contact pair, has no unknowns and never
-moves. Gap and normal are those of the exact surface. The contact force of the energy-momentum
-scheme is a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
-Obstacles made of facets are in `rigid_surface`.
+An obstacle takes the place of a surface's segments in a contact pair and has no unknowns. It is
+at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`. Gap
+and normal are those of the exact surface. The contact force of the energy-momentum scheme is a
+discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made
+of facets are in `rigid_surface`.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from copy import copy
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,18 +19,23 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
+
+Self = TypeVar("Self", bound="Obstacle")
 
 
 class Obstacle(Declaration):
     """Base of all obstacles, which take the place of segments in a contact pair. Local.
 
     Pairs with an obstacle consist of the node alone, so that gradients have the three entries
-    of its position. Methods are for the contact of a stepper.
+    of its position. Methods are for the contact of a stepper. In them positions are those in the
+    frame of the obstacle, which is space where it is at rest.
 
     Attributes:
+        motion: How it moves.
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
         shortest_passage: Motion in a step below which no node passes the obstacle [m].
 
@@ -37,16 +45,48 @@ class Obstacle(Declaration):
         True
     """
 
+    motion = Motion()
     key: GlobalInts = np.zeros(1, dtype=np.int64)
     shortest_passage = np.inf
+
+    def moving(self: Self, motion: Motion) -> Self:
+        """Return the same obstacle with a prescribed motion. Local.
+
+        Args:
+            motion: Where it is at each time, relative to where it was declared.
+
+        Returns:
+            Another obstacle; this one stays as it is.
+
+        Raises:
+            TypeError: ``motion`` is no `Motion`.
+
+        Example:
+            >>> ball = nts.RigidSphere(centre=(0, 0, 2), radius=1.0)
+            >>> ball.moving(nts.Motion(translation=lambda t: (0, 0, -0.1 * t))).name
+            'a moving RigidSphere'
+        """
+        if not isinstance(motion, Motion):
+            raise TypeError(
+                "expected a Motion, such as Motion(translation=lambda t: (0, 0, -t)), given "
+                f"{motion!r}"
+            )
+        other = copy(self)
+        vars(other)["motion"] = motion
+        return other
 
     @property
     def name(self) -> str:
         """Kind of the obstacle, for messages."""
-        return f"a {type(self).__name__}"
+        return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
 
     def __repr__(self) -> str:
-        """Arguments that define the surface, or its number of facets, in one line. Local."""
+        """Arguments that define the surface, and its motion, in one line. Local."""
+        motion = "" if self.motion.is_rest else f".moving({self.motion!r})"
+        return f"{self._declaration()}{motion}"
+
+    def _declaration(self) -> str:
+        """Arguments that define the surface, or its number of facets."""
         return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
@@ -238,8 +278,7 @@ class RigidPlane(_Exact):
         self._point = _vector("point", point)
         self._normal = _direction("normal", normal)
 
-    def __repr__(self) -> str:
-        """Point [m] and unit normal in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(self, point=self._point, normal=self._normal)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
@@ -336,8 +375,7 @@ class RigidSphere(_Round):
         """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
 
-    def __repr__(self) -> str:
-        """Centre and radius [m] in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(self, centre=self._centre, radius=self._radius, hollow=self._sign < 0)
 
 
@@ -366,8 +404,7 @@ class RigidCylinder(_Round):
         self._axis = a = _direction("axis", axis)
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
 
-    def __repr__(self) -> str:
-        """Point and radius [m] and unit vector of the axis in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(
             self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
         )

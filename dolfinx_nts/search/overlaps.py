@@ -17,6 +17,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import closed_boundaries
 from dolfinx_nts.model.connected_bodies import connected
+from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -105,29 +106,37 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine)
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
-    def approach(self, x: Floats, before: Floats) -> float:
+    def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> float:
         """Bound on how much any two, of which one may be an obstacle, have come nearer [m].
 
-        ``before`` are the positions from which the motion counts, ``x`` is as of `find`.
-        Collective.
+        ``before`` are the positions at ``t_before`` from which the motion counts, ``x`` and ``t``
+        are as of `find`. Collective.
         """
         nodes = [boundary.nodes for boundary in self._boundaries]
-        moved = [_kernels.farthest(x.take(n, axis=0), before.take(n, axis=0)) for n in nodes]
-        return float(np.sort(reductions.largest(self._comm, moved))[-2:].sum())
 
-    def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], Floats]:
+        def farthest(frame: Frame) -> list[float]:
+            ends = frame.at_end(x), frame.at_start(before)
+            return [_kernels.farthest(*(end.take(n, axis=0) for end in ends)) for n in nodes]
+
+        moving = [obstacle.motion for obstacle in self._obstacles if not obstacle.motion.is_rest]
+        frames = [Frame(), *(motion.frame(t_before, t) for motion in moving)]
+        in_space, *in_frames = reductions.largest(self._comm, list(map(farthest, frames)))
+        return float(max([np.sort(in_space)[-2:].sum(), *map(np.max, in_frames)]))
+
+    def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
             least: Depth that an overlap must have to be of interest [m].
+            t: Time, at which moving obstacles are where they are [s].
 
         Returns:
             The overlaps; and how far each two of the ``g`` boundaries are apart at least, shape
             ``(g, g)`` [m], on the diagonal all of them from obstacles. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
-        in_obstacles, clearance = self._with_obstacles(x, touching)
+        in_obstacles, clearance = self._with_obstacles(x, t, touching)
         lower, upper = self._boxes(x)
         apart = np.maximum(lower[:, None], lower) - np.minimum(upper[:, None], upper)
         apart = apart.max(axis=2)
@@ -207,22 +216,23 @@ class OverlapSearch:
             least[1, number] = -some.max(axis=0, initial=-np.inf)
         return reductions.least(self._comm, least) * [[[1]], [[-1]]]
 
-    def _with_obstacles(self, x: Floats, touching: Floats) -> tuple[list[Overlap], float]:
-        """Overlaps with obstacles, and the least distance from one [m]."""
+    def _with_obstacles(self, x: Floats, t: float, touching: Floats) -> tuple[list[Overlap], float]:
+        """Overlaps with obstacles at the time t [s], and the least distance from one [m]."""
         if not self._obstacles:
             return [], np.inf
         shape = len(self._obstacles), len(self._boundaries)
         deepest, num_nodes = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64)
+        seen = [obstacle.motion.frame(t, t).at_end(x) for obstacle in self._obstacles]
         for i, obstacle in enumerate(self._obstacles):
             for j, boundary in enumerate(self._boundaries):
-                depth = obstacle.depth(x[boundary.nodes])
+                depth = obstacle.depth(seen[i][boundary.nodes])
                 deepest[i, j] = depth.max(initial=-np.inf)
                 num_nodes[i, j] = np.count_nonzero(depth > touching[j])
         deepest = reductions.largest(self._comm, deepest)
         overlaps = []
         for i, j in np.argwhere(deepest > touching):
             (obstacle, name), boundary = list(self._obstacles.items())[i], self._boundaries[j]
-            at_centres = obstacle.depth(_centres(x, boundary.cells))
+            at_centres = obstacle.depth(_centres(seen[i], boundary.cells))
             counts = [int(num_nodes[i, j]), int(np.count_nonzero(at_centres > touching[j]))]
             nodes, cells = reductions.total(self._comm, counts)
             names = self.names[j], name

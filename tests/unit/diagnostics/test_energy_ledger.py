@@ -17,6 +17,7 @@ CONTACT = ContactWork(
     friction=-8.0,
     equilibrium=512.0,
     refund=-1024.0,
+    obstacles=8192.0,
 )
 
 
@@ -31,6 +32,7 @@ def balance(t, energy, momentum=(0.0, 0.0, 0.0)):
         angular_momentum=np.zeros(3),
         contact_force=np.zeros(3),
         pairs=np.zeros((0, 2, 3)),
+        obstacles=np.zeros((0, 2, 3)),
         active_nodes=0,
         min_gap=np.nan,
     )
@@ -70,6 +72,7 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
         "energy_bulk": 512.0,
         "energy_loads": 32.0,
         "energy_supports": 64.0,
+        "energy_obstacles": 16384.0,
         "energy_damping": -128.0,
         "energy_persistent_contact": 2.0,
         "energy_activation": -4.0,
@@ -81,8 +84,8 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
     }
     assert ledger.columns() == {
         **causes,
-        "energy_unaccounted": 300.0 + 298.0,
-        "external_work": 96.0,
+        "energy_unaccounted": 300.0 + 298.0 - 16384.0,
+        "external_work": 96.0 + 16384.0,
         "friction_dissipation": 16.0,
     }
     assert list(ledger.columns())[: len(causes)] == list(causes)

@@ -89,12 +89,19 @@ def test_surface_of_an_obstacle_is_where_its_depth_is_zero():
         (nts.RigidSphere((0, 0, 0), 0.7), lambda x: np.linalg.norm(x, axis=1) - 0.7),
         (nts.RigidCylinder((0, 0, 0), (1, 0, 0), 0.5), lambda x: np.hypot(*x[:, 1:].T) - 0.5),
     ):
-        surface = surface_near(obstacle, points)
+        surface = surface_near(obstacle, points, 0.0)
         assert surface.n_points > 500
         assert np.abs(distance(surface.points)).max() < 2e-3
-    assert surface_near(nts.RigidPlane((0, 0, 9), (0, 0, 1)), points).n_points == 0
+        # One that has moved up by 0.1 m and turned about the vertical.
+        motion = nts.Motion(lambda t: (0, 0, 0.2 * t), lambda t: (0, 0, t))
+        surface = surface_near(obstacle.moving(motion), points, 0.5)
+        x = surface.points - [0, 0, 0.1]
+        x[:, :2] = x[:, :2] @ [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]
+        assert surface.n_points > 500
+        assert np.abs(distance(x)).max() < 2e-3
+    assert surface_near(nts.RigidPlane((0, 0, 9), (0, 0, 1)), points, 0.0).n_points == 0
     corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 1], [2, 2, 1]])
-    drawn = surface_near(nts.RigidSurface(corners, [[0, 1, 2, 3]], (1, 1, 9)), points)
+    drawn = surface_near(nts.RigidSurface(corners, [[0, 1, 2, 3]], (1, 1, 9)), points, 0.0)
     assert np.array_equal(drawn.points, corners) and drawn.n_cells == 1
 
 
