@@ -55,11 +55,12 @@ class RunFiles:
             else XdmfFile(Path(f"{name}.xdmf"), stepper)
         )
 
-    def open(self, ledger: EnergyLedger, resume: bool) -> bool:
+    def open(self, ledger: EnergyLedger, columns: Sequence[str], resume: bool) -> bool:
         """Create the files, or bring the run into the state of its checkpoint.
 
         Args:
             ledger: Ledger of the run, a part of the checkpoint.
+            columns: Names of the columns of the table.
             resume: Whether to resume the run if there is a checkpoint.
 
         Returns:
@@ -90,7 +91,7 @@ class RunFiles:
             self.fields.check()
             if not resume:
                 self._checkpoint.unlink(missing_ok=True)
-            self._table.open(resume)
+            self._table.open(columns, resume)
 
         on_root(self._comm, open_table)
         self.fields.open(resume)
