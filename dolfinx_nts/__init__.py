@@ -12,6 +12,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
 from dolfinx_nts.diagnostics.bodies import BodyBalance
 from dolfinx_nts.diagnostics.contact import PairBalance
+from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
@@ -49,6 +50,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "Fields",
     "FormLoad",
     "GeneralizedAlpha",
     "Gravity",

@@ -1,17 +1,24 @@
 """Columns of the table of a run: the totals, and those of the parts of its scene."""
 
-from collections.abc import Callable, Collection
-from typing import Literal, get_args
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Literal, get_args
 
+from mpi4py import MPI
+
+from dolfinx_nts.common.arguments import real_array
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.names import flat, part_names
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["Parts", "RunColumns"]
+__all__ = ["OwnColumn", "Parts", "RunColumns"]
 
 Parts = Literal["pairs", "supports", "loads", "bodies"]
+# Returns a number, or three, for the present state of a stepper.
+OwnColumn = Callable[[Stepper], Any]
 
 _NOTHING = Reaction((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
@@ -22,17 +29,23 @@ class RunColumns:
     Args:
         diagnostics: Those of the stepper of the run.
         parts: Parts of the scene that have columns of their own.
+        own: Columns of the user by name, see `Recorder`.
 
     Raises:
         ValueError: There are no such parts.
     """
 
-    def __init__(self, diagnostics: Diagnostics, parts: Collection[Parts]) -> None:
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        parts: Collection[Parts],
+        own: Mapping[str, OwnColumn] | None = None,
+    ) -> None:
         """Check the parts, and name loads as far as they have columns."""
         if unknown := sorted(set(parts) - set(get_args(Parts))):
             names = ", ".join(map(repr, get_args(Parts)))
             raise ValueError(f"expected columns_of some of {names}, given {unknown}")
-        self._diagnostics = diagnostics
+        self._diagnostics, self._own = diagnostics, dict(own or {})
         self._loads = part_names("load", (load.name for load in diagnostics.stepper.loads))
         groups: dict[str, Callable[[StepReport | None, EnergyLedger], dict[str, float]]] = {
             "pairs": self._of_pairs,
@@ -60,7 +73,22 @@ class RunColumns:
         }
         for group in self._groups:
             row |= group(step, ledger)
-        return row
+        return row | self._of_user(row)
+
+    def _of_user(self, row: Collection[str]) -> dict[str, float]:
+        stepper, columns = self._diagnostics.stepper, dict[str, float]()
+        comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        for name, function in self._own.items():
+            with agreed(comm, f"evaluate the column {name}"):
+                value = real_array(f"the column {name}", function(stepper))
+                if value.shape not in ((), (3,)):
+                    raise ValueError(
+                        f"expected a number or three for the column {name}, given {value.shape}"
+                    )
+                columns |= flat("", {name: value})
+                if taken := columns.keys() & row:
+                    raise ValueError(f"expected names that no column has, given {min(taken)!r}")
+        return columns
 
     def _of_pairs(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
         columns: dict[str, float] = {}

@@ -34,8 +34,8 @@ class PairBalance:
     Example:
         >>> steps = list(stepper.run(until=0.02))
         >>> pair = nts.Diagnostics(stepper).pairs()["upper_bottom_lower_top"]
-        >>> pair.force[2] > 0, pair.contact_area > 0, pair.largest_pressure > 0
-        (True, True, True)
+        >>> print(pair.force[2] > 0, pair.contact_area > 0, pair.largest_pressure > 0)
+        True True True
     """
 
     force: Floats

@@ -1,7 +1,7 @@
 """Recorder: writes the table, the fields and the checkpoints of a run, step by step."""
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,10 +11,11 @@ from mpi4py import MPI
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.diagnostics.balance import Diagnostics
-from dolfinx_nts.diagnostics.columns import Parts, RunColumns
+from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.parallel.meeting import meet
@@ -73,6 +74,15 @@ class Recorder:
         resume: Whether to continue from the checkpoint if there is one.
         columns_of: Parts of the scene that have columns in the table: ``"pairs"``,
             ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on request.
+        stress: Whether the fields have the Cauchy stress, the von Mises stress and the strain
+            energy density of the cells.
+        own_columns: Functions by the name of a column, which return a number or a vector of
+            three for the stepper that they are given, the same on all ranks. All ranks call
+            them for each row.
+        own_fields: Functions by the name of a field, which return values at the owned nodes of
+            the stepper that they are given, shape ``(n,)`` or ``(n, 3)`` in the order of
+            ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
+            itself, which the script keeps up to date.
         fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The latter is a folder
             ``name.bp``, which all ranks write and which cannot be resumed; it needs a DOLFINx
             with ADIOS2.
@@ -83,8 +93,10 @@ class Recorder:
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
         ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``columns_of`` has another
-            word, ``fields`` is another kind, or one that cannot be resumed, or ``name`` is that
-            of a folder or has a colon, a backslash or characters that cannot be printed.
+            word, ``fields`` is another kind, or one that cannot be resumed or has no stress, a
+            name in ``own_fields`` has other letters than those of Python's names, or ``name``
+            is that of a folder or has a colon, a backslash or characters that cannot be
+            printed.
 
     Example:
         >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
@@ -105,17 +117,29 @@ class Recorder:
         checkpoint_every: int | None = None,
         resume: bool = False,
         columns_of: Collection[Parts] = ("pairs", "supports", "loads"),
+        stress: bool = False,
+        own_columns: Mapping[str, OwnColumn] | None = None,
+        own_fields: Mapping[str, OwnField] | None = None,
         fields: Literal["xdmf", "vtx"] = "xdmf",
     ) -> None:
         """Check the arguments; entering the ``with`` block creates the files."""
         chosen = None if times is None else tuple(float(t) for t in times)
         self._options = _Options(
-            str(name), every, chosen, checkpoint_every, resume, tuple(columns_of), fields
+            name=str(name),
+            every=every,
+            times=chosen,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
+            columns_of=tuple(columns_of),
+            stress=stress,
+            own_columns=tuple(own_columns or ()),
+            own_fields=tuple(own_fields or ()),
+            fields=fields,
         )
         self._stepper = stepper
         self.diagnostics = Diagnostics(stepper)
-        self._columns = RunColumns(self.diagnostics, columns_of)
-        self._files = RunFiles(str(name), stepper, fields)
+        self._columns = RunColumns(self.diagnostics, columns_of, own_columns)
+        self._files = RunFiles(str(name), stepper, fields, RunFields(stepper, stress, own_fields))
         comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._comm = comm
         self._interrupts = Interrupts(comm)
@@ -244,6 +268,9 @@ class _Options:
     checkpoint_every: int | None
     resume: bool
     columns_of: tuple[str, ...]
+    stress: bool
+    own_columns: tuple[str, ...]
+    own_fields: tuple[str, ...]
     fields: str
 
     def __post_init__(self) -> None:
@@ -251,6 +278,10 @@ class _Options:
             raise ValueError(f"expected fields 'xdmf' or 'vtx', given {self.fields!r}")
         if self.fields == "vtx" and self.resume:
             raise ValueError("expected fields='xdmf' with resume, given 'vtx', which cannot do it")
+        if self.fields == "vtx" and self.stress:
+            raise ValueError(
+                "expected fields='xdmf' with stress, given 'vtx', whose fields have nodes"
+            )
         if self.every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {self.every}")
         if self.checkpoint_every is not None and self.checkpoint_every < 1:

@@ -11,6 +11,7 @@ from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.name_lock import NameLock
 from dolfinx_nts.io.scripted_step import ScriptedStep
 from dolfinx_nts.io.vtx import VtxFile
@@ -29,6 +30,7 @@ class RunFiles:
         name: Path of the files without suffix.
         stepper: Stepper of the run.
         kind: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``.
+        fields: What is written of each state.
 
     Attributes:
         fields: File of the fields.
@@ -38,7 +40,7 @@ class RunFiles:
             take as they are.
     """
 
-    def __init__(self, name: str, stepper: Stepper, kind: str) -> None:
+    def __init__(self, name: str, stepper: Stepper, kind: str, fields: RunFields) -> None:
         """Check the name; `open` creates the files."""
         _check_name(name)
         self._stepper = stepper
@@ -50,9 +52,9 @@ class RunFiles:
         self._saved = (0, 0.0)
         self._script: ScriptedStep
         self.fields: XdmfFile | VtxFile = (
-            VtxFile(Path(f"{name}.bp"), stepper)
+            VtxFile(Path(f"{name}.bp"), stepper, fields)
             if kind == "vtx"
-            else XdmfFile(Path(f"{name}.xdmf"), stepper)
+            else XdmfFile(Path(f"{name}.xdmf"), stepper, fields)
         )
 
     def open(self, ledger: EnergyLedger, columns: Sequence[str], resume: bool) -> bool:

@@ -52,7 +52,8 @@ class Supports:
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
         ends = np.cumsum([len(dofs) for dofs in each])
         # Number of the first condition of each fixed dof.
-        self._number: Ints = np.searchsorted(ends, first, side="right").astype(np.int32)
+        number = np.searchsorted(ends, first, side="right")
+        self._number: Ints = np.asarray(number, dtype=np.int32)
 
     def __len__(self) -> int:
         """Number of conditions. Local."""

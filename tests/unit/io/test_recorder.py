@@ -262,13 +262,89 @@ def test_nothing_is_created_when_the_folder_of_the_fields_is_a_file(comm, folder
     assert [path.name for path in folder.iterdir()] == ["run_fields"]
 
 
+def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm, folder, agree):
+    def part(until):
+        stepper = blocks(comm).stepper
+        V = stepper.u.function_space
+        f = fem.Function(fem.functionspace(V.mesh, ("Lagrange", 1)))
+        f.interpolate(lambda x: x[0] + 2 * x[1])
+        with Recorder(
+            *(folder / "run", stepper),
+            stress=True,
+            checkpoint_every=1,
+            resume=True,
+            own_columns={"time_twice": lambda s: 2 * s.t, "place": lambda s: (s.t, 0.0, 1.0)},
+            own_fields={"f": f, "x": lambda s: s.x[: len(s.node_ids)]},
+        ) as recorder:
+            for step in stepper.run(until=until * BLOCK_STEP):
+                recorder.write(step)
+                f.x.array[:] += 1.0
+        return stepper, f
+
+    part(2)
+    stepper, _ = part(4)
+    table = read_table(folder / "run.csv")
+    names = ["time_twice", "place_x", "place_y", "place_z"]
+    assert agree(list(table)[-4:] == names)
+    assert agree(np.array_equal(table["time_twice"], 2 * table["time"]))
+    _, grids = read_grids(folder / "run.xdmf")
+    assert agree(len(grids) == 5)
+    fields = nts.Fields(stepper)
+    for name, function in (
+        ("cauchy_stress", fields.cauchy_stress()),
+        ("von_mises_stress", fields.von_mises_stress()),
+        ("strain_energy_density", fields.strain_energy_density()),
+    ):
+        written = grids[-1].cell_data[name]
+        own = function.x.array.reshape(-1, *written.shape[1:])
+        mesh = stepper.u.function_space.mesh
+        cells = np.arange(mesh.topology.index_map(3).size_local)
+        original = mesh.topology.original_cell_index[cells]
+        dofs = function.function_space.dofmap.list[cells, 0]
+        assert agree(np.array_equal(written[original], own[dofs])), name
+        assert agree(np.abs(written).max() > 0)
+    assert agree(np.allclose(grids[-1]["x"], grids[-1].points + grids[-1]["displacement"]))
+    added = [grid["f"] - grid.points @ [1.0, 2.0, 0.0] for grid in grids]
+    # Each part began with 0 and added 1 after a step was written.
+    assert agree(np.allclose(added, np.array([0, 0, 1, 0, 1])[:, None], rtol=0, atol=1e-12))
+
+
+def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder, refused):
+    stepper = blocks(comm).stepper
+    V = stepper.u.function_space
+
+    def enter(**options):
+        with Recorder(folder / "run", stepper, **options):
+            pass
+
+    for column, reason in (
+        ({"dt": lambda s: 1.0}, "names that no column has, given 'dt'"),
+        ({"two": lambda s: (1.0, 2.0)}, r"a number or three for the column two, given \(2,\)"),
+    ):
+        with refused(ValueError, reason):
+            enter(own_columns=column)
+    with refused(ZeroDivisionError, "by zero"):
+        enter(own_columns={"bad": lambda s: 1 / 0 if comm.rank == comm.size - 1 else 1.0})
+    constant = fem.Function(fem.functionspace(V.mesh, ("DG", 0)))
+    for field, reason in (
+        ({"gap": lambda s: s.x}, "names that no field has, given 'gap'"),
+        ({"two": lambda s: np.ones(3 * len(s.x))}, "with a row for each owned node, given"),
+        ({"c": constant}, "Lagrange of degree 1, scalar or of three parts, given"),
+        ({"a b": constant}, "names of own_fields of letters, digits and _, given 'a b'"),
+    ):
+        with refused(ValueError, reason):
+            enter(own_fields=field)
+    with refused(ValueError, "fields='xdmf' with stress, given 'vtx'"):
+        enter(stress=True, fields="vtx")
+
+
 def test_it_tells_its_arguments(comm, folder, monkeypatch):
     monkeypatch.chdir(folder)
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
     assert repr(recorder) == (
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
         "checkpoint_every=None, resume=True, columns_of=('pairs', 'supports', 'loads'), "
-        "fields='xdmf')"
+        "stress=False, own_columns=(), own_fields=(), fields='xdmf')"
     )
 
 
