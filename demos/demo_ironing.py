@@ -93,7 +93,7 @@ def run(name, rotation=None):
     with nts.Recorder(name, stepper, every=8) as record:
         for step in stepper.run(until=num_steps, control=nts.StepControl()):
             record.write(step)
-            ((force, _),) = diagnostics.obstacle_resultants()
+            force = diagnostics.obstacles()["moving_rigid_cylinder"].force
             times.append(step.t)
             forces.append(force)
     return stepper, np.array(times), np.array(forces)

@@ -10,6 +10,9 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
+from dolfinx_nts.diagnostics.bodies import BodyBalance
+from dolfinx_nts.diagnostics.contact import PairBalance
+from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
@@ -25,6 +28,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
@@ -39,6 +43,7 @@ end_together()
 __all__ = [
     "Balance",
     "Body",
+    "BodyBalance",
     "BodyForce",
     "CentralDifference",
     "ContactPair",
@@ -46,6 +51,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "Fields",
     "FormLoad",
     "GeneralizedAlpha",
     "Gravity",
@@ -59,9 +65,11 @@ __all__ = [
     "NeoHookean",
     "Obstacle",
     "Overlap",
+    "PairBalance",
     "Penalty",
     "Pressure",
     "QuasiStatic",
+    "Reaction",
     "Recorder",
     "RigidCylinder",
     "RigidPlane",

@@ -37,6 +37,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
@@ -266,23 +267,26 @@ class CentralDifference(Stepper):
         ways = self._ways(moved)
         self._check_passage(moved, ways)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
-        reaction = bulk.total[given] if self.supports.exist else np.empty(0)
+        held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
-        load, damping = (a + b for a, b in zip(at_start, bulk.work(du), strict=True))
+        works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
         a = forces.acceleration
         forces.power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
-        support = 0.0
+        reactions: tuple[Reaction, ...] = ()
         if self.supports.exist:
             rate[given] = (2 * rate - v)[given]
             inertia = (self.mass[:, None] * (rate - v))[given] / dt
-            support = (inertia - (reaction + bulk.total[given]) / 2) @ du[given]
+            force = inertia - (held + bulk.total[given]) / 2
+            reactions = self.supports.reactions(force, self.x, du[given])
         contact, x = np.zeros(9), self._positions[: len(du)]
         for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
             counts = springs.num_lost, springs.num_segments, len(new.springs.node)
             contact += *counts, *springs.work(old, new, x, du)
         defect = dt**2 / 8 * (forces.power - power)
-        works = reductions.total(self._comm, [load, damping, support, defect, *contact.tolist()])
-        load, damping, support, defect, num_lost, num_segments, num_active, *by_cause = works
+        sums = reductions.total(self._comm, [*contact.tolist(), defect, *works])
+        num_lost, num_segments, num_active, *by_cause = sums[: len(contact)]
+        defect, damping, *loads = sums[len(contact) :]
+        load, support = sum(loads), sum(reaction.work for reaction in reactions)
         if num_lost:
             self._refuse(f"{num_lost:g} nodes sank too deep into a surface, stiffer springs help")
         contact_work = ContactWork(*by_cause)
@@ -311,6 +315,8 @@ class CentralDifference(Stepper):
             support_work=support,
             damping_work=damping,
             solver_work=0.0,
+            load_works=tuple(loads),
+            reactions=reactions,
         )
 
     def _move(self) -> float:

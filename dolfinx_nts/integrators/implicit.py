@@ -41,6 +41,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
@@ -271,16 +272,15 @@ class ImplicitStepper(Stepper):
         self.watch.springs.look()
         self._free_bodies.tell()
         du = (self.u.x.array - self.u_n.x.array)[:n]
-        support_work = self._support_work(steps, solution.states, du)
+        reactions = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
-        loaded = self._bulk.load() @ du if self.loads else 0.0
+        loaded = self._bulk.load_works(du)
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
-        sums = [float(value) for value in (loaded, -damped, solution.R @ du, near)]
         defect, settling = self._inertia.accept(steps)
-        sums.append(defect)
-        sums = reductions.total(self._comm, sums)
-        load_work, damping_work, solver_work, in_reach, self.inertia_defect = sums
+        values = -damped, solution.R @ du, near, defect, *loaded
+        sums = reductions.total(self._comm, list(map(float, values)))
+        damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
@@ -296,10 +296,12 @@ class ImplicitStepper(Stepper):
             num_segments=int(in_reach),
             num_sleeping=len(self._sleeping.bodies),
             contact_work=work + settling,
-            load_work=load_work,
-            support_work=support_work,
+            load_work=sum(load_works),
+            support_work=sum(reaction.work for reaction in reactions),
             damping_work=damping_work,
             solver_work=solver_work,
+            load_works=tuple(load_works),
+            reactions=reactions,
         )
 
     def _solve(
@@ -338,14 +340,17 @@ class ImplicitStepper(Stepper):
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
 
-    def _support_work(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], du: Floats
-    ) -> float:
-        """Work of the reactions in a step with increment du [J]. Collective."""
+    def _reactions(
+        self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
+    ) -> tuple[Reaction, ...]:
+        """Reactions of the supports in a step with increment du ``(3 n,)`` [m]. Collective."""
+        if not self.supports.exist:
+            return ()
         fixed = self.supports.fixed
-        if not reductions.anywhere(self._comm, bool(du[fixed].any())):
-            return 0.0
         # The residual of a state has no forces on given displacements; ``force`` has all.
-        everywhere = [state._replace(residual=state.force) for state in states]
-        reaction = self._bulk.forces() + contact_residual(steps, everywhere, len(du))
-        return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
+        everywhere = [state._replace(residual=state.force) for state in solution.states]
+        force = solution.forces + contact_residual(steps, everywhere, len(du))
+        x = self.x
+        if self.scheme.loads_at == "mean":
+            x[: len(du) // 3] -= du.reshape(-1, 3) / 2
+        return self.supports.reactions(force[fixed], x, du[fixed])

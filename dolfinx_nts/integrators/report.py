@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.model.reaction import Reaction
 
 __all__ = ["StepReport"]
 
@@ -28,6 +29,9 @@ class StepReport(NamedTuple):
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].
         solver_work: Work of the residual that Newton's method left [J].
+        load_works: Work of each load [J], in the order of the loads of the stepper.
+        reactions: Reaction of each support, in the order of ``bcs`` of the stepper. A degree of
+            freedom with several conditions counts for the first of them.
         rejected: Number of longer steps that were tried before this one.
 
     Example:
@@ -50,4 +54,6 @@ class StepReport(NamedTuple):
     support_work: float
     damping_work: float
     solver_work: float
+    load_works: tuple[float, ...] = ()
+    reactions: tuple[Reaction, ...] = ()
     rejected: int = 0

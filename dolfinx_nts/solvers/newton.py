@@ -96,11 +96,15 @@ class ConvergenceError(RuntimeError):
 
 @dataclass(frozen=True)
 class Solution:
-    """State of the contacts at the end of the iteration, with the residuals [N]."""
+    """State of the contacts at the end of the iteration, with the residuals [N].
+
+    ``forces`` is the residual of the bodies on all dofs, given or not.
+    """
 
     states: tuple[ContactContribution, ...]
     R: Floats
     R_bulk: Floats
+    forces: Floats
     report: NewtonReport
 
 
@@ -146,7 +150,9 @@ def solve(
     while True:
         x = X + bulk.u.x.array[:n].reshape(-1, 3)
         with timings.phase("assembly"):
-            R_bulk = bulk.residual()
+            forces = bulk.forces()
+            R_bulk = forces.copy()
+            R_bulk[bulk.given] = 0
         R_nodes = R_bulk.reshape(-1, 3) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
@@ -194,7 +200,7 @@ def solve(
         if converged or reason:
             num_active = sum(step.num_active for step in steps)
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
-            return Solution(states, R, R_bulk, report)
+            return Solution(states, R, R_bulk, forces, report)
 
         with timings.phase("solve"):
             rtol = _forcing(norms, target)

@@ -35,7 +35,7 @@ class NodalSum:
         first, *loads = map(expand_derivatives, forms)
         self._bodies = CellForm(first, kernels)
         # Dead loads have no derivative.
-        self._loads = [PackedForm(load) for load in loads if not load.empty()]
+        self._loads = [None if load.empty() else PackedForm(load) for load in loads]
         self._vector = la.vector(index_map, 3)
         self._values: Floats = self._vector.array
         self._num_owned = 3 * index_map.size_local
@@ -63,6 +63,10 @@ class NodalSum:
         """Sum of the forms of the loads, a copy. Collective."""
         return self._sum(self._loads)
 
+    def assembled_each_load(self) -> list[Floats]:
+        """The form of each load, copies. Collective."""
+        return [self._sum([load]) for load in self._loads]
+
     def sample(self, most: int) -> Floats:
         """Form of the bodies on some cells of this rank, with what other ranks own. Local.
 
@@ -73,10 +77,11 @@ class NodalSum:
         self._bodies.assemble(values, most)
         return values
 
-    def _sum(self, forms: Iterable[CellForm | PackedForm]) -> Floats:
+    def _sum(self, forms: Iterable[CellForm | PackedForm | None]) -> Floats:
         self._values.fill(0.0)
         for form in forms:
-            form.assemble(self._values)
+            if form is not None:
+                form.assemble(self._values)
         self._vector.scatter_reverse(la.InsertMode.add)
         owned: Floats = self._values[: self._num_owned].copy()
         return owned

@@ -208,6 +208,11 @@ class RedistributedBulk(Bulk):
         """Forces of the loads at u on the owned dofs, at nodes with mass [N]. Collective."""
         return self._mass.carried(super().load().reshape(-1, 3)).ravel()
 
+    def load_works(self, du: Floats) -> list[float]:
+        """Work of each load on nodes with mass, see `Bulk.load_works`. Collective."""
+        each = self._residual.assembled_each_load()
+        return [-float(self._mass.carried(f.reshape(-1, 3)).ravel() @ du) for f in each]
+
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         y = action.assembled_bodies()
         y += self._factor() * self._mass.times(direction.reshape(-1, 3)).ravel()

@@ -81,7 +81,8 @@ def test_the_tool_gives_what_energy_and_momenta_gain(comm, obstacle, laws):
     first = diagnostics.balance()
     work, told, lost, impulses, touched = 0.0, 0.0, 0.0, np.zeros((2, 3)), 0
     for step in stepper.run(until=0.2):
-        ((force, torque),) = diagnostics.obstacle_resultants()
+        (on,) = diagnostics.obstacles().values()
+        force, torque = on.force, on.torque
         centre = np.array([0.05, 0.02, 0.51]) + (step.t - step.dt / 2) * VELOCITY
         impulses += step.dt * np.array([force, torque + np.cross(centre, force)])
         # About a fixed axis the torque does its work on twice the tangent of half the angle.
@@ -127,7 +128,9 @@ def test_the_table_accounts_for_the_tool_in_other_schemes(comm, scheme, laws, dt
         assert rows["total_energy"][-1] - rows["total_energy"][0] == pytest.approx(
             work - rows["friction_dissipation"][-1], rel=0.2
         )
-        assert rows["obstacle_1_force_z"][-1] == pytest.approx(-rows["contact_force_z"][-1])
+        assert rows["obstacle_moving_rigid_sphere_force_z"][-1] == pytest.approx(
+            -rows["contact_force_z"][-1]
+        )
 
 
 def test_a_wall_that_comes_is_a_wall_to_which_the_body_goes(comm):
@@ -166,8 +169,8 @@ def test_a_tool_in_a_body_is_a_body_that_is_pushed_onto_the_tool(comm, obstacle)
     for step, reverse in zip(stepper.run(until=0.25), seen.run(until=0.25), strict=True):
         R, shift = tool(step.t)
         np.testing.assert_allclose(seen.x @ R.T + shift, stepper.x, atol=SAME)
-        force, _ = nts.Diagnostics(stepper).obstacle_resultants()[0]
-        at_rest, _ = nts.Diagnostics(seen).obstacle_resultants()[0]
+        force = next(iter(nts.Diagnostics(stepper).obstacles().values())).force
+        at_rest = next(iter(nts.Diagnostics(seen).obstacles().values())).force
         scale = np.linalg.norm(force)
         np.testing.assert_allclose(R @ at_rest, force, atol=1e-7 * scale)
         works.append((step.contact_work.obstacles, reverse.support_work))
