@@ -21,10 +21,6 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# By how much two bodies may come nearer between two looks while boxes around them overlap,
-# relative to the smallest cell [-]: even if each is one cell thick, they need as much to pass
-# through each other.
-_WAY = 2.0
 # Part of such motion [-] after which there is a look, as the motion of all nodes would have to be
 # measured in each of the next steps.
 _USED = 0.9
@@ -136,10 +132,12 @@ class OverlapWatch:
 
     def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
-        shortest, new = self.search.shortest, []
-        overlaps, apart = self.search.find(x, part * shortest, t)
-        least, way = self._way_through, max(_WAY * shortest, float(apart.min()))
-        self._way, self._free_way, self._seen = 0.0, way, (x, t)
+        thick, new = self.search.cells, []
+        overlaps, apart = self.search.find(x, part * float(thick.min()), t)
+        # Two bodies need as much to pass through each other, even if each is one cell thick.
+        ways = np.maximum(apart, thick[:, None] + thick)
+        self._way, self._free_way, self._seen = 0.0, float(ways.min()), (x, t)
+        least = self._way_through
         obstacles = self.search.obstacles
         if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
             self._clear(x, least)

@@ -327,11 +327,12 @@ class CentralDifference(Stepper):
             self._u[:] = self.supports.applied(self._u)
             np.subtract(u, u_n, out=du)
             rate[self._given] = du[self._given] / self.dt
-            moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
+            longest = np.linalg.norm(du, axis=1).max(initial=0.0)
+            moved = longest if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
         # A maximum over ranks may ignore NaN, but not infinity.
-        moved = math.sqrt(3) * moved if math.isfinite(moved) else math.inf
+        moved = moved if math.isfinite(moved) else math.inf
         try:
             (moved,) = meet(self._comm, f"motion of {self._next()}", moved)
         except ValueError:

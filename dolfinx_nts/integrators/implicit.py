@@ -169,6 +169,8 @@ class ImplicitStepper(Stepper):
                     self._last.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
+            if solution.report.is_hopeless:
+                break
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states)
 

@@ -13,16 +13,15 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import closed_boundaries
 from dolfinx_nts.model.connected_bodies import connected
-from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.inside import Insides, all_rows
+from dolfinx_nts.search.inside import Insides
 from dolfinx_nts.search.walls import thinnest_wall
 
 __all__ = ["Overlap", "OverlapSearch"]
@@ -70,7 +69,7 @@ class OverlapSearch:
 
     Attributes:
         names: Names of the boundaries, as in an `Overlap`.
-        shortest: Length of the smallest cell in the reference configuration [m].
+        cells: Length of the smallest cell within each boundary at rest, shape ``(g,)`` [m].
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
@@ -83,9 +82,13 @@ class OverlapSearch:
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
+        self._nodes = [boundary.nodes[:, None] for boundary in self._boundaries]
+        self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
-        length = _kernels.cell_lengths(V.tabulate_dof_coordinates(), V.dofmap.list)
-        self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
+        X = V.tabulate_dof_coordinates()
+        lengths = [_kernels.cell_lengths(X, boundary.cells) for boundary in self._boundaries]
+        cells = np.array([length.min(initial=np.inf) for length in lengths])
+        self.cells: Floats = reductions.least(self._comm, cells)
 
     @cached_property
     def walls(self) -> Floats:
@@ -112,16 +115,11 @@ class OverlapSearch:
         ``before`` are the positions at ``t_before`` from which the motion counts, ``x`` and ``t``
         are as of `find`. Collective.
         """
-        nodes = [boundary.nodes for boundary in self._boundaries]
-
-        def farthest(frame: Frame) -> list[float]:
-            ends = frame.at_end(x), frame.at_start(before)
-            return [_kernels.farthest(*(end.take(n, axis=0) for end in ends)) for n in nodes]
-
+        moved = self._insides.moved
         moving = [obstacle.motion for obstacle in self._obstacles if not obstacle.motion.is_rest]
-        frames = [Frame(), *(motion.frame(t_before, t) for motion in moving)]
-        in_space, *in_frames = reductions.largest(self._comm, list(map(farthest, frames)))
-        return float(max([np.sort(in_space)[-2:].sum(), *map(np.max, in_frames)]))
+        frames = [motion.frame(t_before, t) for motion in moving]
+        on_obstacles = [moved(f.at_end(x), f.at_start(before)).max() for f in frames]
+        return float(max([np.sort(moved(x, before))[-2:].sum(), *on_obstacles]))
 
     def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
@@ -137,18 +135,9 @@ class OverlapSearch:
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
         in_obstacles, clearance = self._with_obstacles(x, t, touching)
-        lower, upper = self._boxes(x)
-        apart = np.maximum(lower[:, None], lower) - np.minimum(upper[:, None], upper)
-        apart = apart.max(axis=2)
-        np.fill_diagonal(apart, np.inf)
-        pairs = np.argwhere(apart < -np.minimum.outer(touching, touching)).astype(np.int32)
-        inner, outer = pairs.T
-        depth = touching[pairs].min(axis=1)[:, None]
-        # What is deep in the second boundary is as deep in its box.
-        region_lower = np.maximum(lower[inner], lower[outer] + depth)
-        region_upper = np.minimum(upper[inner], upper[outer] - depth)
-        regions = np.stack([region_lower, region_upper], axis=1)
-        overlaps = self._between_bodies(x, pairs, depth[:, 0], regions)
+        self._insides.move(x)
+        apart, pairs, depth, regions = self._insides.meetings(touching)
+        overlaps = self._between_bodies(x, pairs, depth, regions)
         np.fill_diagonal(apart, clearance)
         return [*overlaps, *in_obstacles], apart
 
@@ -164,21 +153,20 @@ class OverlapSearch:
             regions: Least and greatest coordinates of places of the first boundary that may be
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
-        nodes, edges, cells = _Rows(3), _Rows(6), _Rows(3)
-        for number, inner in enumerate(map(int, pairs[:, 0])):
-            boundary, region = self._boundaries[inner], regions[number]
-            nodes.add(_kernels.rows_in(x, boundary.nodes[:, None], region), number)
-            edges.add(_kernels.rows_in(x, boundary.edges, region), number)
-        self._insides.move(x)
+        inner, outer = np.ascontiguousarray(pairs.T)
+
+        def joined_rows(rows: Sequence[Ints]) -> tuple[Floats, Ints]:
+            found, number = _kernels.rows_in(x, rows, inner, regions)
+            return joined(self._comm, found), joined(self._comm, number)
 
         def depth(points: Floats, pair: Ints) -> Floats:
-            return self._insides.depth(points, pairs[pair, 1], touching[pair])
+            return self._insides.depth(points, outer[pair], touching[pair])
 
-        points, at_nodes = nodes.joined(self._comm)
-        ways, crossed = edges.joined(self._comm)
+        points, at_nodes = joined_rows([b.nodes[:, None] for b in self._boundaries])
+        ways, crossed = joined_rows(self._edges)
         if not len(points) + len(ways):
             return  # everywhere, as all ranks have the same
-        middles, way = self._insides.chords(ways, pairs[crossed, 1])
+        middles, way = self._insides.chords(ways, outer[crossed])
         pair = np.concatenate([at_nodes, crossed[way]])
         deep = depth(np.concatenate([points, middles]), pair)
         if not deep.any():
@@ -190,31 +178,26 @@ class OverlapSearch:
         turned = np.lexsort((pairs[:, 0], pairs[:, 1]))
         both = np.column_stack([np.arange(len(pairs)), turned])
         both = both[(both[:, 0] < turned) & (np.maximum(deepest, deepest[turned]) > 0)]
-        for number in map(int, both.ravel()):
-            points = _centres(x, self._boundaries[pairs[number, 0]].cells)
-            cells.add(_kernels.rows_in(points, all_rows(points)[:, None], regions[number]), number)
-        points, pair = cells.joined(self._comm)
+        centres = [self._centres(x, inner[i], regions[i]) for i in both.ravel()]
+        number = np.repeat(both.ravel(), [len(some) for some in centres]).astype(np.int32)
+        points, pair = joined(self._comm, np.concatenate(centres)), joined(self._comm, number)
         num_cells = np.bincount(pair[depth(points, pair) > 0], minlength=len(pairs))
         for two in both:
             reverse, first = two[deepest[two].argsort()]
-            inner, outer = pairs[first]
             yield Overlap(
-                (self.names[inner], self.names[outer]),
+                (self.names[inner[first]], self.names[outer[first]]),
                 float(deepest[first]),
                 float(deepest[reverse]),
                 int(num_nodes[two].sum()),
                 int(num_cells[two].sum()),
-                float(self._sizes[[inner, outer]].min()),
+                float(self._sizes[pairs[first]].min()),
             )
 
-    def _boxes(self, x: Floats) -> Floats:
-        """Least and greatest coordinates of the boundaries, shape ``(2, g, 3)`` [m]."""
-        least = np.full((2, len(self._boundaries), 3), np.inf)
-        for number, boundary in enumerate(self._boundaries):
-            some = x.take(boundary.nodes, axis=0)
-            least[0, number] = some.min(axis=0, initial=np.inf)
-            least[1, number] = -some.max(axis=0, initial=-np.inf)
-        return reductions.least(self._comm, least) * [[[1]], [[-1]]]
+    def _centres(self, x: Floats, boundary: int, region: Floats) -> Floats:
+        """Centres in a region of the cells of this rank within a boundary, ``(c, 3)`` [m]."""
+        centres = _centres(x, self._boundaries[boundary].cells)
+        is_in: Flags = ((centres >= region[0]) & (centres <= region[1])).all(axis=1)
+        return centres[is_in]
 
     def _with_obstacles(self, x: Floats, t: float, touching: Floats) -> tuple[list[Overlap], float]:
         """Overlaps with obstacles at the time t [s], and the least distance from one [m]."""
@@ -255,19 +238,3 @@ def _centres(x: Floats, cells: Ints) -> Floats:
     # Node by node, which is faster than to gather all of them.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres
-
-
-class _Rows:
-    """Rows of coordinates, each with the number of a pair."""
-
-    def __init__(self, width: int) -> None:
-        self._rows: list[Floats] = [np.empty((0, width + 1))]
-
-    def add(self, rows: Floats, pair: int) -> None:
-        """Add rows of one pair. Local."""
-        self._rows.append(np.column_stack([rows, np.full(len(rows), float(pair))]))
-
-    def joined(self, comm: MPI.Comm) -> tuple[Floats, Ints]:
-        """Rows of all ranks and their pairs, the same on all ranks. Collective."""
-        rows = joined(comm, np.concatenate(self._rows))
-        return np.ascontiguousarray(rows[:, :-1]), rows[:, -1].astype(np.int32)

@@ -10,6 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
@@ -22,6 +23,9 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50  # until another start is tried
+# In so many iterations after each other given displacements violate constraints: none is left
+# to help, as only given displacements can change these gaps.
+_GIVEN_ITERATIONS = 6
 # Residual of a solution, relative to the forces at work [-]; and where the increments
 # have become negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
@@ -54,6 +58,7 @@ class NewtonReport:
             linear solve, and the last one [N].
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
+        is_hopeless: Whether it would stop as well from any other start.
     """
 
     iterations: int
@@ -61,6 +66,7 @@ class NewtonReport:
     residual_norms: tuple[float, ...]
     num_active: int
     reason: str
+    is_hopeless: bool = False
 
     @property
     def converged(self) -> bool:
@@ -143,6 +149,7 @@ def solve(
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
+    given = 0  # iterations after each other in which given displacements violate constraints
     balanced = True  # multipliers from the normal balance at the nodes
     free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
@@ -161,11 +168,13 @@ def solve(
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
-        counts.append(not excess <= _GAP_TOLERANCE * size)
+        is_open = not excess <= _GAP_TOLERANCE * size
+        counts += [is_open, _num_given(steps, states) if is_open else 0]
         squares = [R @ R, R_contact @ R_contact, _round_off_of_contact(states, x) ** 2]
         sums = reductions.total(bulk.comm, np.array([*squares, *counts]))
         norm, contact_norm, steep = (float(value) for value in np.sqrt(sums[:3]))
-        changed, failed, violated = (int(value) for value in sums[3:])
+        changed, failed, violated, num_given = (int(value) for value in sums[3:])
+        given = given + 1 if num_given else 0
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
@@ -190,6 +199,8 @@ def solve(
             reason = "the residual is not finite"
         elif failed:
             reason = f"{failed} pairs do not project or have turned by more than 90 degrees"
+        elif given == _GIVEN_ITERATIONS:
+            reason = f"bcs move {num_given} nodes into surfaces"
         elif not np.isfinite(du_norm) and iteration:
             reason = "the linear system is singular"
         elif iteration == _MAX_ITERATIONS and not converged:
@@ -199,7 +210,8 @@ def solve(
         _logger.debug("iteration %d: |R| = %.3e N", iteration, norm)
         if converged or reason:
             num_active = sum(step.num_active for step in steps)
-            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
+            hopeless = given == _GIVEN_ITERATIONS
+            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason, hopeless)
             return Solution(states, R, R_bulk, forces, report)
 
         with timings.phase("solve"):
@@ -226,6 +238,11 @@ def solve(
                         step.close_gaps(x, u.reshape(-1, 3))
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
+    """Number of this rank's constraints that given displacements alone violate. Local."""
+    return sum(len(prescribed_nodes(step, s)) for step, s in zip(steps, states, strict=True))
 
 
 def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:

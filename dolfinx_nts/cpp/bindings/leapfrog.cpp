@@ -42,12 +42,12 @@ auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
 
 void leapfrog(nb::module_& m)
 {
-  m.def(
-      "drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
-      nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
-      nb::arg("du").noconvert(),
-      "-, (n, 3), (n, 3) -> largest of du; sets rate (n, 3), changes u (n, 3) "
-      "by du (n, 3)");
+  m.def("drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
+        nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
+        nb::arg("du").noconvert(),
+        "-, (n, 3), (n, 3) -> longest row of du; sets rate (n, 3), changes u "
+        "(n, 3) "
+        "by du (n, 3)");
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, 3), (n, 3) -> force . a; sets a (n, 3), changes rate (n, 3)");

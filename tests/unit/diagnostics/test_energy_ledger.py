@@ -100,7 +100,7 @@ def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
         "total energy: 1000 J, largest change 6.0e+02 J",
         "linear momentum: 5 kg m/s, largest change 2.0e+00 kg m/s",
         "angular momentum: 0 kg m^2/s, largest change 0.0e+00 kg m^2/s",
-        "energy unaccounted for: at most 6.0e+02 J",
+        "energy unaccounted for: at most 1.6e+04 J",
     ]
 
 

@@ -17,21 +17,27 @@ namespace nts
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
 /// @param[out] du Change of the displacement, (d,) [m].
-/// @return Largest entry of du [m], NaN if one is NaN.
+/// @return Largest displacement of a node, of three dofs each, NaN if one is
+/// NaN [m].
 inline double drift(double dt, std::span<const double> v,
                     std::span<const double> a, std::span<double> rate,
                     std::span<double> u, std::span<double> du) noexcept
 {
   std::uint64_t most = 0; // as integers, NaN is above all numbers
-  for (std::size_t i = 0; i < rate.size(); ++i)
+  for (std::size_t node = 0; node < rate.size(); node += 3)
   {
-    const double start = u[i];
-    rate[i] = v[i] + dt / 2 * a[i];
-    u[i] += dt * rate[i];
-    du[i] = u[i] - start;
-    most = std::max(most, std::bit_cast<std::uint64_t>(std::abs(du[i])));
+    double square = 0;
+    for (std::size_t i = node; i < node + 3; ++i)
+    {
+      const double start = u[i];
+      rate[i] = v[i] + dt / 2 * a[i];
+      u[i] += dt * rate[i];
+      du[i] = u[i] - start;
+      square += du[i] * du[i];
+    }
+    most = std::max(most, std::bit_cast<std::uint64_t>(square));
   }
-  return std::bit_cast<double>(most);
+  return std::sqrt(std::bit_cast<double>(most));
 }
 
 /// @brief Accelerate all dofs to the end of the step.
