@@ -7,6 +7,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
 from dolfinx import fem, la
 
 from dolfinx_nts.common.archive import Archive
@@ -29,7 +30,6 @@ class State(ABC):
         dt: Length of a step [s].
 
     Attributes:
-        t: Time [s].
         t_n: Time at the start of the last step [s].
         step: Number of accepted steps.
         u: Displacement at t [m], a Function.
@@ -42,7 +42,9 @@ class State(ABC):
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
         """Begin with undeformed bodies without motion at the time 0."""
-        self.t, self.t_n, self.step, self.inertia_defect = 0.0, 0.0, 0, 0.0
+        # An array, which others can ask for the time without knowing the state.
+        self._now: Floats = np.zeros(())
+        self.t_n, self.step, self.inertia_defect = 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
@@ -50,6 +52,15 @@ class State(ABC):
         self._X: Floats = V.tabulate_dof_coordinates()
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
+
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self._now.item()
+
+    @t.setter
+    def t(self, t: float) -> None:
+        self._now[()] = t
 
     @property
     def dt(self) -> float:

@@ -5,7 +5,6 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 """
 
 import logging
-import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -107,9 +106,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
-        # Without a circle of references, which would end at another time on each rank.
-        time = partial(getattr, weakref.proxy(self), "t")
-        passes = Passes(partial(current_positions, self._X, self.u), time)
+        passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the way of all nodes in the last step [m].
