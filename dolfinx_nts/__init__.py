@@ -19,6 +19,7 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
+from dolfinx_nts.io.load_state import load_state
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
@@ -84,6 +85,7 @@ __all__ = [
     "Yeoh",
     "all_pairs",
     "boundary_of",
+    "load_state",
     "parts",
     "plotting",
     "read_mesh",

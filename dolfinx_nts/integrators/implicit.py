@@ -132,6 +132,12 @@ class ImplicitStepper(Stepper):
         self._solver.serialize(archive)
         self._inertia.serialize(archive)
 
+    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+        """Take over another scene, see `Stepper.adopt`, with the rates of the same scheme."""
+        super().adopt(archive, contacts, same_scheme=same_scheme)
+        if same_scheme:
+            self._rates.serialize(archive, self.node_ids)
+
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
         return self._inertia.momentum()

@@ -112,11 +112,14 @@ class State(ABC):
 
         What ``update`` and the functions of loads remember is not part of it.
         """
+        self._set_dt(archive.same("dt", self.dt))
+        self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
+        self._serialize_motion(archive)
+
+    def _serialize_motion(self, archive: Archive) -> None:
         self.t = archive.same("t", self.t)
         self.t_n = archive.same("t_n", self.t_n)
         self.step = archive.same("step", self.step)
-        self._set_dt(archive.same("dt", self.dt))
-        self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             serialize_nodal(archive, name, function, self.node_ids)
 

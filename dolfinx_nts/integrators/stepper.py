@@ -6,7 +6,7 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -155,6 +155,20 @@ class Stepper(TimeLoop):
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
         self.watch.vertices.serialize(archive)
+
+    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+        """Take over time, motion and contact of another scene on the same mesh.
+
+        Args:
+            archive: Gives what `serialize` of the other stepper has stored.
+            contacts: Name of the contact in the archive by the number of a pair, from 0.
+            same_scheme: Whether the other stepper has the same scheme.
+        """
+        self._serialize_motion(archive)
+        for number, name in contacts.items():
+            self.contacts[number].serialize_contact(archive, name)
+        self._was_displaced = True
+        self._state_was_set()
 
     def _check_body(self, body: Body) -> None:
         if not isinstance(body, Body):
