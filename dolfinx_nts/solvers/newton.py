@@ -31,8 +31,9 @@ _GIVEN_ITERATIONS = 6
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
-# Longest increment that is trusted, relative to the smallest cell [-].
-_LONGEST_INCREMENT = 0.5
+# Longest increment that is trusted, relative to the smallest cell [-], and the number of longer
+# ones from which on a step with inertia, whose starts are near its end, is given up.
+_LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -149,6 +150,7 @@ def solve(
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
+    num_long = 0
     given = 0  # iterations after each other in which given displacements violate constraints
     balanced = True  # multipliers from the normal balance at the nodes
     free.begin()
@@ -203,6 +205,8 @@ def solve(
             reason = f"bcs move {num_given} nodes into surfaces"
         elif not np.isfinite(du_norm) and iteration:
             reason = "the linear system is singular"
+        elif num_long == _MOST_LONG and inertia and not converged:
+            reason = f"{num_long} increments were longer than half of the smallest cell"
         elif iteration == _MAX_ITERATIONS and not converged:
             reason = f"no convergence in {iteration} iterations"
         else:
@@ -228,6 +232,7 @@ def solve(
         u = bulk.u.x.array[:n]
         longest = _LONGEST_INCREMENT * size
         if du_norm > longest:
+            num_long += 1
             u += longest / du_norm * du
         else:
             u += du
