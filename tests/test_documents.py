@@ -114,13 +114,15 @@ def test_the_columns_of_a_table_are_those_that_are_explained(comm, tmp_path):
     old = blocks(comm).stepper
     bcs = [fem.dirichletbc(np.zeros(3), old.bodies[0].nodes[:1], old.bodies[0].V)]
     loads = [nts.Gravity(old.bodies, (0, 0, -1))]
-    stepper = nts.EnergyMomentum(old.bodies, old.pairs, dt=0.1, bcs=bcs, loads=loads)
-    parts = ("pairs", "supports", "loads", "bodies")
+    floor = nts.ContactPair(old.pairs[0].nodes, nts.RigidPlane((0, 0, -9), (0, 0, 1)))
+    pairs = [*old.pairs, floor]
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=0.1, bcs=bcs, loads=loads)
+    parts = ("pairs", "obstacles", "supports", "loads", "bodies")
     with nts.Recorder(tmp_path / "run", stepper, columns_of=parts):
         pass
     with (tmp_path / "run.csv").open(newline="") as file:
         columns = next(csv.reader(file))
-    names = "pair_surface_3_surface_2|support_1|load_gravity|body_[01]"
+    names = "pair_surface_3_surface_2|pair_surface_3_rigid_plane|obstacle_rigid_plane|support_1|load_gravity|body_[01]"
     plain = [re.sub(f"^(?:{names})_", lambda m: f"{m[0].split('_')[0]}_name_", c) for c in columns]
     assert sorted(set(plain)) == sorted(explained)
 

@@ -27,7 +27,7 @@ FIRST_COLUMNS = (
     "active_nodes,min_gap,newton_iterations,rejected"
 )
 LEDGER = (
-    "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
+    "bulk,loads,supports,obstacles,damping,persistent_contact,activation,facet_change,"
     "friction,solver,surface_equilibrium,refund,unaccounted"
 )
 
@@ -343,7 +343,7 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
     assert repr(recorder) == (
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
-        "checkpoint_every=None, resume=True, columns_of=('pairs', 'supports', 'loads'), "
+        "checkpoint_every=None, resume=True, columns_of=('pairs', 'obstacles', 'supports', 'loads'), "
         "stress=False, own_columns=(), own_fields=(), fields='xdmf')"
     )
 
