@@ -22,7 +22,7 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone"
 	$(RUN) $(PYTEST) -m alone
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
-	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
+	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial and not at_most_two_ranks"
 
 test-latest: export DOLFINX_NTS_SUITE := sid
 test-latest: test ## the same on the newest DOLFINx, that of Debian unstable

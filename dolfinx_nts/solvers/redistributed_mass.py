@@ -260,8 +260,9 @@ class RedistributedTangent(Tangent):
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         row, column, _ = self._entries
         pattern = fem.create_sparsity_pattern(form)
-        for entry in np.column_stack([row, column]):
-            pattern.insert(*map(int, entry))
+        rows, begin = np.unique(row, return_index=True)
+        for number, columns in zip(rows, np.split(column, begin[1:]), strict=True):
+            pattern.insert(np.array([number]), columns)
         pattern.finalize()
         return la.matrix_csr(pattern)
 

@@ -13,6 +13,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 
 

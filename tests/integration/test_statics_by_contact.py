@@ -10,6 +10,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 WEIGHT = 9.81  # of the upper block [N]
 FEW = 15  # Newton iterations
 # Relative error of forces: round-off; and where facets of the dent that do not match push a block

@@ -15,6 +15,8 @@ from dolfinx_nts.plotting.scales import prefixed, rounded
 from dolfinx_nts.plotting.stress import von_mises
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 pytest.importorskip("pyvista")
 image = pytest.importorskip("matplotlib.image")
 
