@@ -27,7 +27,7 @@ FIRST_COLUMNS = (
     "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations,rejected"
 )
 LEDGER = (
-    "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
+    "bulk,loads,supports,obstacles,damping,persistent_contact,activation,facet_change,"
     "friction,solver,surface_equilibrium,refund,unaccounted"
 )
 
