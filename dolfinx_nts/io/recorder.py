@@ -38,15 +38,16 @@ class Recorder:
     The **table** ``name.csv`` has a row for each step. Its columns, in SI units, are ``step``,
     ``dt``, those of `Balance`, ``newton_iterations``, ``rejected``, and the change of the total
     energy since the first row by cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
-    ``energy_damping``, ``energy_persistent_contact``, ``energy_activation``,
-    ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
+    ``energy_obstacles``, ``energy_damping``, ``energy_persistent_contact``,
+    ``energy_activation``, ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
     ``energy_surface_equilibrium`` and ``energy_refund``. Each cause is summed on its own. What
     they leave of the change is ``energy_unaccounted``: round-off, unless the script sets the
-    state between steps. ``external_work`` is the work of loads and supports,
+    state between steps. ``external_work`` is the work of loads, supports and obstacles,
     ``friction_dissipation`` the energy that friction has taken. Behind these come columns of
     parts of the scene, by the rule ``kind_name_quantity``: for each pair those of
-    `PairBalance`, for each support those of `Reaction` and its work since the first row, for
-    each load its work since then, and for each body those of `BodyBalance`.
+    `PairBalance`, for each obstacle those of `ObstacleBalance`, for each support those of
+    `Reaction` and its work since the first row, for each load its work since then, and for each
+    body those of `BodyBalance`.
 
     The **fields** ``name.xdmf`` can be opened with ParaView, VTK and meshio. Their values lie
     in the folder ``name_fields``, in one HDF5 file for each state and one for the mesh.

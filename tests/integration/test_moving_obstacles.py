@@ -179,6 +179,7 @@ def test_a_tool_in_a_body_is_a_body_that_is_pushed_onto_the_tool(comm, obstacle)
     assert sum(w for w, _ in works) == pytest.approx(sum(w for _, w in works), rel=0.05)
 
 
+@pytest.mark.at_most_two_ranks
 def test_gaps_are_those_to_where_the_tool_is_now(comm):
     block = Block(comm, cells=(1, 1, 1))
     floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
@@ -193,6 +194,7 @@ def test_gaps_are_those_to_where_the_tool_is_now(comm):
     assert nts.Diagnostics(stepper).min_gap() == pytest.approx(least)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("scheme", "reason"),
     [
@@ -213,6 +215,7 @@ def test_a_tool_that_would_go_through_nodes_in_a_step_is_caught(
     assert step.rejected > 0 and stepper.t < 0.0045
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_tool_that_turns_too_far_cuts_the_step(comm, refused):
     drum = nts.RigidCylinder((0, 0, 0), (0, 1, 0), 3.0, hollow=True)
     stepper = Block(comm, cells=(1, 1, 1)).stepper(
@@ -240,6 +243,7 @@ def test_a_motion_that_fails_on_one_rank_fails_on_all_and_leaves_the_state(comm,
         block.stepper(inside).advance()
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_tool_in_what_its_pair_does_not_name_is_told(comm, caplog):
     block = Block(comm)
     below = nts.boundary_of(block.body, where=lambda x: x[2] < -0.49)

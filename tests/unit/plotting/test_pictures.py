@@ -177,9 +177,11 @@ def test_picture_that_was_not_drawn_here_shows_and_writes_nothing(tmp_path):
 @pytest.mark.serial
 def test_energy_error_is_what_no_work_explains(tmp_path):
     names = ["time", "total_energy"]
-    names += [f"energy_{cause}" for cause in ("loads", "supports", "damping", "friction")]
-    # From rest: gravity gives 4 J, a support takes 1 J and friction 0.5 J, 0.1 J are lost.
-    rows = [[0.0] * 6, [1.0, 2.4, 4.0, -1.0, 0.0, -0.5]]
+    causes = ("loads", "supports", "obstacles", "damping", "friction")
+    names += [f"energy_{cause}" for cause in causes]
+    # From rest: gravity gives 3 J and a tool 1 J, a support takes 1 J and friction 0.5 J, 0.1 J
+    # are lost.
+    rows = [[0.0] * 7, [1.0, 2.4, 3.0, -1.0, 1.0, 0.0, -0.5]]
     text = "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)])
     (tmp_path / "run.csv").write_text(text)
     time, error = diagrams._unexplained(diagrams._read(tmp_path / "run.csv"))
