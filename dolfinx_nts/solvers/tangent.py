@@ -14,7 +14,6 @@ from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.fem.jit import compile_bilinear_form
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
