@@ -46,4 +46,5 @@ class NodalStiffness:
         sums = [np.abs(mean).sum(), np.count_nonzero(num_free)]
         total, count = reductions.total(rows.index_map.comm, sums)
         typical = total / count if count else 1.0
-        return np.maximum(np.where(num_free > 0, mean, typical), _LEAST_STIFFNESS * typical)
+        known: Floats = np.where(num_free > 0, mean, typical)
+        return np.maximum(known, _LEAST_STIFFNESS * typical)
