@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -195,17 +195,12 @@ class PairState:
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the accepted contact, springs and search. Collective.
+        """Serialize the accepted contact and springs, but not the search. Collective.
 
         Args:
             archive: Takes the values or gives them.
             name: First part of the names of the values.
         """
-        self.serialize_contact(archive, name)
-        self.search.serialize(archive, f"{name}/search")
-
-    def serialize_contact(self, archive: Archive, name: str) -> None:
-        """Serialize what does not depend on the search, see `serialize`. Collective."""
         ids = self.pair.nodes.node_ids
         stored: dict[str, Any] = {
             f.name: archive.nodal(f"{name}/{f.name}", ids, getattr(self.history, f.name))
@@ -224,12 +219,6 @@ class PairState:
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._ranges = ranges if chosen else None
-
-    def forget_friction(self) -> None:
-        """Forget slip and traction of the accepted contact. Local."""
-        none = ContactHistory.none(len(self.pair.nodes.nodes))
-        names = ("sliding", "traction", "slip", "dissipation")
-        self.accept(replace(self.history, **{name: getattr(none, name) for name in names}))
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
         """Least and greatest value on all ranks. Collective."""

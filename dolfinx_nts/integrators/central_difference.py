@@ -311,8 +311,6 @@ class CentralDifference(Stepper):
             num_segments=int(num_segments),
             num_sleeping=0,
             contact_work=contact_work,
-            load_work=load,
-            support_work=support,
             damping_work=damping,
             solver_work=0.0,
             load_works=tuple(loads),

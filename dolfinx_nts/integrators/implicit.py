@@ -153,7 +153,7 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
-        load = self._norm(self._bulk.load()) if self.loads else 0.0
+        load = self._norm(self._load()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
@@ -251,13 +251,18 @@ class ImplicitStepper(Stepper):
         """Advice where only the length of the step is left to change. Collective."""
         moves = any(contact.search.may_move for contact in self.contacts)
         if self._rates.acceleration is None and self._update is None and not moves:
-            load = self._bulk.load()
+            load = self._load()
             self._load_at(0.0)
-            change = self._norm(self._bulk.load() - load)
+            change = self._norm(self._load() - load)
             self._load_at(self.scheme.load_point)
             if change == 0.0:
                 return "loads that grow with time from step to step may help"
         return "a smaller dt may help"
+
+    def _load(self) -> Floats:
+        """Forces of all loads on the owned dofs [N]. Collective."""
+        total: Floats = np.sum([np.zeros_like(self._lumped_mass), *self._bulk.loads()], axis=0)
+        return total
 
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
         """Text with some numbers of nodes from all ranks, empty without. Collective."""
@@ -282,7 +287,7 @@ class ImplicitStepper(Stepper):
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
-        loaded = self._bulk.load_works(du)
+        loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
@@ -304,8 +309,6 @@ class ImplicitStepper(Stepper):
             num_segments=int(in_reach),
             num_sleeping=len(self._sleeping.bodies),
             contact_work=work + settling,
-            load_work=sum(load_works),
-            support_work=sum(reaction.work for reaction in reactions),
             damping_work=damping_work,
             solver_work=solver_work,
             load_works=tuple(load_works),

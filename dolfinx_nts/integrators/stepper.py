@@ -154,6 +154,7 @@ class Stepper(TimeLoop):
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
+            contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.vertices.serialize(archive)
 
     def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
@@ -166,7 +167,7 @@ class Stepper(TimeLoop):
         """
         self._serialize_motion(archive)
         for number, name in contacts.items():
-            self.contacts[number].serialize_contact(archive, name)
+            self.contacts[number].serialize(archive, name)
         self._was_displaced = True
         self._state_was_set()
 

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts.contact.history import without_friction
 from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.integrators.schemes import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
@@ -92,7 +93,8 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         if i not in kept:
             dropped.append(f"contact of {name}, which begins anew")
         elif not kept[i].friction:
-            stepper.contacts[i].forget_friction()
+            contact = stepper.contacts[i]
+            contact.accept(without_friction(contact.history))
             dropped.append(f"friction of {name}, which begins anew")
     used = {k.number for k in kept.values()}
     unused = [n for n in _pairs(scene) if n not in used]
@@ -128,7 +130,7 @@ def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
         laws = [scene[f"laws of pair {n}"] for scene, n in ((saved, number), (now, i))]
         same = len({_MAY_CHANGE.sub("", law) for law in laws}) == 1
         if same or all(map(_has_no_springs, laws)):
-            kept[i - 1] = _Kept(number, same)
+            kept[i - 1] = _Kept(number, same or laws[0].endswith(", none"))
     return kept
 
 

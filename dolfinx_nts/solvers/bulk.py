@@ -93,13 +93,9 @@ class Bulk:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
         return self._residual.assembled()
 
-    def load(self) -> Floats:
-        """Forces of the loads at u on the owned dofs [N]. Collective."""
-        return -self._residual.assembled_loads()
-
-    def load_works(self, du: Floats) -> list[float]:
-        """Work of each load at u on this rank, with displacements ``(3 n,)`` [J]. Collective."""
-        return [-float(load @ du) for load in self._residual.assembled_each_load()]
+    def loads(self) -> list[Floats]:
+        """Forces of each load at u on the owned dofs [N]. Collective."""
+        return [-load for load in self._residual.assembled_each_load()]
 
     def action(self, x: Floats) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.

@@ -200,18 +200,13 @@ class RedistributedBulk(Bulk):
         acceleration = self._acceleration()[: self.num_owned].reshape(-1, 3)
         R = self._residual.assembled_bodies()
         R += self._mass.times(acceleration).ravel()
-        if self._has_loads:
-            R -= self.load()
+        for load in self.loads():
+            R -= load
         return R
 
-    def load(self) -> Floats:
-        """Forces of the loads at u on the owned dofs, at nodes with mass [N]. Collective."""
-        return self._mass.carried(super().load().reshape(-1, 3)).ravel()
-
-    def load_works(self, du: Floats) -> list[float]:
-        """Work of each load on nodes with mass, see `Bulk.load_works`. Collective."""
-        each = self._residual.assembled_each_load()
-        return [-float(self._mass.carried(f.reshape(-1, 3)).ravel() @ du) for f in each]
+    def loads(self) -> list[Floats]:
+        """Forces of each load at u on the owned dofs, at nodes with mass [N]. Collective."""
+        return [self._mass.carried(f.reshape(-1, 3)).ravel() for f in super().loads()]
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         y = action.assembled_bodies()

@@ -50,8 +50,6 @@ def report(step, iterations):
         num_segments=0,
         num_sleeping=0,
         contact_work=CONTACT,
-        load_work=16.0,
-        support_work=32.0,
         damping_work=-64.0,
         solver_work=128.0,
         load_works=(10.0, 6.0),
