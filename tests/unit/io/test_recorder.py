@@ -343,8 +343,8 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
     assert repr(recorder) == (
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
-        "checkpoint_every=None, resume=True, columns_of=('pairs', 'obstacles', 'supports', 'loads'), "
-        "stress=False, own_columns=(), own_fields=(), fields='xdmf')"
+        "checkpoint_every=None, resume=True, "
+        "columns_of=('pairs', 'obstacles', 'supports', 'loads'), stress=False, own_columns=(), own_fields=(), fields='xdmf')"
     )
 
 
