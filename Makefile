@@ -15,6 +15,10 @@ bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
 	@echo "The results lie in $(CURDIR)/results/bench"
 
+bench-peers: ## the first impact in CalculiX, GetFEM and by IPC, judged by one routine (10 minutes)
+	$(RUN) python3 -m benchmarks.peers
+	@echo "The results lie in $(CURDIR)/results/bench"
+
 bench-publish: ## put figures and tables of the last bench into the documentation
 	$(RUN) python3 -m benchmarks.publish
 
@@ -22,7 +26,7 @@ test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone"
 	$(RUN) $(PYTEST) -m alone
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
-	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial"
+	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial and not at_most_two_ranks"
 
 test-latest: export DOLFINX_NTS_SUITE := sid
 test-latest: test ## the same on the newest DOLFINx, that of Debian unstable
@@ -56,4 +60,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo docs bench bench-publish test test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs bench bench-peers bench-publish test test-latest stress sanitize traps lint shell clean

@@ -7,7 +7,6 @@ case runs in a process of its own, one at a time.
 
 import argparse
 import csv
-import importlib.util
 import json
 import os
 import shutil
@@ -82,11 +81,6 @@ def measure_steps(size: str) -> list[dict[str, Any]]:
     rows = []
     for number, turns in groupby(cases.STEPS[size], lambda process: process[0].get("runs", 1)):
         rows += taken_in_turns(list(turns), number)
-    if importlib.util.find_spec("getfem") is None:
-        progress("no peer: python3-getfem is not installed")
-    elif steps := cases.PEER_STEPS[size]:
-        progress("steps: GetFEM")
-        rows.append(child("benchmarks.peer", steps))
     return rows
 
 

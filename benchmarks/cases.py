@@ -2,7 +2,7 @@
 
 from typing import Any
 
-__all__ = ["ERRORS", "MESSAGES", "PEER_STEPS", "STEPS"]
+__all__ = ["ERRORS", "MESSAGES", "STEPS"]
 
 Rows = list[dict[str, Any]]
 
@@ -91,9 +91,6 @@ STEPS: dict[str, list[Rows]] = {
         [{**_CONTACT, "n": 48, **_SHORT}],
     ],
 }
-
-# Of h = 0.01 s; the first five are without contact.
-PEER_STEPS = {"tiny": 0, "default": 20, "full": 20}
 
 # Steps of central differences are parts of those that they choose.
 _PARTS = (1.0, 0.5, 0.25)

@@ -17,7 +17,9 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     """
     for figure in sorted(folder.glob("bench_*.png")):
         shutil.copy(figure, root / "docs" / "figures" / figure.name)
-    shutil.copy(folder / "tables.md", root / "docs" / "tables" / "benchmarks.md")
+    for name, table in {"tables": "benchmarks", "peers": "peers"}.items():
+        if (folder / f"{name}.md").exists():
+            shutil.copy(folder / f"{name}.md", root / "docs" / "tables" / f"{table}.md")
 
 
 if __name__ == "__main__":

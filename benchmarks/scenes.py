@@ -182,7 +182,7 @@ def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: An
 
     mesh, tags, facets, tag = _mesh(comm, build)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(1e5, 0.3, 1e3)
+    material = nts.SaintVenantKirchhoff(1e5, 0.3, 1e3, one_point=())
     block, table = (nts.Body(V, tags, tag[name], material) for name in ("block", "table"))
     integrator, enforcement = SCHEMES[scheme]
     pair = nts.ContactPair(

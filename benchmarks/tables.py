@@ -229,15 +229,6 @@ def _targets(steps: Rows) -> str:
             "<=",
             2.0,
         ),
-        (
-            "GetFEM against EM elastic, first 20 steps, n = 6, CPU time",
-            lambda: (
-                _find(steps, scene="first 20 steps", scheme="GetFEM")["cpu_seconds"]
-                / _find(steps, scene="first 20 steps", n=6)["cpu_seconds"]
-            ),
-            ">=",
-            1,
-        ),
         ("2 ranks against 1, n = 24, wall time", lambda: speedup("wall_seconds"), ">=", 1.6),
         ("the same, CPU time of the slower rank", lambda: speedup("cpu_seconds"), ">=", 1.6),
         (

@@ -71,7 +71,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 # must not pass the segments of the plate.
 
 # +
-rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)  # Pa, -, kg/m^3
+rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())  # Pa, -, kg/m^3
 ball = nts.Body(V, cells, tag["ball"], rubber)
 plate = nts.Body(V, cells, tag["plate"], rubber)
 ball_outer = nts.Surface(V, facets, tag["ball_outer"])

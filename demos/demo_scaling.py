@@ -57,7 +57,7 @@ def build(model):
 comm = MPI.COMM_WORLD
 mesh, cells, facets, tag = nts.read_mesh(build, comm)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)  # Pa, -, kg/m^3
+rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())  # Pa, -, kg/m^3
 ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
 surfaces = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top")]
 stepper = nts.EnergyMomentum([ball, plate], [nts.ContactPair(*surfaces)], dt=0.002)

@@ -35,6 +35,7 @@ DEMOS = {
     "bar_impact": ["bar_impact_force.png"],
     "bowl": ["bowl.png"],
     "hertz": ["hertz_pressure.png"],
+    "ironing": ["ironing.png", "ironing_force.png"],
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
     "pile": ["pile.png"],
@@ -149,7 +150,7 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
     """Stepper of the first impact."""
     mesh, cells, facets, tag = nts.read_mesh(ROOT / "meshes" / "ball_plate.msh", MPI.COMM_SELF)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
+    rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())
     ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top")]
     pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))

@@ -10,12 +10,16 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
+from dolfinx_nts.diagnostics.bodies import BodyBalance
+from dolfinx_nts.diagnostics.contact import PairBalance
+from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
+from dolfinx_nts.io.load_state import load_state
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
@@ -23,7 +27,9 @@ from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
+from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
@@ -38,6 +44,7 @@ end_together()
 __all__ = [
     "Balance",
     "Body",
+    "BodyBalance",
     "BodyForce",
     "CentralDifference",
     "ContactPair",
@@ -45,6 +52,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "Fields",
     "FormLoad",
     "GeneralizedAlpha",
     "Gravity",
@@ -54,12 +62,15 @@ __all__ = [
     "MeshData",
     "Midpoint",
     "MooneyRivlin",
+    "Motion",
     "NeoHookean",
     "Obstacle",
     "Overlap",
+    "PairBalance",
     "Penalty",
     "Pressure",
     "QuasiStatic",
+    "Reaction",
     "Recorder",
     "RigidCylinder",
     "RigidPlane",
@@ -74,6 +85,7 @@ __all__ = [
     "Yeoh",
     "all_pairs",
     "boundary_of",
+    "load_state",
     "parts",
     "plotting",
     "read_mesh",

@@ -150,7 +150,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
     folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
     table = folder / "run.csv"
     setup, error, warnings = None, "", _Warnings()
-    scales, approaches = [np.zeros(2)], [0.0]
+    scales, approaches, kinks = [np.zeros(2)], [0.0], [0.0]
     try:
         setup = case.build(comm)
         with nts.Recorder(folder / "run", setup.stepper, every=10**9) as record:
@@ -159,6 +159,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
                 record.write(step)
                 scales.append(_momentum_scales(setup))
                 approaches.append(_approach(setup.stepper))
+                kinks.append(_kink(setup.stepper))
     except (nts.ConvergenceError, ValueError) as failure:
         row["outcome"], error = "stopped", str(failure)
     warnings.close()
@@ -174,7 +175,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         row["rejected_steps"] = int(values["rejected"].sum())
         wrong = wrong or _too_large(row, values, case)
         if setup.stepper.pairs:
-            deep = _depth(row, values, _allowed(setup, values, approaches))
+            deep = _depth(row, values, _allowed(setup, values, approaches, kinks))
             # A run that stops, or has to tell of an overlap, may have nodes that are too deep.
             told = case.may_stop and _is_told(setup, row, said)
             told = told or case.stops or case.warns == OVERLAP
@@ -239,14 +240,23 @@ def _approach(stepper: Any) -> float:
     return longest
 
 
-def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> Any:
+def _kink(stepper: Any) -> float:
+    """Depth from which a spring counts, as its node came over a kink [m]. Collective."""
+    springs = [contact.history.offset for contact in stepper.contacts if contact.eps_N is not None]
+    deepest = max((-offset.min(initial=0.0) for offset in springs), default=0.0)
+    return float(stepper.u.function_space.mesh.comm.allreduce(deepest, op=MPI.MAX))
+
+
+def _allowed(
+    setup: Setup, values: dict[str, Any], approaches: list[float], kinks: list[float]
+) -> Any:
     """Least gap allowed in each row of the recorder [m]. Collective.
 
     Nodes may be as deep as they were at the start, and deeper: with
     multipliers by the longest approach in one step so far, as elastic
     impact preserves the gap with which a node came (in equilibrium the gap
     is closed); with springs as deep as one that has all the energy of
-    contact.
+    contact, from where it begins.
     """
     start = min(0.0, np.nan_to_num(values["min_gap"][0]))
     depth = np.maximum.accumulate(approaches)
@@ -258,8 +268,8 @@ def _allowed(setup: Setup, values: dict[str, Any], approaches: list[float]) -> A
     weakest = min((eps_N.min(initial=np.inf) for eps_N in springs), default=np.inf)
     weakest = comm.allreduce(weakest, op=MPI.MIN)
     energy = np.maximum.accumulate(np.maximum(values["contact_energy"], 0.0))
-    depth = np.maximum(depth, np.sqrt(2 * energy / weakest)) + setup.kink
-    return start - _ROUNDING * abs(start) - depth
+    depth = np.maximum(depth, np.sqrt(2 * energy / weakest) + kinks) + setup.kink
+    return start - depth - _ROUNDING * (depth - start)
 
 
 def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:

@@ -78,6 +78,29 @@ def snaps(comm: MPI.Comm, speed: float) -> Setup:
     return Setup(stepper, 0.8, supported=True)
 
 
+def squeezes(comm: MPI.Comm, way: float, h: float = 0.05, cells: int = 4) -> Setup:
+    """A thick hollow ball between two hard walls that close. Collective."""
+    soft, hard = nts.NeoHookean(1e5, 0.3, 1e3), nts.NeoHookean(1e7, 0.3, 1e3)
+    wall = box((1.6, 1.6, 0.2), (5, 5, 1)).made(hard)
+    parts = {
+        "ball": ball(0.5, 0.3, cells=cells).made(soft),
+        "low": wall.at(-0.8, -0.8, -0.72),
+        "high": wall.at(-0.8, -0.8, 0.52),
+    }
+    world = World(comm, parts)
+    u = fem.Function(world.V)
+    ends = [world.dofs(side).astype(np.int32) for side in ("low.bottom", "high.top")]
+
+    def update(t: float) -> None:
+        for dofs, sign in zip(ends, (1, -1), strict=True):
+            u.x.array.reshape(-1, 3)[dofs, 2] = sign * way * t
+
+    bcs = [fem.dirichletbc(u, dofs) for dofs in ends]
+    touches = [Touch("ball.outer", "low.top"), Touch("ball.outer", "high.bottom")]
+    stepper = world.stepper(touches, h, bcs=bcs, update=update)
+    return Setup(stepper, 1.0, ledger=True, supported=True)
+
+
 _IRONS = (
     ("QuasiStatic", nts.QuasiStatic, {}),
     ("EnergyMomentum", nts.EnergyMomentum, {}),
@@ -104,6 +127,10 @@ CASES = [
     *(
         Case("punch that irons a block", "scheme", name, partial(irons, scheme=scheme, how=how))
         for name, scheme, how in _IRONS
+    ),
+    *(
+        Case("ball between walls", "way", w, partial(squeezes, way=w), may_stop=True)
+        for w in (0.3, 0.4, 0.5)
     ),
     *(
         Case("ball on a shallow arch", "m/s", s, partial(snaps, speed=s), stops)

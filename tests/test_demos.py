@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("demo_*.py"))
 # Files beside pictures, movies and tables.
 FIELDS = {".h5", ".xdmf"}

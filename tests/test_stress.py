@@ -16,6 +16,8 @@ from stress.run import CASES
 from stress.table import read, summary, write_table
 from stress.world import Touch, World
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 CHEAP = [
     "ball on plate: nu = 0.499",
     "ball on plate: wall = 0.025",

@@ -18,7 +18,7 @@ PARTS = {
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
-        "RigidSurface",
+        *("RigidSurface", "Motion"),
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),

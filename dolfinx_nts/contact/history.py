@@ -1,14 +1,14 @@
 """What an accepted step leaves of contact: the state of the nodes, and energies by cause."""
 
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
-__all__ = ["ContactHistory", "ContactWork"]
+__all__ = ["ContactHistory", "ContactWork", "without_friction"]
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class ContactWork(NamedTuple):
         facet_change: By nodes that were active on another segment.
         springs: Taken from penalty and friction springs.
         friction: Minus the dissipation by friction.
+        obstacles: Work of moving obstacles.
         equilibrium: Strain energy that nodes without mass took to find their equilibrium.
         refund: Kinetic energy that vibration got for it.
     """
@@ -96,9 +97,17 @@ class ContactWork(NamedTuple):
     facet_change: float = 0.0
     springs: float = 0.0
     friction: float = 0.0
+    obstacles: float = 0.0
     equilibrium: float = 0.0
     refund: float = 0.0
 
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Add energies cause by cause. Local."""
         return ContactWork(*map(operator.add, self, other))
+
+
+def without_friction(history: ContactHistory) -> ContactHistory:
+    """Make the same contact without slip and without traction of friction. Local."""
+    none = ContactHistory.none(len(history.key))
+    names = ("sliding", "traction", "slip", "dissipation")
+    return replace(history, **{name: getattr(none, name) for name in names})

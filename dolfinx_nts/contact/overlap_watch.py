@@ -21,10 +21,6 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# By how much two bodies may come nearer between two looks while boxes around them overlap,
-# relative to the smallest cell [-]: even if each is one cell thick, they need as much to pass
-# through each other.
-_WAY = 2.0
 # Part of such motion [-] after which there is a look, as the motion of all nodes would have to be
 # measured in each of the next steps.
 _USED = 0.9
@@ -58,9 +54,9 @@ class OverlapWatch:
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # By how much any two may have come nearer since the last look, up to which that none is
-        # due, and where it was.
+        # due, and where and when it was.
         self._way, self._free_way, self._step = 0.0, 0.0, 0.0
-        self._x: Floats = np.empty((0, 3))
+        self._seen: tuple[Floats, float] = np.empty((0, 3)), 0.0
 
     @cached_property
     def search(self) -> OverlapSearch:
@@ -92,13 +88,14 @@ class OverlapWatch:
                         least = 0.0
         return least
 
-    def start(self, x: Floats) -> None:
+    def start(self, x: Floats, t: float) -> None:
         """Look at a state that was set, and tell what overlaps.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            t: Time [s].
         """
-        for overlap, names in self._new(x, _AT_START):
+        for overlap, names in self._new(x, t, _AT_START):
             self._known[names] = overlap.depth, overlap.cells
             self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap))
 
@@ -106,7 +103,7 @@ class OverlapWatch:
         """Count an accepted step; tell whether there should be a look before the next one. Local.
 
         Args:
-            way: Bound on the way of any node in the step, the same on all ranks [m].
+            way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
         """
         self._step = 2 * way
         self._way += self._step
@@ -115,7 +112,7 @@ class OverlapWatch:
     def follow(self, x: Floats, t: float) -> None:
         """Look if bodies have indeed moved far since the last look, see `look`."""
         # The sum of steps is a crude bound, as most nodes move the same way.
-        self._way = self.search.approach(x, self._x)
+        self._way = self.search.approach(x, t, *self._seen)
         if self._way + self._step > _USED * self._free_way:
             self.look(x, t)
 
@@ -128,17 +125,19 @@ class OverlapWatch:
         """
         if self._way == 0:
             return
-        for overlap, names in self._new(x, _IN_RUN):
+        for overlap, names in self._new(x, t, _IN_RUN):
             self._known[names] = np.inf, np.inf
             text = f"at t = {t:g} %s is up to %s inside %s%s: %s"
             self._warn(text, overlap, self._in_run(overlap))
 
-    def _new(self, x: Floats, part: float) -> list[tuple[Overlap, frozenset[str]]]:
+    def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
-        shortest, new = self.search.shortest, []
-        overlaps, apart = self.search.find(x, part * shortest)
-        least, way = self._way_through, max(_WAY * shortest, float(apart.min()))
-        self._way, self._free_way, self._x = 0.0, way, x
+        thick, new = self.search.cells, []
+        overlaps, apart = self.search.find(x, part * float(thick.min()), t)
+        # Two bodies need as much to pass through each other, even if each is one cell thick.
+        ways = np.maximum(apart, thick[:, None] + thick)
+        self._way, self._free_way, self._seen = 0.0, float(ways.min()), (x, t)
+        least = self._way_through
         obstacles = self.search.obstacles
         if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
             self._clear(x, least)

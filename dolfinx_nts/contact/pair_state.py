@@ -55,7 +55,8 @@ class PairState:
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         self.pair = pair
-        self._passes = Passes(pair.nodes.V.tabulate_dof_coordinates) if passes is None else passes
+        at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
+        self._passes = at_rest if passes is None else passes
         self._passes.join(self)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
@@ -126,7 +127,8 @@ class PairState:
     def points(self, x: Floats) -> NodalPoints:
         """Contact points of the nodes, which face what they do at positions x. Collective.
 
-        ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+        ``x`` are positions of the local nodes of the space, owned and ghost, in the frame of the
+        search, shape ``(l, 3)`` [m].
         """
         return self._facets.points(x)
 
@@ -147,7 +149,10 @@ class PairState:
 
         Arguments are those of `gap`.
         """
-        candidates, _ = self._far_search.update(x, np.inf)
+        search, t = self._far_search, self._passes.time()
+        search.begin(t, t)
+        x = search.frame.at_end(x)
+        candidates, _ = search.update(x, np.inf)
         current = candidates.find(self.history.key)
         points, x = self.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
@@ -190,7 +195,7 @@ class PairState:
         return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the accepted contact, springs and search. Collective.
+        """Serialize the accepted contact and springs, but not the search. Collective.
 
         Args:
             archive: Takes the values or gives them.
@@ -214,7 +219,6 @@ class PairState:
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._ranges = ranges if chosen else None
-        self.search.serialize(archive, f"{name}/search")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
         """Least and greatest value on all ranks. Collective."""

@@ -30,14 +30,15 @@ class Passes:
 
     Args:
         positions: Returns the positions of the local nodes of the last step, ``(l, 3)`` [m].
+        time: Returns the time at its end [s].
 
     Attributes:
-        positions: The argument.
+        positions, time: The arguments.
     """
 
-    def __init__(self, positions: Callable[[], Floats]) -> None:
+    def __init__(self, positions: Callable[[], Floats], time: Callable[[], float]) -> None:
         """Begin without a pass."""
-        self.positions = positions
+        self.positions, self.time = positions, time
         # Weak, as those in a circle would be removed at another time on each rank.
         self._all: list[weakref.ref[Pass]] = []
 

@@ -23,13 +23,14 @@ _logger = logging.getLogger("dolfinx_nts")
 _DEEP = 1e-6
 
 
-def check_start(state: PairState, x: Floats, x_before: Floats | None = None) -> None:
+def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None = None) -> None:
     """Raise on all ranks if nodes of a pair lie inside its rigid obstacle. Collective.
 
     Inside another deformable body they may start, see `OverlapWatch`.
 
     Args:
         state: State of the contact pair.
+        t: Time, at which moving obstacles are where they start [s].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
         x_before: Those from which the user has displaced bodies; nodes that were as deep there
             may stay. None at the first step.
@@ -40,17 +41,19 @@ def check_start(state: PairState, x: Floats, x_before: Floats | None = None) -> 
     pair = state.pair
     if not isinstance(pair.segments, Obstacle):
         return
-    depth, comm = pair.segments.depth(x[pair.nodes.nodes]), pair.nodes.V.mesh.comm
+    obstacle, comm, nodes = pair.segments, pair.nodes.V.mesh.comm, pair.nodes.nodes
+    place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    depth = obstacle.depth(place(x[nodes]))
     allowed = _DEEP * pair.segment_size
     new = depth > allowed
     if x_before is not None:
-        new &= ~(depth <= pair.segments.depth(x_before[pair.nodes.nodes]) + allowed)
-    nodes = np.sort(np.concatenate(comm.allgather(pair.nodes.node_ids[new])))
-    if len(nodes):
+        new &= ~(depth <= obstacle.depth(place(x_before[nodes])) + allowed)
+    ids = np.sort(np.concatenate(comm.allgather(pair.nodes.node_ids[new])))
+    if len(ids):
         deepest = reductions.largest(comm, float(depth[new].max(initial=0.0)))
         raise ValueError(
-            f"expected bodies outside of obstacles, given {len(nodes)} nodes of {pair.nodes.name} "
-            f"up to {deepest:.3g} inside {pair.segments.name}: {listed(nodes)}"
+            f"expected bodies outside of obstacles, given {len(ids)} nodes of {pair.nodes.name} "
+            f"up to {deepest:.3g} inside {obstacle.name}: {listed(ids)}"
         )
 
 

@@ -16,26 +16,21 @@ Newton's method leaves. `StepReport` has the last two.
 from dataclasses import dataclass, fields
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import deformation_gradient, dimension, in_space, nodal
-from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.diagnostics.bodies import BodyBalance, BodyDiagnostics
+from dolfinx_nts.diagnostics.contact import ContactDiagnostics
+from dolfinx_nts.diagnostics.names import flat
+from dolfinx_nts.fem.components import deformation_gradient, in_space, moments, nodal
+from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.overlaps import Overlap
 
 __all__ = ["Balance", "Diagnostics"]
-
-# How much farther nodes look where the last look found nothing [-].
-_FARTHER = 4.0
 
 
 @dataclass(frozen=True)
@@ -52,8 +47,6 @@ class Balance:
             ``(1,)``, about z [kg m^2/s].
         contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)``, in
             the plane ``(2,)`` [N].
-        pairs: Force [N] and torque about the origin [N m] of the last step on the nodes of each
-            pair, shape ``(p, 2, 3)``.
         active_nodes: Number of nodes that transmit force.
         min_gap: Least gap [m]; NaN if no node faces a segment.
 
@@ -72,7 +65,6 @@ class Balance:
     linear_momentum: Floats
     angular_momentum: Floats
     contact_force: Floats
-    pairs: Floats
     active_nodes: int
     min_gap: float
 
@@ -83,36 +75,23 @@ class Balance:
 
     def columns(self) -> dict[str, float]:
         """All numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local."""
-        columns: dict[str, float] = {}
-        names = [field.name for field in fields(self)]
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        names = list(values)
         names.insert(names.index("contact_energy") + 1, "total_energy")
-        for name in names:
-            value = getattr(self, name)
-            if name == "pairs":
-                for number, (force, torque) in enumerate(value, start=1):
-                    parts = force[: len(self.contact_force)], torque[-len(self.angular_momentum) :]
-                    for kind, vector in zip(("force", "torque"), parts, strict=True):
-                        columns |= _components(f"pair_{number}_{kind}", vector)
-            elif isinstance(value, np.ndarray):
-                columns |= _components(name, value)
-            else:
-                columns[name] = value
-        return columns
+        values["total_energy"] = self.total_energy
+        return flat("", {name: values[name] for name in names})
 
 
-def _components(name: str, vector: Floats) -> dict[str, float]:
-    """Components of a vector by name; a moment in the plane is about z."""
-    axes = {1: "z", 2: "xy", 3: "xyz"}[len(vector)]
-    return {f"{name}_{axis}": float(v) for axis, v in zip(axes, vector, strict=True)}
-
-
-class Diagnostics:
+class Diagnostics(ContactDiagnostics):
     """Evaluates energies, momenta and contact of a stepper's accepted state, without changing it.
 
     Collective, as are all its methods.
 
     Args:
         stepper: The stepper.
+
+    Attributes:
+        stepper: The argument.
 
     Raises:
         TypeError: ``stepper`` is no stepper.
@@ -127,13 +106,8 @@ class Diagnostics:
         """Check the stepper, and compile the forms of the energies."""
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
-        self._stepper = stepper
+        super().__init__(stepper)
         u, u_n = stepper.u, stepper.u_n
-        V = u.function_space
-        self._comm: MPI.Comm = V.mesh.comm
-        self._num_owned, self._dim = V.dofmap.index_map.size_local, dimension(V)
-        # Components of a moment that are not zero.
-        self._rotations = slice(None) if self._dim == 3 else slice(2, None)
         F_n, F = deformation_gradient(u_n), deformation_gradient(u)
 
         def strain_energy(material: Any, parameters: Any, rho: Any) -> Any:
@@ -148,11 +122,11 @@ class Diagnostics:
             compile_form(bulk_form(stepper.bodies, integrand))
             for integrand in (strain_energy, bulk_defect)
         )
-        self._nodal_mass: dict[Body, Floats] = {}
+        self._bodies = BodyDiagnostics(stepper)
 
     def __repr__(self) -> str:
         """Return the call that makes such diagnostics, with the class of the stepper. Local."""
-        return as_call(self, stepper=type(self._stepper))
+        return as_call(self, stepper=type(self.stepper))
 
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
@@ -162,16 +136,12 @@ class Diagnostics:
         """Strain energy [J]."""
         return float(self._sum(fem.assemble_scalar(self._strain_energy)))
 
-    def contact_energy(self) -> float:
-        """Energy of penalty and friction springs [J]."""
-        return float(self._sum(sum(pair.history.energy.sum() for pair in self._stepper.contacts)))
-
     def linear_momentum(self) -> Floats:
-        """Linear momentum, shape ``(3,)`` [kg m/s]."""
+        """Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s]."""
         return self._motion()[1]
 
     def angular_momentum(self) -> Floats:
-        """Angular momentum about the origin, shape ``(3,)`` [kg m^2/s]."""
+        """Angular momentum about the origin, ``(3,)``, in the plane ``(1,)`` [kg m^2/s]."""
         return self._motion()[2]
 
     def bulk_defect(self) -> float:
@@ -181,90 +151,7 @@ class Diagnostics:
         scheme, plus ``inertia_defect`` of the stepper.
         """
         defect = self._sum(fem.assemble_scalar(self._bulk_defect))
-        return float(defect + self._stepper.inertia_defect)
-
-    def contact_force(self) -> Floats:
-        """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` [N]."""
-        force: Floats = self.pair_resultants()[:, 0, : self._dim].sum(axis=0)
-        return force
-
-    def pair_resultants(self) -> Floats:
-        """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
-
-        The torque is about the origin, with the positions in the middle of the step.
-        """
-        stepper = self._stepper
-        x_m = stepper.x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
-        parts = np.zeros((len(stepper.contacts), 2, 3))
-        for part, pair in zip(parts, stepper.contacts, strict=True):
-            force = pair.history.force
-            part[:] = force.sum(axis=0), np.cross(x_m[pair.nodes.nodes], force).sum(axis=0)
-        resultants: Floats = self._sum(parts)
-        return resultants
-
-    def active_nodes(self) -> int:
-        """Number of nodes that transmit force, on all ranks."""
-        active = [np.count_nonzero(pair.history.active) for pair in self._stepper.contacts]
-        return int(self._sum(sum(active)))
-
-    def min_gap(self) -> float:
-        """Least gap of all pairs [m]; NaN if no node faces a segment.
-
-        Pairs whose bounding boxes are farther apart than the least gap found so far are left
-        out, and so are segments farther from a node than that. Otherwise nodes look farther and
-        farther until one finds a segment.
-        """
-        x, pairs, least = self._stepper.x, self._stepper.contacts, np.inf
-        nearest, farthest = self._distances(x)
-        for i in np.argsort(nearest, kind="stable"):
-            pair, size = pairs[i], pairs[i].pair.segment_size
-            # The point of a gap may lie beside a facet, by up to its size.
-            limit = min(least, farthest[i]) + size
-            # Nodes that face nothing look at all segments in reach, so most looks are short.
-            reach = limit if nearest[i] < 0 else nearest[i] + size
-            while nearest[i] <= limit:
-                gap = pair.gap(x, min(reach, limit))
-                own = reductions.least(self._comm, float(gap[~np.isnan(gap)].min(initial=np.inf)))
-                enough = min(own + size, limit)
-                if reach >= enough:
-                    least = min(least, own)
-                    break
-                reach = enough if own < np.inf else _FARTHER * reach
-        return least if least < np.inf else np.nan
-
-    def overlaps(self) -> list[Overlap]:
-        """Find bodies that are inside each other or inside obstacles, whatever the pairs are.
-
-        Bodies that share nodes count as one, and self contact is not looked at. Facets of
-        quadrilaterals count as two triangles. A `RigidSurface` is looked at down to half a facet.
-
-        Returns:
-            One `Overlap` for each two, empty if bodies only touch.
-        """
-        return self._stepper.watch.overlaps.search.find(self._stepper.x)[0]
-
-    def _distances(self, x: Floats) -> tuple[Floats, Floats]:
-        """Least and greatest distances between nodes and segments of the pairs, each ``(p,)`` [m].
-
-        They are those of the bounding boxes. Those of obstacles are below zero, so that they come
-        first, as they know their gaps.
-        """
-        pairs = self._stepper.contacts
-        # Least coordinates of nodes and segments, and least negative ones.
-        least = np.full((len(pairs), 2, 2, 3), np.inf)
-        for box, pair in zip(least, pairs, strict=True):
-            for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
-                if isinstance(surface, Surface):
-                    some = x[surface.nodes]
-                    part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
-        least = reductions.least(self._comm, least)
-        lower, upper = least[:, :, 0], -least[:, :, 1]
-        has_box = np.isfinite(least).all(axis=(1, 2, 3))
-        lower, upper = (np.where(has_box[:, None, None], ends, 0.0) for ends in (lower, upper))
-        apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
-        nearest = np.linalg.norm(np.maximum(apart[:, 0], 0.0), axis=1)
-        farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
-        return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
+        return float(defect + self.stepper.inertia_defect)
 
     def centre_of_mass(self, body: Body) -> Floats:
         """Current centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m].
@@ -275,46 +162,33 @@ class Diagnostics:
         Raises:
             ValueError: The body belongs to another stepper.
         """
-        return self._mean(body, self._stepper.x[:, : self._dim])
+        x: Floats = self._bodies.mean(body, self.stepper.x)[: self._dim]
+        return x
 
     def body_velocity(self, body: Body) -> Floats:
         """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
         Argument and error are those of `centre_of_mass`.
         """
-        return self._mean(body, nodal(self._stepper.v))
+        return self._bodies.mean(body, nodal(self.stepper.v))
+
+    def bodies(self) -> dict[str, BodyBalance]:
+        """Mass, energies, momenta and motion of each body, by its name."""
+        return self._bodies.balances()
 
     def balance(self) -> Balance:
-        """All numbers of the state at once."""
+        """All numbers of the whole state at once."""
         kinetic_energy, linear, angular = self._motion()
         energies = kinetic_energy, self.strain_energy(), self.contact_energy()
-        force, pairs = self.contact_force(), self.pair_resultants()
-        active, gap = self.active_nodes(), self.min_gap()
-        return Balance(self._stepper.t, *energies, linear, angular, force, pairs, active, gap)
+        contact = self.contact_force(), self.active_nodes(), self.min_gap()
+        return Balance(self.stepper.t, *energies, linear, angular, *contact)
 
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""
-        n = self._num_owned
-        p = self._stepper.nodal_momentum()
-        v = nodal(self._stepper.v)[:n]
-        moments = np.cross(self._stepper.x[:n], in_space(p))[:, self._rotations]
-        parts = [[np.sum(v * p) / 2], p.sum(axis=0), moments.sum(axis=0)]
-        energy, *sums = self._sum(np.concatenate(parts))
-        return float(energy), np.array(sums[: self._dim]), np.array(sums[self._dim :])
-
-    def _mean(self, body: Body, values: Floats) -> Floats:
-        """Mass-weighted mean of nodal values, ``(l, d)``, over a body."""
-        if body not in self._stepper.bodies:
-            raise ValueError("expected a body of this stepper, given another")
-        if body not in self._nodal_mass:
-            eta = ufl.TestFunction(body.V)
-            form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            masses = assembled(compile_form(form)).reshape(-1, self._dim)
-            self._nodal_mass[body] = self._stepper.carried(masses)[:, 0]
-        mass = self._nodal_mass[body]
-        sums = self._sum(np.append(mass @ values[: self._num_owned], mass.sum()))
-        mean: Floats = sums[:-1] / sums[-1]
-        return mean
-
-    def _sum(self, values: Any) -> Any:
-        return reductions.total(self._comm, values)
+        p = self.stepper.nodal_momentum()
+        n, d = p.shape
+        v = nodal(self.stepper.v)[:n]
+        turning = np.cross(self.stepper.x[:n], in_space(p)).sum(axis=0)
+        parts = [[np.sum(v * p) / 2], p.sum(axis=0), turning]
+        sums = self._sum(np.concatenate(parts))
+        return float(sums[0]), sums[1 : 1 + d], moments(sums[1 + d :], d)

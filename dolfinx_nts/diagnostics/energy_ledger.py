@@ -6,6 +6,7 @@ from operator import attrgetter
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.diagnostics.balance import Balance
 from dolfinx_nts.integrators.report import StepReport
 
@@ -17,6 +18,7 @@ _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentu
 _WORKS = {
     "loads": attrgetter("load_work"),
     "supports": attrgetter("support_work"),
+    "obstacles": attrgetter("contact_work.obstacles"),
     "damping": attrgetter("damping_work"),
     "persistent_contact": attrgetter("contact_work.persistent"),
     "activation": attrgetter("contact_work.activation"),
@@ -36,6 +38,8 @@ class EnergyLedger:
     Args:
         step: Number of the last step before the first state.
         balance: Numbers of the first state.
+        num_loads: Number of loads.
+        num_supports: Number of supports.
 
     Attributes:
         step: Number of the last step.
@@ -45,16 +49,24 @@ class EnergyLedger:
         num_iterations: Number of Newton iterations in them.
         most_iterations: Largest number of iterations in one of them.
         energy: Change of the total energy since the first state by cause [J].
-        drift: Largest change of each quantity that may be conserved, by its name.
+        drift: Largest change of each quantity that may be conserved, by its name, and the
+            largest ``"unaccounted"`` change of the energy [J].
+        each: Works of each of the ``"loads"`` and ``"supports"`` [J].
     """
 
-    def __init__(self, step: int, balance: Balance) -> None:
+    def __init__(
+        self, step: int, balance: Balance, num_loads: int = 0, num_supports: int = 0
+    ) -> None:
         """Begin with no step."""
         self.step = step
         self.first = self.last = balance
         self.num_steps = self.num_iterations = self.most_iterations = 0
         self.energy = dict.fromkeys(("bulk", *_WORKS), 0.0)
-        self.drift = dict.fromkeys(_CONSERVED, 0.0)
+        self.drift = dict.fromkeys((*_CONSERVED, "unaccounted"), 0.0)
+        self.each: dict[str, Floats] = {
+            "loads": np.zeros(num_loads),
+            "supports": np.zeros(num_supports),
+        }
 
     def add(self, step: StepReport, bulk_defect: float, balance: Balance) -> None:
         """Add a step to the sums.
@@ -71,7 +83,10 @@ class EnergyLedger:
         self.num_steps += 1
         self.num_iterations += step.newton_iterations
         self.most_iterations = max(self.most_iterations, step.newton_iterations)
-        for name in self.drift:
+        self.each["loads"] = self.each["loads"] + step.load_works
+        self.each["supports"] = self.each["supports"] + [r.work for r in step.reactions]
+        self.drift["unaccounted"] = max(self.drift["unaccounted"], abs(self.unaccounted))
+        for name in _CONSERVED:
             change = float(np.linalg.norm(getattr(balance, name) - getattr(self.first, name)))
             self.drift[name] = max(self.drift[name], change)
 
@@ -79,7 +94,7 @@ class EnergyLedger:
         """Serialize all sums. Collective."""
         for name in ("step", "num_steps", "num_iterations", "most_iterations"):
             setattr(self, name, archive.same(f"ledger/{name}", getattr(self, name)))
-        for group in ("energy", "drift"):
+        for group in ("energy", "drift", "each"):
             sums = getattr(self, group)
             for name in sums:
                 sums[name] = archive.same(f"ledger/{group}/{name}", sums[name])
@@ -91,14 +106,18 @@ class EnergyLedger:
             }
             setattr(self, name, Balance(**numbers))
 
+    @property
+    def unaccounted(self) -> float:
+        """Change of the total energy that no cause explains [J]."""
+        return self.last.total_energy - self.first.total_energy - sum(self.energy.values())
+
     def columns(self) -> dict[str, float]:
-        """Sums by name [J]: causes, the remainder, and works of loads and friction."""
+        """Sums by name [J]: causes, the remainder, and works from outside and of friction."""
         energy = self.energy
-        change = self.last.total_energy - self.first.total_energy
         return {
             **{f"energy_{cause}": work for cause, work in energy.items()},
-            "energy_unaccounted": change - sum(energy.values()),
-            "external_work": energy["loads"] + energy["supports"],
+            "energy_unaccounted": self.unaccounted,
+            "external_work": energy["loads"] + energy["supports"] + energy["obstacles"],
             "friction_dissipation": -energy["friction"],
         }
 
@@ -110,9 +129,12 @@ class EnergyLedger:
         )
 
     def drifts(self) -> list[str]:
-        """Lines of a summary on the quantities that may be conserved."""
+        """Lines of a summary on the quantities that may be conserved, and on the ledger."""
         return [
-            f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} {unit}, "
-            f"largest change {self.drift[name]:.1e} {unit}"
-            for name, unit in _CONSERVED.items()
+            *(
+                f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} "
+                f"{unit}, largest change {self.drift[name]:.1e} {unit}"
+                for name, unit in _CONSERVED.items()
+            ),
+            f"energy unaccounted for: at most {self.drift['unaccounted']:.1e} J",
         ]

@@ -13,7 +13,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["deformation_gradient", "dimension", "gradient", "in_space", "nodal"]
+__all__ = ["deformation_gradient", "dimension", "gradient", "in_space", "moments", "nodal"]
 
 
 def dimension(V: fem.FunctionSpace) -> int:
@@ -37,6 +37,15 @@ def in_space(vectors: Floats) -> Floats:
     padded: Floats = np.zeros((*vectors.shape[:-1], 3))
     padded[..., :2] = vectors
     return padded
+
+
+def moments(vectors: Floats, dim: int) -> Floats:
+    """Components of moments, ``(..., 3)``, that exist in 2 or 3 dimensions: about z, or all. Local.
+
+    Returns:
+        A view, shape ``(..., 1)`` or ``(..., 3)``.
+    """
+    return vectors[..., 2:] if dim == 2 else vectors
 
 
 def gradient(v: Any) -> Any:

@@ -103,6 +103,12 @@ class Element:
         distance = np.abs(np.array(corners)[:, :, None] - self.points).max(axis=-1)
         return np.asarray(distance.argmin(axis=-1), dtype=np.int32)
 
+    @property
+    def middles(self) -> Floats:
+        """Middles of the pieces on the reference cell, shape ``(p, 3)``."""
+        middles: Floats = self.points[self.pieces].mean(axis=1)
+        return middles
+
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
         """Sides of pieces that lie on each facet of the cell, by facet.

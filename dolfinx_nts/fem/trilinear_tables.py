@@ -6,7 +6,9 @@ sums, after it has compared the tables with those that it stands for.
 """
 
 import re
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +20,10 @@ _TABLE = re.compile(r"static const double (\w+)\[1\]\[1\]\[8\]\[8\] = \{([^;]*)\
 _NUMBER = re.compile(r"[-+.\w]+")
 _LOOP = r"for \(int {index} = 0; {index} < 8; \+\+{index}\)\s*\{{([^{{}}]*)\}}"
 _SUMS, _OUTPUTS = (re.compile(_LOOP.format(index=index)) for index in ("ic", "i"))
-_AT = r"(?:(\d+) \+ )?\(?(?:\(ic?\) \* 3|3 \* \(ic?\))(?: \+ (\d+))?\)?"
-_SUM = re.compile(rf"(\w+) \+= (w|coordinate_dofs)\[{_AT}\] \* (\w+)\[0\]\[0\]\[iq\]\[ic\]")
-_OUTPUT = re.compile(rf"A\[{_AT}\] \+= (\w+) \* (\w+)\[0\]\[0\]\[iq\]\[i\]")
+_AT = r"(?:(?P<first>\d+) \+ )?\(?(?:\(ic?\) \* 3|3 \* \(ic?\))(?: \+ (?P<component>\d+))?\)?"
+_TIMES = r" \* (?P<table>\w+)\[0\]\[0\]\[iq\]"
+_SUM = re.compile(rf"(?P<number>\w+) \+= (?P<source>w|coordinate_dofs)\[{_AT}\]{_TIMES}\[ic\]")
+_OUTPUT = re.compile(rf"A\[{_AT}\] \+= (?P<number>\w+){_TIMES}\[i\]")
 # Tables are as good as the round-off of those that wrote them [-].
 _TOLERANCE = 1e-12
 
@@ -56,31 +59,29 @@ def factorised(body: str) -> str:
     functions: dict[tuple[str, int], str] = {}
     outputs: set[int] = set()
 
-    def sums(match: re.Match[str]) -> str:
-        lines = []
-        for statement in _statements(match[1]):
-            found = _SUM.fullmatch(statement)
-            if found is None or found[5] not in kinds:
-                return match[0]
-            result, source, first, component, table = found.groups()
-            place = int(first or 0) + int(component or 0)
-            function = functions.setdefault((source, place), f"{source}_{place}_at_points")
-            lines.append(f"{result} = {function}.{kinds[table]}_at(iq);")
-        return "{" + "\n".join(lines) + "}"
+    def place(found: re.Match[str]) -> int:
+        return int(found["first"] or 0) + int(found["component"] or 0)
 
-    def weights(match: re.Match[str]) -> str:
-        lines = []
-        for statement in _statements(match[1]):
-            found = _OUTPUT.fullmatch(statement)
-            if found is None or found[4] not in kinds:
-                return match[0]
-            first, component, factor, table = found.groups()
-            place = int(first or 0) + int(component or 0)
-            outputs.add(place)
-            lines.append(f"A_{place}.{kinds[table]}_at(iq) += {factor};")
-        return "{" + "\n".join(lines) + "}"
+    def at_point(found: re.Match[str]) -> str:
+        key = found["source"], place(found)
+        function = functions.setdefault(key, "{}_{}_at_points".format(*key))
+        return f"{found['number']} = {function}.{kinds[found['table']]}_at(iq);"
 
-    body = _OUTPUTS.sub(weights, _SUMS.sub(sums, body))
+    def from_point(found: re.Match[str]) -> str:
+        outputs.add(place(found))
+        return f"A_{place(found)}.{kinds[found['table']]}_at(iq) += {found['number']};"
+
+    def replaced(pattern: re.Pattern[str], line: Callable[[re.Match[str]], str]) -> Any:
+        """Replace loops all of whose statements match and have known tables."""
+
+        def replace(loop: re.Match[str]) -> str:
+            found = [pattern.fullmatch(statement) for statement in _statements(loop[1])]
+            known = [match for match in found if match is not None and match["table"] in kinds]
+            return "{" + "\n".join(map(line, known)) + "}" if len(known) == len(found) else loop[0]
+
+        return replace
+
+    body = _OUTPUTS.sub(replaced(_OUTPUT, from_point), _SUMS.sub(replaced(_SUM, at_point), body))
     before = [
         f"Trilinear {name} = at_points({source} + {place});"
         for (source, place), name in functions.items()

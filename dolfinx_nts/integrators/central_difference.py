@@ -38,6 +38,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
@@ -165,6 +166,8 @@ class CentralDifference(Stepper):
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also the forces, so that none are evaluated anew."""
         super().serialize(archive)
+        if archive.giving:
+            self._begin(self.t, self.t)
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
         forces = self._forces
@@ -218,11 +221,12 @@ class CentralDifference(Stepper):
         if not self._forces.known:
             super()._check_state()
 
-    def _evaluate(self, step: float) -> None:
+    def _evaluate(self, ways: Sequence[float]) -> None:
         """Evaluate the forces at the present u. Collective.
 
         Args:
-            step: Distance from the place of the last evaluation that no node exceeds [m].
+            ways: Bound on the motion since the last evaluation for each pair, as of
+                `Search.way` [m].
         """
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
@@ -230,7 +234,10 @@ class CentralDifference(Stepper):
             x = np.add(self._X, in_space(nodal(self.u)), out=self._positions)
             rubs = any(pair.friction is not None for pair in self.pairs)
             x_n = self._X + in_space(nodal(self.u_n)) if rubs else x
-            self._forces.contact = tuple(s.evaluate(x_n, x, step) for s in self._springs)
+            self._forces.contact = tuple(
+                springs.evaluate(x_n, x, way)
+                for springs, way in zip(self._springs, ways, strict=True)
+            )
             for contact in self._forces.contact:
                 contact.add_to(self._bulk.total)
 
@@ -238,7 +245,9 @@ class CentralDifference(Stepper):
         """Evaluate the forces of a state that was set."""
         self._load_at(0.0)
         self._bulk.rate.x.array[:] = self.v.x.array
-        self._evaluate(0.0)
+        self._begin(self.t, self.t)
+        self._evaluate([0.0] * len(self._springs))
+        self._begin(self.t, self.t + self.dt)
         self._load_at(self.scheme.load_point)
         forces, v = self._forces, self._v
         for contact, force in zip(self.contacts, forces.contact, strict=True):
@@ -256,29 +265,34 @@ class CentralDifference(Stepper):
         dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
         _, _, v, rate, du = self._arrays
         self._way = moved = self._move()
-        self._check_passage(moved)
+        ways = self._ways(moved)
+        self._check_passage(moved, ways)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
-        reaction = bulk.total[given] if self.supports.exist else np.empty(0)
-        self._evaluate(moved)
-        load, damping = (a + b for a, b in zip(at_start, bulk.work(du), strict=True))
+        held = bulk.total[given] if self.supports.exist else np.empty(0)
+        self._evaluate(ways)
+        works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
         a = forces.acceleration
         forces.power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
-        support = 0.0
+        reactions: tuple[Reaction, ...] = ()
         if self.supports.exist:
             rate[given] = (2 * rate - v)[given]
             inertia = (self.mass[:, None] * (rate - v))[given] / dt
-            support = (inertia - (reaction + bulk.total[given]) / 2) @ du[given]
-        contact = np.zeros(8)
+            force = inertia - (held + bulk.total[given]) / 2
+            reactions = self.supports.reactions(force, self.x, du[given])
+        contact, x = np.zeros(9), self._positions[: len(du)]
         for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
             counts = springs.num_lost, springs.num_segments, len(new.springs.node)
-            contact += *counts, *springs.work(old, new, du)
+            contact += *counts, *springs.work(old, new, x, du)
         defect = dt**2 / 8 * (forces.power - power)
-        works = reductions.total(self._comm, [load, damping, support, defect, *contact.tolist()])
-        load, damping, support, defect, num_lost, num_segments, num_active, *by_cause = works
+        sums = reductions.total(self._comm, [*contact.tolist(), defect, *works])
+        num_lost, num_segments, num_active, *by_cause = sums[: len(contact)]
+        defect, damping, *loads = sums[len(contact) :]
+        load, support = sum(loads), sum(reaction.work for reaction in reactions)
         if num_lost:
             self._refuse(f"{num_lost:g} nodes sank too deep into a surface, stiffer springs help")
         contact_work = ContactWork(*by_cause)
-        self._stability.count((load, support), damping + contact_work.friction)
+        driven = load, support, contact_work.obstacles
+        self._stability.count(driven, damping + contact_work.friction)
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate
@@ -298,10 +312,10 @@ class CentralDifference(Stepper):
             num_segments=int(num_segments),
             num_sleeping=0,
             contact_work=contact_work,
-            load_work=load,
-            support_work=support,
             damping_work=damping,
             solver_work=0.0,
+            load_works=tuple(loads),
+            reactions=reactions,
         )
 
     def _move(self) -> float:
@@ -312,11 +326,12 @@ class CentralDifference(Stepper):
             self._u[:] = self.supports.applied(self._u)
             np.subtract(u, u_n, out=du)
             rate[self._given] = du[self._given] / self.dt
-            moved = np.abs(du).max(initial=0.0) if math.isfinite(moved) else moved
+            longest = np.linalg.norm(du, axis=1).max(initial=0.0)
+            moved = longest if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
         # A maximum over ranks may ignore NaN, but not infinity.
-        moved = math.sqrt(self._given.shape[1]) * moved if math.isfinite(moved) else math.inf
+        moved = moved if math.isfinite(moved) else math.inf
         try:
             (moved,) = meet(self._comm, f"motion of {self._next()}", moved)
         except ValueError:
@@ -328,14 +343,30 @@ class CentralDifference(Stepper):
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
         return moved
 
-    def _check_passage(self, moved: float) -> None:
-        """Raise if nodes or vertices, of which none moves farther than given, pass a surface."""
-        fast = [springs for springs in self._springs if 2 * moved > springs.shortest_passage]
+    def _ways(self, moved: float) -> list[float]:
+        """Bounds on the motion of each pair where no node moves by more than given [m]."""
+        if not any(contact.search.frame.moves for contact in self.contacts):
+            return [moved] * len(self.contacts)
+        x = self.x
+        return [contact.search.way(x, moved) for contact in self.contacts]
+
+    def _check_passage(self, moved: float, ways: Sequence[float]) -> None:
+        """Raise if nodes or vertices pass a surface.
+
+        Args:
+            moved: Largest motion of any node [m].
+            ways: Bounds on the motion of each pair [m].
+        """
+        fast = [
+            (springs, way)
+            for springs, way in zip(self._springs, ways, strict=True)
+            if 2 * way > springs.shortest_passage
+        ]
         if not (fast or self.watch.vertices.is_due(moved)):
             self.watch.vertices.travel(moved)
             return
         x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))
-        reasons = (springs.passing(x_n, x, moved, self.dt) for springs in fast)
+        reasons = (springs.passing(x_n, x, way, self.dt) for springs, way in fast)
         reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:
             self._refuse(reason)

@@ -93,17 +93,17 @@ class ExplicitBulk:
         """Forces of the last evaluation, the total first, each ``(n, 3)`` [N]. Local."""
         return [self.internal.values, *(part.values for part in (*self.loads, *self.damping))]
 
-    def work(self, du: Floats) -> tuple[float, float]:
-        """Halves of the works of the present loads and of damping on this rank [J]. Local.
+    def work(self, du: Floats) -> list[float]:
+        """Halves of the works of damping and of each present load on this rank [J]. Local.
 
         Args:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        load, damping = (
+        damping, *loads = (
             sum(float(np.vdot(part.values, du)) / 2 for part in parts)
-            for parts in (self.loads, self.damping)
+            for parts in (self.damping, *([load] for load in self.loads))
         )
-        return load, damping
+        return [damping, *loads]
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""

@@ -42,6 +42,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
@@ -136,6 +137,12 @@ class ImplicitStepper(Stepper):
         self._solver.serialize(archive)
         self._inertia.serialize(archive)
 
+    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+        """Take over another scene, see `Stepper.adopt`, with the rates of the same scheme."""
+        super().adopt(archive, contacts, same_scheme=same_scheme)
+        if same_scheme:
+            self._rates.serialize(archive, self.node_ids)
+
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
         return self._inertia.momentum()
@@ -151,7 +158,7 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
-        load = self._norm(self._bulk.load()) if self.loads else 0.0
+        load = self._norm(self._load()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
@@ -173,6 +180,8 @@ class ImplicitStepper(Stepper):
                     self._last.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
+            if solution.report.is_hopeless:
+                break
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states)
 
@@ -197,9 +206,10 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether supports stay and the norm of the loads [N] is that of the last step."""
+        """Whether supports and obstacles stay, and the norm of the loads [N] is the last one."""
         fixed, u = self.supports.fixed, self.u.x.array
-        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        moves = any(contact.search.frame.moves for contact in self.contacts)
+        stays = not moves and np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
@@ -244,14 +254,20 @@ class ImplicitStepper(Stepper):
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
-        if self._rates.acceleration is None and self._update is None:
-            load = self._bulk.load()
+        moves = any(contact.search.may_move for contact in self.contacts)
+        if self._rates.acceleration is None and self._update is None and not moves:
+            load = self._load()
             self._load_at(0.0)
-            change = self._norm(self._bulk.load() - load)
+            change = self._norm(self._load() - load)
             self._load_at(self.scheme.load_point)
             if change == 0.0:
                 return "loads that grow with time from step to step may help"
         return "a smaller dt may help"
+
+    def _load(self) -> Floats:
+        """Forces of all loads on the owned dofs [N]. Collective."""
+        total: Floats = np.sum([np.zeros_like(self._lumped_mass), *self._bulk.loads()], axis=0)
+        return total
 
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
         """Text with some numbers of nodes from all ranks, empty without. Collective."""
@@ -274,16 +290,15 @@ class ImplicitStepper(Stepper):
         self.watch.springs.look()
         self._free_bodies.tell()
         du = (self.u.x.array - self.u_n.x.array)[:n]
-        support_work = self._support_work(steps, solution.states, du)
+        reactions = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
-        loaded = self._bulk.load() @ du if self.loads else 0.0
+        loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
-        sums = [float(value) for value in (loaded, -damped, solution.R @ du, near)]
         defect, settling = self._inertia.accept(steps)
-        sums.append(defect)
-        sums = reductions.total(self._comm, sums)
-        load_work, damping_work, solver_work, in_reach, self.inertia_defect = sums
+        values = -damped, solution.R @ du, near, defect, *loaded
+        sums = reductions.total(self._comm, list(map(float, values)))
+        damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
@@ -299,10 +314,10 @@ class ImplicitStepper(Stepper):
             num_segments=int(in_reach),
             num_sleeping=len(self._sleeping.bodies),
             contact_work=work + settling,
-            load_work=load_work,
-            support_work=support_work,
             damping_work=damping_work,
             solver_work=solver_work,
+            load_works=tuple(load_works),
+            reactions=reactions,
         )
 
     def _solve(
@@ -345,15 +360,18 @@ class ImplicitStepper(Stepper):
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
 
-    def _support_work(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], du: Floats
-    ) -> float:
-        """Work of the reactions in a step with increment du [J]. Collective."""
+    def _reactions(
+        self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
+    ) -> tuple[Reaction, ...]:
+        """Reactions of the supports in a step with increment du ``(3 n,)`` [m]. Collective."""
+        if not self.supports.exist:
+            return ()
         fixed = self.supports.fixed
-        if not reductions.anywhere(self._comm, bool(du[fixed].any())):
-            return 0.0
         # The residual of a state has no forces on given displacements; ``force`` has all.
-        everywhere = [state._replace(residual=state.force) for state in states]
-        shape = len(self.node_ids), dimension(self._bulk.u.function_space)
-        reaction = self._bulk.forces() + contact_residual(steps, everywhere, shape)
-        return float(reductions.total(self._comm, reaction[fixed] @ du[fixed]))
+        everywhere = [state._replace(residual=state.force) for state in solution.states]
+        n, d = len(self.node_ids), dimension(self._bulk.u.function_space)
+        force = solution.forces + contact_residual(steps, everywhere, (n, d))
+        x = self.x
+        if self.scheme.loads_at == "mean":
+            x[:n] -= in_space(du.reshape(n, d)) / 2
+        return self.supports.reactions(force[fixed], x, du[fixed])

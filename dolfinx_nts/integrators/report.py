@@ -3,11 +3,32 @@
 from typing import NamedTuple
 
 from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.model.reaction import Reaction
 
 __all__ = ["StepReport"]
 
 
-class StepReport(NamedTuple):
+class _Numbers(NamedTuple):
+    """Fields of a `StepReport`."""
+
+    step: int
+    t: float
+    dt: float
+    newton_iterations: int
+    active_set_changes: int
+    residual_norms: tuple[float, ...]
+    num_active: int
+    num_segments: int
+    num_sleeping: int
+    contact_work: ContactWork
+    damping_work: float
+    solver_work: float
+    load_works: tuple[float, ...] = ()
+    reactions: tuple[Reaction, ...] = ()
+    rejected: int = 0
+
+
+class StepReport(_Numbers):
     """What happened in an accepted step, the same on all ranks.
 
     The works are energy given to the bodies. Together with `Diagnostics.bulk_defect` they are
@@ -28,6 +49,9 @@ class StepReport(NamedTuple):
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping, never positive [J].
         solver_work: Work of the residual that Newton's method left [J].
+        load_works: Work of each load [J], in the order of the loads of the stepper.
+        reactions: Reaction of each support, in the order of ``bcs`` of the stepper. A degree of
+            freedom with several conditions counts for the first of them.
         rejected: Number of longer steps that were tried before this one.
 
     Example:
@@ -36,18 +60,14 @@ class StepReport(NamedTuple):
         (1, 0.01, 0)
     """
 
-    step: int
-    t: float
-    dt: float
-    newton_iterations: int
-    active_set_changes: int
-    residual_norms: tuple[float, ...]
-    num_active: int
-    num_segments: int
-    num_sleeping: int
-    contact_work: ContactWork
-    load_work: float
-    support_work: float
-    damping_work: float
-    solver_work: float
-    rejected: int = 0
+    __slots__ = ()
+
+    @property
+    def load_work(self) -> float:
+        """Work of all loads [J]."""
+        return float(sum(self.load_works))
+
+    @property
+    def support_work(self) -> float:
+        """Work of the reactions at all moving supports [J]."""
+        return float(sum(reaction.work for reaction in self.reactions))

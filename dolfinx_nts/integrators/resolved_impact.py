@@ -51,7 +51,7 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Part of the energy of vibration that closing gaps may cost in a step [-], and that the
 # equilibrium may cost in all.
-_CLOSING, _MOST = 0.05, 0.5
+_CLOSING, _MOST_SPENT = 0.05, 0.5
 # Cells that waves cross in a step [-] above which a step does not resolve them.
 _RESOLVED = 1.0
 
@@ -221,7 +221,7 @@ class ResolvedImpact(Inertia):
             u.scatter_forward()
             work = self._equilibrium.work(before)
             cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
-            if (cost <= _MOST * energy).all() and not self._volume_ratio.inverted():
+            if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
                 self._remember(steps, held, dx)
                 return cost
             u.array[:] = before

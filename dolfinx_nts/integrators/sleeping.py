@@ -124,7 +124,8 @@ class SleepingBodies:
         u = bulk.u.x.array
         before = u.copy()
         u[:] = u_n
-        R = np.abs(bulk.residual().reshape(-1, dimension(bulk.u.function_space)))
+        # Also on given displacements, so that no reaction is left out.
+        R = np.abs(bulk.forces().reshape(-1, dimension(bulk.u.function_space)))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]

@@ -100,7 +100,7 @@ class Stability:
         """Count the work of a step. Local.
 
         Args:
-            driven: Work of the loads and of the supports [J].
+            driven: Work of the loads, of the supports and of obstacles [J].
             dissipated: Work of damping and friction, which is not positive [J].
         """
         self._worked += sum(driven) + dissipated

@@ -7,6 +7,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
 from dolfinx import fem, la
 
 from dolfinx_nts.common.archive import Archive
@@ -30,7 +31,7 @@ class State(ABC):
         dt: Length of a step [s].
 
     Attributes:
-        t: Time [s].
+        t_n: Time at the start of the last step [s].
         step: Number of accepted steps.
         u: Displacement at t [m], a Function.
         v: Velocity at t [m/s], a Function.
@@ -42,7 +43,9 @@ class State(ABC):
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
         """Begin with undeformed bodies without motion at the time 0."""
-        self.t, self.step, self.inertia_defect = 0.0, 0, 0.0
+        # An array, which others can ask for the time without knowing the state.
+        self._now: Floats = np.zeros(())
+        self.t_n, self.step, self.inertia_defect = 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
         self.u.name, self.v.name = "displacement", "velocity"
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
@@ -50,6 +53,15 @@ class State(ABC):
         self._X: Floats = V.tabulate_dof_coordinates()
         self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
+
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self._now.item()
+
+    @t.setter
+    def t(self, t: float) -> None:
+        self._now[()] = t
 
     @property
     def dt(self) -> float:
@@ -101,10 +113,14 @@ class State(ABC):
 
         What ``update`` and the functions of loads remember is not part of it.
         """
-        self.t = archive.same("t", self.t)
-        self.step = archive.same("step", self.step)
         self._set_dt(archive.same("dt", self.dt))
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
+        self._serialize_motion(archive)
+
+    def _serialize_motion(self, archive: Archive) -> None:
+        self.t = archive.same("t", self.t)
+        self.t_n = archive.same("t_n", self.t_n)
+        self.step = archive.same("step", self.step)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             serialize_nodal(archive, name, function, self.node_ids)
 

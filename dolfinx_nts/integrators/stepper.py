@@ -6,7 +6,7 @@ interface. How a step is solved is up to `ImplicitStepper` and `CentralDifferenc
 
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -40,11 +40,15 @@ from dolfinx_nts.model.locking import warn_of_locking
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.solvers.newton import ConvergenceError
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["Stepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
+
+# Greatest turn of an obstacle in a step [rad]: that of a normal, see `ContactKinematics.turn`.
+_MOST_TURN = np.pi / 2
 
 
 class Stepper(TimeLoop):
@@ -103,7 +107,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
-        passes = Passes(partial(current_positions, self._X, self.u))
+        passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the way of all nodes in the last step [m].
@@ -151,7 +155,22 @@ class Stepper(TimeLoop):
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
+            contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.vertices.serialize(archive)
+
+    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+        """Take over time, motion and contact of another scene on the same mesh.
+
+        Args:
+            archive: Gives what `serialize` of the other stepper has stored.
+            contacts: Name of the contact in the archive by the number of a pair, from 0.
+            same_scheme: Whether the other stepper has the same scheme.
+        """
+        self._serialize_motion(archive)
+        for number, name in contacts.items():
+            self.contacts[number].serialize(archive, name)
+        self._was_displaced = True
+        self._state_was_set()
 
     def _check_body(self, body: Body) -> None:
         if not isinstance(body, Body):
@@ -170,25 +189,32 @@ class Stepper(TimeLoop):
             Report of the step.
 
         Raises:
-            ConvergenceError: The step could not be solved. The state is as before the call.
-            ValueError: The state, a load or a condition is not finite, conditions conflict, or
-                bodies start inside a rigid obstacle, or were put there between steps, or ranks
-                have different ``dt``. The state is as before the call.
+            ConvergenceError: The step could not be solved, or an obstacle turns by more than 90
+                degrees. The state is as before the call.
+            ValueError: The state, a load, a motion or a condition is not finite, conditions
+                conflict, or bodies start inside a rigid obstacle, or were put there between
+                steps, or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
         if self._was_displaced:
             self._look_at_start()
-        if self._update is not None or self.loads:
-            call = f"update and loads of {self._next()}"
+        moving = [contact for contact in self.contacts if contact.search.may_move]
+        if self._update is not None or self.loads or moving:
+            call = f"update, loads and motions of {self._next()}"
             with agreed(self._comm, call), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
+                self._begin(self.t, self.t + self.dt)
+        self._check_turns(moving)
         self.supports.check()
         self._u_n[:] = self._u
         report = self._step()
-        self.t, self.step, self._x_before = report.t, report.step, None
-        if self.watch.overlaps.moved_far(self._way):
+        self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
+        way = self._way
+        for contact in moving:
+            way = contact.search.way(self.x, way)
+        if self.watch.overlaps.moved_far(way):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
@@ -209,9 +235,9 @@ class Stepper(TimeLoop):
         """Look at a displacement that was set, before the first step or between steps."""
         if self.step == 0 or self._x_before is not None:
             for contact in self.contacts:
-                check_start(contact, self.x, self._x_before)
+                check_start(contact, self.t, self.x, self._x_before)
         with self.timings.phase("overlap"):
-            self.watch.overlaps.start(self.x)
+            self.watch.overlaps.start(self.x, self.t)
         self._was_displaced = False
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
@@ -225,6 +251,24 @@ class Stepper(TimeLoop):
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""
         for load in self.loads:
             load.update(self.t + point * self.dt)
+
+    def _begin(self, t_n: float, t: float) -> None:
+        """Tell contact that a step goes from t_n to t [s], for obstacles that move. Local."""
+        for contact in self.contacts:
+            contact.search.begin(t_n, t)
+
+    def _check_turns(self, moving: Sequence[PairState]) -> None:
+        """Raise if an obstacle turns too far in the step."""
+        for contact in moving:
+            angle = contact.search.frame.angle
+            if angle > _MOST_TURN:
+                raise ConvergenceError(
+                    f"{self._next()} failed: {contact.segments.name} turns by "
+                    f"{np.degrees(angle):.3g} degrees in it, more than "
+                    f"{np.degrees(_MOST_TURN):.3g}; a smaller dt may help, unless the rotation "
+                    "of its motion jumps",
+                    [],
+                )
 
     def _next(self) -> str:
         """What all ranks do together now."""

@@ -25,7 +25,7 @@ from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import gathered, on_root, scattered
 
-__all__ = ["HasState", "load", "save"]
+__all__ = ["HasState", "Reader", "load", "read", "save"]
 
 T = TypeVar("T", float, int, bool, Array)
 
@@ -80,8 +80,8 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
     comm = stepper.u.function_space.mesh.comm
     expected = fingerprint(stepper)
 
-    def read() -> dict[str, Array]:
-        values, scene = _read(path)
+    def matching() -> dict[str, Array]:
+        values, scene = read(path)
         if scene != expected:
             raise ValueError(
                 f"expected a checkpoint of this scene, given {path}, in which "
@@ -96,8 +96,8 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
 
     values: dict[str, Array] = {}
     # Only rank 0 needs the values; the others learn of an error.
-    on_root(comm, lambda: values.update(read()))
-    archive = _Reader(stepper, values)
+    on_root(comm, lambda: values.update(matching()))
+    archive = Reader(stepper, values)
     for part in (stepper, *others):
         part.serialize(archive)
 
@@ -127,12 +127,18 @@ class _Writer(Archive):
         return arrays
 
 
-class _Reader(Archive):
-    """Archive that gives the values which rank 0 has read."""
+class Reader(Archive):
+    """Archive that gives the values which rank 0 has read. Collective.
+
+    Args:
+        stepper: Stepper that gets them.
+        values: On rank 0 the values by name.
+    """
 
     giving = True
 
     def __init__(self, stepper: Stepper, values: dict[str, Array]) -> None:
+        """Find out whether the partition is that of the checkpoint."""
         self.comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._values = values
         self._is_same_partition = True
@@ -141,16 +147,19 @@ class _Reader(Archive):
         self._is_same_partition = reductions.everywhere(self.comm, same)
 
     def same(self, name: str, value: T) -> T:
+        """Give a number or an array that is the same on all ranks."""
         saved = on_root(self.comm, lambda: self._find(name))
         return saved if isinstance(value, np.ndarray) else type(value)(saved.item())
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
+        """Give values of owned nodes."""
         on_root(self.comm, lambda: (self._find(f"{name}/nodes"), None)[1])
         all_ids = self._values.get(f"{name}/nodes", np.empty(0, dtype=np.int64))
         rows = self._values.get(f"{name}/values", np.empty(0))
         return scattered(self.comm, ids, all_ids, rows).astype(values.dtype, copy=False)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
+        """Give arrays of this rank."""
         if not self._is_same_partition:
             return None
         parts = None
@@ -191,8 +200,14 @@ def _digest(scene: str, values: dict[str, Array]) -> str:
     return digest.hexdigest()
 
 
-def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    """Values and scene of a file. Local.
+def read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    """Read a checkpoint. Local.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Values by name, and the `fingerprint` of the scene.
 
     Raises:
         ValueError: The file is not a whole checkpoint.

@@ -4,7 +4,7 @@ import csv
 import hashlib
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -47,16 +47,17 @@ class Table:
         self.size = archive.same("table_size", self.size)
         self.digest = archive.same("table_digest", self.digest)
 
-    def open(self, resume: bool) -> None:
+    def open(self, columns: Sequence[str], resume: bool) -> None:
         """Begin a new file, or cut the existing one to `size` and continue it.
 
         Args:
+            columns: Names of the columns.
             resume: Whether to continue the existing file.
 
         Raises:
             OSError: The file cannot be created.
-            ValueError: The file to continue does not begin with the rows that it had. It has
-                not been changed.
+            ValueError: The file to continue does not begin with the rows that it had, or has
+                other columns. It has not been changed.
         """
         self._written, self._hash = 0, hashlib.sha256()
         if not resume:
@@ -79,6 +80,7 @@ class Table:
                 f"expected a table {self.path} that begins with the rows which it had at the "
                 "checkpoint, given other rows; put the table back, or start without resume"
             )
+        self._check(columns, known)
         os.truncate(self.path, self.size)
         self._file = open(self.path, "ab")
 
@@ -112,6 +114,18 @@ class Table:
         """Close the file, if it is open."""
         if self._file is not None:
             self._file.close()
+
+    def _check(self, columns: Sequence[str], known: bytes) -> None:
+        """Raise unless the rows that are known, if any, have these columns."""
+        lines = known.decode().splitlines()
+        former = next(csv.reader(lines), list(columns))
+        if former != list(columns):
+            less, more = set(former) - set(columns), set(columns) - set(former)
+            raise ValueError(
+                f"expected the columns of {self.path}, given a run that lacks "
+                f"{sorted(less)[:3] or 'none'} and adds {sorted(more)[:3] or 'none'}: record what "
+                "the table has, or start without resume"
+            )
 
     def _count(self, data: bytes) -> None:
         self._written += len(data)

@@ -1,18 +1,30 @@
 """Arrays of a run that are written to files: its mesh, and the fields of a state."""
 
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import fem
 
+from dolfinx_nts.common.arguments import real_array
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
-from dolfinx_nts.fem.components import in_space, nodal
+from dolfinx_nts.diagnostics.functions import nodal_values
+from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.cell_stress import CellStress
 from dolfinx_nts.parallel.communication import gathered
+from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["mesh_arrays", "nodal_fields"]
+__all__ = ["OwnField", "RunFields", "mesh_arrays"]
+
+# A Function, or what makes its values at the owned nodes of the stepper that it is given.
+OwnField: TypeAlias = "fem.Function | Callable[[Stepper], Any]"
 
 # Position of each vertex of VTK and XDMF among the vertices of DOLFINx.
 _VTK_ORDER = {
@@ -65,49 +77,69 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
     }
 
 
-def nodal_fields(stepper: Stepper) -> dict[str, Array]:
-    """Displacement, velocity and contact at the owned nodes. Collective.
-
-    Where a node belongs to several pairs, it has their smallest gap, the sum of their
-    pressures, slips and tractions, and the largest of the others.
+class RunFields:
+    """Collects the fields of a run that are written to files. Collective, as are its methods.
 
     Args:
         stepper: Stepper whose present state is described.
+        stress: Whether there are fields of the stress.
+        own: Fields of the user by name, see `Recorder`.
 
-    Returns:
-        Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
-        for ``n`` owned nodes; in the plane the third components are 0.
-
-        With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where contact is open, and
-        NaN where a node faces no segment or belongs to no pair; ``contact_pressure`` [Pa];
-        ``active``, 1 where contact transmits force. With friction also ``friction_traction``
-        [Pa], shape ``(n, 3)``; ``slip_state``, 0 open, 1 sticking, 2 sliding; and
-        ``accumulated_slip`` [m]. All but the gap are 0 at nodes without a pair.
+    Raises:
+        ValueError: The name of a field of the user has a letter that files do not take.
     """
-    n = len(stepper.node_ids)
-    fields: dict[str, Array] = {
-        "displacement": in_space(nodal(stepper.u)[:n]),
-        "velocity": in_space(nodal(stepper.v)[:n]),
-    }
-    has_friction = any(pair.friction is not None for pair in stepper.pairs)
-    gap = np.full(n, np.nan)
-    pressure, active, slip_state, slip = np.zeros((4, n))
-    traction = np.zeros((n, 3))
-    for contact in stepper.contacts:
-        at, history = contact.nodes.nodes, contact.history
-        gap[at] = np.fmin(gap[at], contact.gap(stepper.x))
-        pressure[at] += contact.pressure
-        active[at] = np.maximum(active[at], history.active)
-        if contact.pair.friction is not None:
-            slip_state[at] = np.maximum(slip_state[at], history.active + 1.0 * history.sliding)
-            slip[at] += history.slip
-            traction[at] -= contact.nodes.per_area(history.traction)
-    if stepper.pairs:
-        fields |= {"gap": gap, "contact_pressure": pressure, "active": active}
-    if has_friction:
-        fields |= {
-            "friction_traction": traction,
-            "slip_state": slip_state,
-            "accumulated_slip": slip,
+
+    def __init__(
+        self, stepper: Stepper, stress: bool = False, own: Mapping[str, OwnField] | None = None
+    ) -> None:
+        """Check the names, and compile the stress."""
+        self._stepper, self._own = stepper, dict(own or {})
+        for name in self._own:
+            if not name.isidentifier():
+                raise ValueError(
+                    f"expected names of own_fields of letters, digits and _, given {name!r}"
+                )
+        middles = Element.of(stepper.u.function_space).middles
+        self._stress = CellStress(stepper.bodies, stepper.u, middles) if stress else None
+
+    def nodal(self) -> dict[str, Array]:
+        """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
+
+        Raises:
+            ValueError: A field of the user has another shape, or a name that is taken.
+        """
+        fields = nodal_fields(self._stepper)
+        comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
+        for name, own in self._own.items():
+            with agreed(comm, f"evaluate the field {name}"):
+                if name in fields:
+                    raise ValueError(f"expected names that no field has, given {name!r}")
+                fields[name] = self._values(name, own)
+        return fields
+
+    def of_cells(self) -> dict[str, Array]:
+        """Values in the middles of the pieces of the owned cells by name, ``(c, p, ...)``."""
+        if self._stress is None:
+            return {}
+        state = self._stress.evaluate()
+        return {
+            "cauchy_stress": state.cauchy.reshape(*state.energy_density.shape, 9),
+            "von_mises_stress": state.von_mises(),
+            "strain_energy_density": state.energy_density,
         }
-    return fields
+
+    def _values(self, name: str, own: OwnField) -> Array:
+        """Values of a field of the user, checked. Local."""
+        stepper = self._stepper
+        V, value = stepper.u.function_space, own if isinstance(own, fem.Function) else own(stepper)
+        if isinstance(value, fem.Function):
+            values = nodal_values(V, value)
+        else:
+            n, d = len(stepper.node_ids), dimension(V)
+            values = real_array(f"the field {name}", value)
+            if values.shape not in ((n,), (n, d)):
+                raise ValueError(
+                    f"expected a field {name} of shape ({n},) or ({n}, {d}), with a row for each "
+                    f"owned node, given {values.shape}"
+                )
+        return in_space(values) if values.ndim == 2 else values

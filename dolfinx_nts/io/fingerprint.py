@@ -60,6 +60,7 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
         scene[f"body {number}"] = f"{rows(numbers, numbers)} of {_material(stepper, body.material)}"
     for number, pair in enumerate(stepper.pairs, start=1):
         scene[f"pair {number}"] = _pair(pair, ids, rows)
+        scene[f"laws of pair {number}"] = f"{_law(pair.enforcement)}, {_law(pair.friction)}"
     scene["loads"] = ", ".join(
         f"{type(load).__name__} {_digest(load.form(stepper.u_n, stepper.u).signature())}"
         for load in stepper.loads
@@ -99,7 +100,7 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
         text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
     else:
         text += _law(pair.segments)
-    return f"{text}, {pair.method}, {_law(pair.enforcement)}, {_law(pair.friction)}"
+    return f"{text}, {pair.method}"
 
 
 def _law(law: object) -> str:

@@ -1,7 +1,7 @@
 """Recorder: writes the table, the fields and the checkpoints of a run, step by step."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,9 +11,11 @@ from mpi4py import MPI
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.diagnostics.balance import Diagnostics
+from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.parallel.meeting import meet
@@ -36,12 +38,16 @@ class Recorder:
     The **table** ``name.csv`` has a row for each step. Its columns, in SI units, are ``step``,
     ``dt``, those of `Balance`, ``newton_iterations``, ``rejected``, and the change of the total
     energy since the first row by cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
-    ``energy_damping``, ``energy_persistent_contact``, ``energy_activation``,
-    ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
+    ``energy_obstacles``, ``energy_damping``, ``energy_persistent_contact``,
+    ``energy_activation``, ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
     ``energy_surface_equilibrium`` and ``energy_refund``. Each cause is summed on its own. What
     they leave of the change is ``energy_unaccounted``: round-off, unless the script sets the
-    state between steps. ``external_work`` is the work of loads and supports,
-    ``friction_dissipation`` the energy that friction has taken.
+    state between steps. ``external_work`` is the work of loads, supports and obstacles,
+    ``friction_dissipation`` the energy that friction has taken. Behind these come columns of
+    parts of the scene, by the rule ``kind_name_quantity``: for each pair those of
+    `PairBalance`, for each obstacle those of `ObstacleBalance`, for each support those of
+    `Reaction` and its work since the first row, for each load its work since then, and for each
+    body those of `BodyBalance`.
 
     The **fields** ``name.xdmf`` can be opened with ParaView, VTK and meshio. Their values lie
     in the folder ``name_fields``, in one HDF5 file for each state and one for the mesh.
@@ -67,6 +73,18 @@ class Recorder:
         checkpoint_every: Number of steps from one checkpoint to the next; without it there are
             no checkpoints.
         resume: Whether to continue from the checkpoint if there is one.
+        columns_of: Parts of the scene that have columns in the table: ``"pairs"``,
+            ``"obstacles"``, ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on
+            request.
+        stress: Whether the fields have the Cauchy stress, the von Mises stress and the strain
+            energy density of the cells.
+        own_columns: Functions by the name of a column, which return a number or a vector of
+            three for the stepper that they are given, the same on all ranks. All ranks call
+            them for each row.
+        own_fields: Functions by the name of a field, which return values at the owned nodes of
+            the stepper that they are given, shape ``(n,)`` or ``(n, 3)`` in the order of
+            ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
+            itself, which the script keeps up to date.
         fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The latter is a folder
             ``name.bp``, which all ranks write and which cannot be resumed; it needs a DOLFINx
             with ADIOS2.
@@ -76,9 +94,11 @@ class Recorder:
 
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``fields`` is another
-            kind, or one that cannot be resumed, or ``name`` is that of a folder or has a colon,
-            a backslash or characters that cannot be printed.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``columns_of`` has another
+            word, ``fields`` is another kind, or one that cannot be resumed or has no stress, a
+            name in ``own_fields`` has other letters than those of Python's names, or ``name``
+            is that of a folder or has a colon, a backslash or characters that cannot be
+            printed.
 
     Example:
         >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:
@@ -86,7 +106,7 @@ class Recorder:
         ...         record.write(step)
         >>> print(record.summary())
         run: 5 steps from t = 0 to 0.05 s
-        Newton iterations: ...
+        total energy: 250 J, ...
     """
 
     def __init__(
@@ -98,14 +118,30 @@ class Recorder:
         times: Sequence[float] | None = None,
         checkpoint_every: int | None = None,
         resume: bool = False,
+        columns_of: Collection[Parts] = ("pairs", "obstacles", "supports", "loads"),
+        stress: bool = False,
+        own_columns: Mapping[str, OwnColumn] | None = None,
+        own_fields: Mapping[str, OwnField] | None = None,
         fields: Literal["xdmf", "vtx"] = "xdmf",
     ) -> None:
         """Check the arguments; entering the ``with`` block creates the files."""
         chosen = None if times is None else tuple(float(t) for t in times)
-        self._options = _Options(str(name), every, chosen, checkpoint_every, resume, fields)
+        self._options = _Options(
+            name=str(name),
+            every=every,
+            times=chosen,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
+            columns_of=tuple(columns_of),
+            stress=stress,
+            own_columns=tuple(own_columns or ()),
+            own_fields=tuple(own_fields or ()),
+            fields=fields,
+        )
         self._stepper = stepper
         self.diagnostics = Diagnostics(stepper)
-        self._files = RunFiles(str(name), stepper, fields)
+        self._columns = RunColumns(self.diagnostics, columns_of, own_columns)
+        self._files = RunFiles(str(name), stepper, fields, RunFields(stepper, stress, own_fields))
         comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._comm = comm
         self._interrupts = Interrupts(comm)
@@ -129,11 +165,14 @@ class Recorder:
         meet(self._comm, f"open {self!r}")
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
-            self._ledger = EnergyLedger(self._stepper.step, self.diagnostics.balance())
+            stepper = self._stepper
+            numbers = len(stepper.loads), len(stepper.supports)
+            self._ledger = EnergyLedger(stepper.step, self.diagnostics.balance(), *numbers)
+            first = self._columns.row(None, self._ledger)
             stack.callback(self._files.close)
-            if not self._files.open(self._ledger, self._options.resume):
+            if not self._files.open(self._ledger, list(first), self._options.resume):
                 self._files.fields.write()
-                self._write_row(0.0)
+                self._files.write_row(first)
             if self._options.checkpoint_every is not None:
                 stack.enter_context(self._interrupts)
             self._open = stack.pop_all()
@@ -163,7 +202,7 @@ class Recorder:
             )
         with self._stepper.timings.phase("output"):
             self._ledger.add(step, self.diagnostics.bulk_defect(), self.diagnostics.balance())
-            self._write_row(step.dt, step.newton_iterations, step.rejected)
+            self._files.write_row(self._columns.row(step, self._ledger))
             if self._options.has_fields(self._ledger.num_steps, step.t):
                 self._files.fields.write()
             if self._options.checkpoint_every is not None:
@@ -201,8 +240,9 @@ class Recorder:
         """Describe the run after the ``with`` block. Local.
 
         Returns:
-            Lines with the number of steps and Newton iterations, changes of conserved
-            quantities, and wall time by phase [s] on this rank.
+            Lines with the number of steps, changes of conserved quantities and the energy that
+            is unaccounted for; then those of the solver, with iterations and wall time by phase
+            [s] on this rank.
 
         Raises:
             ValueError: The ``with`` block has not been entered.
@@ -219,19 +259,6 @@ class Recorder:
         if self._comm.rank == 0:
             _logger.warning("%s; %s", what, self._files.how_to_go_on())
 
-    def _write_row(self, dt: float, newton_iterations: int = 0, rejected: int = 0) -> None:
-        self._files.write_row(
-            {
-                "step": self._ledger.step,
-                "time": self._ledger.last.time,
-                "dt": dt,
-                **self._ledger.last.columns(),
-                "newton_iterations": newton_iterations,
-                "rejected": rejected,
-                **self._ledger.columns(),
-            }
-        )
-
 
 @dataclass(frozen=True)
 class _Options:
@@ -242,6 +269,10 @@ class _Options:
     times: tuple[float, ...] | None
     checkpoint_every: int | None
     resume: bool
+    columns_of: tuple[str, ...]
+    stress: bool
+    own_columns: tuple[str, ...]
+    own_fields: tuple[str, ...]
     fields: str
 
     def __post_init__(self) -> None:
@@ -249,6 +280,10 @@ class _Options:
             raise ValueError(f"expected fields 'xdmf' or 'vtx', given {self.fields!r}")
         if self.fields == "vtx" and self.resume:
             raise ValueError("expected fields='xdmf' with resume, given 'vtx', which cannot do it")
+        if self.fields == "vtx" and self.stress:
+            raise ValueError(
+                "expected fields='xdmf' with stress, given 'vtx', whose fields have nodes"
+            )
         if self.every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {self.every}")
         if self.checkpoint_every is not None and self.checkpoint_every < 1:

@@ -11,6 +11,7 @@ from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
+from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.name_lock import NameLock
 from dolfinx_nts.io.scripted_step import ScriptedStep
 from dolfinx_nts.io.vtx import VtxFile
@@ -29,6 +30,7 @@ class RunFiles:
         name: Path of the files without suffix.
         stepper: Stepper of the run.
         kind: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``.
+        fields: What is written of each state.
 
     Attributes:
         fields: File of the fields.
@@ -38,7 +40,7 @@ class RunFiles:
             take as they are.
     """
 
-    def __init__(self, name: str, stepper: Stepper, kind: str) -> None:
+    def __init__(self, name: str, stepper: Stepper, kind: str, fields: RunFields) -> None:
         """Check the name; `open` creates the files."""
         _check_name(name)
         self._stepper = stepper
@@ -50,16 +52,17 @@ class RunFiles:
         self._saved = (0, 0.0)
         self._script: ScriptedStep
         self.fields: XdmfFile | VtxFile = (
-            VtxFile(Path(f"{name}.bp"), stepper)
+            VtxFile(Path(f"{name}.bp"), stepper, fields)
             if kind == "vtx"
-            else XdmfFile(Path(f"{name}.xdmf"), stepper)
+            else XdmfFile(Path(f"{name}.xdmf"), stepper, fields)
         )
 
-    def open(self, ledger: EnergyLedger, resume: bool) -> bool:
+    def open(self, ledger: EnergyLedger, columns: Sequence[str], resume: bool) -> bool:
         """Create the files, or bring the run into the state of its checkpoint.
 
         Args:
             ledger: Ledger of the run, a part of the checkpoint.
+            columns: Names of the columns of the table.
             resume: Whether to resume the run if there is a checkpoint.
 
         Returns:
@@ -90,7 +93,7 @@ class RunFiles:
             self.fields.check()
             if not resume:
                 self._checkpoint.unlink(missing_ok=True)
-            self._table.open(resume)
+            self._table.open(columns, resume)
 
         on_root(self._comm, open_table)
         self.fields.open(resume)

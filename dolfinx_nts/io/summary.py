@@ -34,8 +34,10 @@ class Summary:
             ledger: Steps and energies of the run.
 
         Returns:
-            Lines with the number of steps and Newton iterations, changes of conserved
-            quantities, and wall time by phase [s] on this rank.
+            Lines with the number of steps, changes of conserved quantities, the energy that is
+            unaccounted for, and overlaps; then, after a line ``solver``, Newton iterations,
+            laws of the pairs, work of the linear solver, and wall time by phase [s] on this
+            rank.
         """
         phases = {
             name: seconds - self._before.get(name, 0.0)
@@ -47,13 +49,19 @@ class Summary:
         return "\n".join(
             [
                 f"{self._name}: {ledger.num_steps} steps {time_span}",
-                ledger.iterations(),
-                *str(self._stepper.statistics).splitlines(),
                 *ledger.drifts(),
                 *(
                     f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
                     for o in self._stepper.watch.overlaps.deepest.values()
                 ),
-                f"wall time: {self._duration:.1f} s ({times})",
+                "solver",
+                *(
+                    f"  {line}"
+                    for line in (
+                        ledger.iterations(),
+                        *str(self._stepper.statistics).splitlines(),
+                        f"wall time: {self._duration:.1f} s ({times})",
+                    )
+                ),
             ]
         )

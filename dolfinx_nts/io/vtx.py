@@ -10,15 +10,15 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.compat import vtx_writer
-from dolfinx_nts.fem.components import dimension, nodal
+from dolfinx_nts.diagnostics.functions import NodalFunctions
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.fields import nodal_fields
+from dolfinx_nts.io.fields import RunFields
 
 __all__ = ["VtxFile"]
 
 
 class VtxFile:
-    """Writes the fields of `nodal_fields` and the number of the body of each node.
+    """Writes the nodal fields of a run and the number of the body of each node.
 
     All ranks write their own nodes, nothing is gathered. Collective, as all its methods except
     `check`.
@@ -26,14 +26,15 @@ class VtxFile:
     Args:
         path: The file, ``.bp``, which is a folder.
         stepper: Stepper whose states are written.
+        fields: What is written of each state.
 
     Raises:
         RuntimeError: DOLFINx was built without ADIOS2.
     """
 
-    def __init__(self, path: Path, stepper: Stepper) -> None:
+    def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the name of the file; `open` creates it."""
-        self._path, self._stepper = path, stepper
+        self._path, self._stepper, self._fields = path, stepper, fields
         self._make_writer = vtx_writer()
         self._last_step = -1
 
@@ -57,19 +58,12 @@ class VtxFile:
         """
         V = self._stepper.u.function_space
         comm: MPI.Comm = V.mesh.comm
-        # Carries values from the owned nodes to all nodes of a rank.
-        self._carrier = fem.Function(V)
-        scalars, self._dofs = V.sub(0).collapse()
-        self._functions = {
-            name: fem.Function(V if values.ndim == 2 else scalars, name=name)
-            for name, values in nodal_fields(self._stepper).items()
-        }
-        body = fem.Function(scalars, name="body")
-        numbers = np.zeros(len(nodal(self._carrier)))
+        self._functions = NodalFunctions(V)
+        numbers = np.zeros(len(self._stepper.x))
         for number, b in reversed(list(enumerate(self._stepper.bodies))):
             numbers[b.nodes] = number
-        body.x.array[:] = np.repeat(numbers, dimension(V))[self._dofs]
-        functions = [*self._functions.values(), body]
+        body = self._functions.set("body", numbers[: len(self._stepper.node_ids)])
+        functions = [*self._set(), body]
         self._writer: Any = self._make_writer(comm, self._path, functions, engine="BP4")
         self._last_step = -1
 
@@ -78,13 +72,7 @@ class VtxFile:
         if self._stepper.step == self._last_step:
             return
         self._last_step = self._stepper.step
-        for name, values in nodal_fields(self._stepper).items():
-            carried = nodal(self._carrier)
-            d = carried.shape[1]
-            carried[: len(values)] = values[:, :d] if values.ndim == 2 else values[:, None]
-            self._carrier.x.scatter_forward()
-            array = self._functions[name].x.array
-            array[:] = carried.ravel() if values.ndim == 2 else carried.ravel()[self._dofs]
+        self._set()
         self._writer.write(self._stepper.t)
 
     def flush(self) -> None:
@@ -93,3 +81,7 @@ class VtxFile:
     def close(self) -> None:
         """Close the file."""
         self._writer.close()
+
+    def _set(self) -> list[fem.Function]:
+        """Give the Functions the values of the present state."""
+        return [self._functions.set(name, v) for name, v in self._fields.nodal().items()]

@@ -26,8 +26,8 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.atomic_file import check_replaceable, hdf5_image, replace, sync
-from dolfinx_nts.io.fields import mesh_arrays, nodal_fields
-from dolfinx_nts.io.xdmf_grid import mesh_xml, state_xml
+from dolfinx_nts.io.fields import RunFields, mesh_arrays
+from dolfinx_nts.io.xdmf_grid import CELLS, mesh_xml, state_xml
 from dolfinx_nts.io.xml_series import XmlSeries
 from dolfinx_nts.parallel.communication import gathered, on_root
 
@@ -52,7 +52,7 @@ _OWN = re.compile(r"(\d{9}|mesh)\.h5(\.new)?")
 
 
 class XdmfFile:
-    """Writes the fields of `nodal_fields` and the number of the body of each cell.
+    """Writes the fields of a run and the number of the body of each cell.
 
     Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
     all its methods except `check`.
@@ -61,11 +61,12 @@ class XdmfFile:
         path: The XDMF file. The folder beside it has its name with ``_fields`` in the place of
             ``.xdmf``.
         stepper: Stepper whose states are written.
+        fields: What is written of each state.
     """
 
-    def __init__(self, path: Path, stepper: Stepper) -> None:
+    def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
-        self._stepper = stepper
+        self._stepper, self._fields = stepper, fields
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self._path = path
         self._folder = path.with_name(f"{path.stem}_fields")
@@ -123,11 +124,16 @@ class XdmfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        ids = self._stepper.node_ids
+        mesh = self._stepper.u.function_space.mesh
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        cells = mesh.topology.original_cell_index[:owned]
         fields = {
-            name: gathered(self._comm, ids, values)[1]
-            for name, values in nodal_fields(self._stepper).items()
+            name: gathered(self._comm, self._stepper.node_ids, values)[1]
+            for name, values in self._fields.nodal().items()
         }
+        for name, values in self._fields.of_cells().items():
+            each = gathered(self._comm, cells, values)[1]
+            fields[f"{CELLS}/{name}"] = each.reshape(-1, *each.shape[2:])
         on_root(self._comm, lambda: self._append(f"{step:09d}.h5", fields))
         self._steps.add(step)
 

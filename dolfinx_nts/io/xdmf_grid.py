@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape
 
-__all__ = ["mesh_xml", "state_xml"]
+__all__ = ["CELLS", "mesh_xml", "state_xml"]
+
+# Group of a file of a state in which the values of cells are.
+CELLS = "cells"
 
 # Names in XDMF by the kind of cells.
 _CELLS = {
@@ -47,22 +50,31 @@ def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> s
         file: HDF5 file of the state, relative to the XDMF file.
         mesh: XML of the mesh.
         time: Time of the state [s].
-        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``.
+        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``; those of cells, also
+            tensors ``(m, 9)``, have names that begin with ``cells/``, or are in such a group.
 
     Returns:
         XML element, without the indentation of its first line.
     """
-    attributes = (_attribute("Node", file, name, fields[name]) for name in sorted(fields))
+    group = fields.get(CELLS, {})
+    every = {name: fields[name] for name in fields if name != CELLS}
+    every |= {f"{CELLS}/{name}": group[name] for name in group}
+    attributes = (_attribute(_centre(name), file, name, every[name]) for name in sorted(every))
     return (
         '<Grid Name="state" GridType="Uniform">\n'
         f'{mesh}        <Time Value="{time!r}"/>\n{"".join(attributes)}      </Grid>\n'
     )
 
 
+def _centre(name: str) -> str:
+    return "Cell" if name.startswith(f"{CELLS}/") else "Node"
+
+
 def _attribute(centre: str, file: str, name: str, values: Any) -> str:
-    kind = "Vector" if values.ndim == 2 else "Scalar"
+    kind = {(): "Scalar", (3,): "Vector", (9,): "Tensor"}[values.shape[1:]]
+    label = name.removeprefix(f"{CELLS}/")
     return (
-        f'        <Attribute Name="{name}" AttributeType="{kind}" Center="{centre}">\n'
+        f'        <Attribute Name="{label}" AttributeType="{kind}" Center="{centre}">\n'
         f"{_item(file, name, values)}        </Attribute>\n"
     )
 

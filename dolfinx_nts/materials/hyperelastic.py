@@ -34,8 +34,11 @@ _SMALL_STRAIN_INCREMENT = 1e-2
 _LARGE_STRAIN = 0.1
 # Relative errors [-] of energies, and of eigenvalues of moduli, that are round-off.
 _ROUND_OFF = 1e-10
-# Stress without deformation, relative to the moduli [-], that comes from rounded parameters.
+# Stress that should vanish, relative to the moduli [-], that comes from rounded parameters.
 _NO_STRESS = 1e-6
+# Poisson's ratios of small strains [-], rounded, from which on hexahedra lock enough to matter;
+# and at which nothing but volume has energy.
+_LOCKS, _FLUID = 0.3 - 1e-9, 0.5 - 1e-9
 # Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
 # other a logarithm of the volume doubles, a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
@@ -61,17 +64,18 @@ class Hyperelastic(Declaration):
         stiffness_damping: Coefficient beta [s].
         one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
             change of volume, in hexahedra of degree 1, which then do not lock in nearly
-            incompressible materials. Or names of parameters whose
-            terms of ``psi``, in which it must be linear, have one point. Energy is conserved
-            with every choice, because every point has an energy and a conserving stress of its
-            own.
+            incompressible materials; this is the default from a Poisson's ratio of 0.3 on, but
+            for energies with fields, or with fibres that resist an equal change of volume. Or
+            names of parameters whose terms of ``psi``, in which it must be linear, have one
+            point; ``()`` for none, as in the paper. Energy is conserved with every choice,
+            because every point has an energy and a conserving stress of its own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
-        splits_volume: Whether ``"volumetric"`` was given. Without names the energy of an equal
-            change of volume, psi(J^(2/3) 1), has one point.
+        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
+            energy of an equal change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -80,7 +84,8 @@ class Hyperelastic(Declaration):
             twice differentiable at C = 1, where energies without fields are evaluated, or has a
             stress there; stiffness damping would add energy, as the moduli at C = 1 have a
             negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is
-            not the sum of both parts.
+            not the sum of both parts, or under an equal change of volume has a stress that is
+            no pressure where ``"volumetric"`` is given.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -97,7 +102,7 @@ class Hyperelastic(Declaration):
         rho: float,
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
-        one_point: str | Sequence[str] = (),
+        one_point: str | Sequence[str] | None = None,
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -115,26 +120,23 @@ class Hyperelastic(Declaration):
         numbers = {name: float(value) for name, value in parameters.items()}
         self.parameters = MappingProxyType(numbers)
         self._psi = psi
-        self.splits_volume = one_point == "volumetric"
-        self.one_point = (
-            self._volumetric_parameters() if self.splits_volume else frozenset(one_point)
-        )
+        self._check_energy()
+        self._has_default = one_point is None
+        self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
                 f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
                 f"given {one_point!r}"
             )
-        self._check_energy()
+        self._check_parts()
 
     def __repr__(self) -> str:
         """Numbers in SI units, and the options that are set, in one line. Local."""
         names = tuple(sorted(self.one_point))
-        options = {
-            "mass_damping": self.mass_damping,
-            "stiffness_damping": self.stiffness_damping,
-            "one_point": "volumetric" if self.splits_volume else names,
-        }
-        options = {name: value for name, value in options.items() if value}
+        damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
+        options: dict[str, Any] = {name: value for name, value in damping.items() if value}
+        if not self._has_default:
+            options["one_point"] = "volumetric" if self.splits_volume else names
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
@@ -215,7 +217,7 @@ class Hyperelastic(Declaration):
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def _check_energy(self) -> None:
-        """Raise unless the energy is a scalar with derivatives that fit the options."""
+        """Raise unless the energy is a scalar with derivatives that fit the damping."""
         value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
         if (shape := value.ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -228,7 +230,6 @@ class Hyperelastic(Declaration):
                 f"expected psi(C) twice differentiable at C = 1, given {error}"
             ) from error
         self._check_stress()
-        self._check_parts()
         if self.stiffness_damping > 0:
             least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
             if least < -_ROUND_OFF * max(most, -least):
@@ -252,7 +253,7 @@ class Hyperelastic(Declaration):
 
     def _check_parts(self) -> None:
         """Raise unless the energy is the sum of its parts for `one_point`."""
-        if not self.one_point:
+        if not self.one_point or self._has_fields:
             return
         C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
@@ -293,6 +294,33 @@ class Hyperelastic(Declaration):
         diagonal = np.diag(curvature) / 4
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
+
+    def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
+        """`splits_volume` and `one_point` of what was given."""
+        if one_point is None:
+            splits = _LOCKS <= poisson_ratio(self) < _FLUID
+        else:
+            splits = one_point == "volumetric"
+        if not splits:
+            return False, frozenset(one_point or ())
+        names = self._volumetric_parameters()
+        if names or self._has_fields or self._volume_has_pressure_alone():
+            return True, names
+        if one_point is None:
+            return False, frozenset()
+        raise ValueError(
+            "expected an energy whose stress is a pressure where nothing but the volume changes, "
+            "for one_point='volumetric', given one with another stress there, as of fibres: some "
+            "deformations would release energy; give one_point=(), or let fibres feel "
+            "(det C)^(-1/3) C only"
+        )
+
+    def _volume_has_pressure_alone(self) -> bool:
+        """Whether the stress of a small equal change of volume is a pressure."""
+        volume = np.einsum("aii->a", self.strain_basis())
+        stress = self.moduli @ volume
+        rest = stress - stress @ volume / 3 * volume
+        return bool(np.abs(rest).max() <= _NO_STRESS * np.abs(self.moduli).max())
 
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
@@ -355,7 +383,7 @@ class PartOfEnergy(Hyperelastic):
     def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
         """Take over all numbers."""
         self.rho, self.parameters = material.rho, material.parameters
-        self.one_point, self.splits_volume = frozenset(), False
+        self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
         self.mass_damping = material.mass_damping
         self.stiffness_damping = material.stiffness_damping
         self._psi = psi
@@ -373,7 +401,10 @@ class MassOnly(Hyperelastic):
     def __init__(self, material: Hyperelastic) -> None:
         """Take over density and mass damping; the energy is zero."""
         super().__init__(
-            lambda C, **parameters: ufl.zero(), rho=material.rho, mass_damping=material.mass_damping
+            lambda C, **parameters: ufl.zero(),
+            rho=material.rho,
+            mass_damping=material.mass_damping,
+            one_point=(),
         )
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:

@@ -82,8 +82,8 @@ class NeoHookean(Hyperelastic):
             ``volumetric`` is unknown.
 
     Example:
-        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point="volumetric")
-        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point='volumetric')
+        >>> nts.NeoHookean(E=1.0e5, nu=0.49, rho=1.0e3, one_point=())
+        NeoHookean(E=100000, nu=0.49, volumetric='log', rho=1000, one_point=())
     """
 
     def __init__(

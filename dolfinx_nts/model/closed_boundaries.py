@@ -17,7 +17,15 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.surfaces import area_vectors, diameters
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ClosedBoundary", "closed_boundaries", "outward_triangles", "triangles_at"]
+__all__ = [
+    "ClosedBoundary",
+    "closed_boundaries",
+    "outward_triangles",
+    "raised",
+    "triangles_at",
+    "wall_height",
+    "walls",
+]
 
 # Triangles and edges of a segment, by its number of vertices in Basix order.
 _TRIANGLES = {
@@ -121,14 +129,36 @@ def triangles_at(x: Floats, triangles: Ints) -> Floats:
     Returns:
         Shape ``(t, 3, 3)`` [m], two triangles an edge.
     """
+    if triangles.shape[1] == 2:
+        x, triangles = raised(x, wall_height(x[triangles])), walls(triangles, len(x))
     corners: Floats = x.take(triangles, axis=0)
-    if triangles.shape[1] == 3:
-        return corners
-    extent = np.ptp(corners.reshape(-1, 3), axis=0).max() if len(corners) else 0.0
-    up = np.array([0.0, 0.0, _HEIGHT * extent])
-    a, b = corners[:, 0], corners[:, 1]
-    walls = np.stack([a - up, b - up, b + up, a - up, b + up, a + up], axis=1)
-    return walls.reshape(-1, 3, 3)
+    return corners
+
+
+def wall_height(x: Floats) -> float:
+    """Height of walls around positions, shape ``(..., 3)`` [m]. Local."""
+    return float(_HEIGHT * np.ptp(x.reshape(-1, 3), axis=0).max()) if x.size else 0.0
+
+
+def raised(x: Floats, height: float) -> Floats:
+    """Positions so far below and above those in the plane, ``(l, 3)``: ``(2 l, 3)`` [m]. Local."""
+    up = np.array([0.0, 0.0, height])
+    return np.concatenate([x - up, x + up])
+
+
+def walls(edges: Ints, num_nodes: int) -> Ints:
+    """Triangles of the walls that edges sweep, as rows of `raised` positions. Local.
+
+    Args:
+        edges: Ends of the edges in outward sense, shape ``(t, 2)``.
+        num_nodes: Number of positions in the plane.
+
+    Returns:
+        Shape ``(2 t, 3)``.
+    """
+    (a, b), n = edges.T, num_nodes
+    corners: Ints = np.column_stack([a, b, b + n, a, b + n, a + n]).astype(np.int32)
+    return corners.reshape(-1, 3)
 
 
 def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:

@@ -9,8 +9,9 @@ from dolfinx import fem
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
-from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension, moments
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
@@ -45,13 +46,20 @@ class Supports:
         self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
         self._comm: MPI.Comm = V.mesh.comm
         self._dim = dimension(V)
-        dofs = np.concatenate(
-            [np.empty(0, dtype=np.int32), *(bc.dof_indices()[0] for bc in self._bcs)]
-        )
         # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.
-        owned = dofs[dofs < self._dim * V.dofmap.index_map.size_local]
-        self.fixed, count = np.unique(owned, return_counts=True)
+        size = self._dim * V.dofmap.index_map.size_local
+        each = [dofs[dofs < size] for dofs in (bc.dof_indices()[0] for bc in self._bcs)]
+        owned = np.concatenate([np.empty(0, dtype=np.int32), *each])
+        self.fixed, first, count = np.unique(owned, return_index=True, return_counts=True)
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
+        ends = np.cumsum([len(dofs) for dofs in each])
+        # Number of the first condition of each fixed dof.
+        number = np.searchsorted(ends, first, side="right")
+        self._number: Ints = np.asarray(number, dtype=np.int32)
+
+    def __len__(self) -> int:
+        """Number of conditions. Local."""
+        return len(self._bcs)
 
     @property
     def exist(self) -> bool:
@@ -89,6 +97,29 @@ class Supports:
             text = f"expected finite displacements in bcs, given {bad[0]}"
         if reductions.anywhere(self._comm, bool(text)):
             raise ValueError(max(self._comm.allgather(text)))
+
+    def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
+        """Sum the forces of a step for each condition.
+
+        A dof with several conditions counts for the first of them.
+
+        Args:
+            force: Forces by the supports on the fixed dofs, shape ``(f,)`` [N].
+            x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
+            du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
+
+        Returns:
+            The reaction of each condition, in the order in which they were given.
+        """
+        d = self._dim
+        vectors = np.zeros((len(force), 3))
+        vectors[np.arange(len(force)), self.fixed % d] = force
+        turning = moments(np.cross(x[self.fixed // d], vectors), d)
+        parts = np.column_stack([vectors[:, :d], turning, force * du])
+        sums = np.zeros((len(self._bcs), parts.shape[1]))
+        np.add.at(sums, self._number, parts)
+        rows = reductions.total(self._comm, sums).tolist()
+        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
 
     def applied(self, values: Floats) -> Floats:
         """Put the present values of the conditions into displacements.

@@ -42,6 +42,11 @@ class Load(ABC):
 
     V: fem.FunctionSpace
 
+    @property
+    def name(self) -> str:
+        """What tables call the load: its class, and where it acts if that is one place. Local."""
+        return type(self).__name__
+
     @abstractmethod
     def update(self, t: float) -> None:
         """Set the value of the load to that at a time.
@@ -162,6 +167,11 @@ class BodyForce(_LoadWithValue):
         (self._body,) = instances(Body, [body])
         super().__init__(body.V, value)
 
+    @property
+    def name(self) -> str:
+        """Class and body. Local."""
+        return f"{type(self).__name__} {self._body.name}"
+
     def __repr__(self) -> str:
         """Body and value [N/m^3] in one line. Local."""
         return as_call(self, body=self._body, value=self._described())
@@ -228,6 +238,11 @@ class _SurfaceLoad(_LoadWithValue):
         """Check the surface and the value."""
         (self._surface,) = instances(Surface, [surface])
         super().__init__(surface.V, value)
+
+    @property
+    def name(self) -> str:
+        """Class and surface. Local."""
+        return f"{type(self).__name__} {self._surface.name}"
 
     def __repr__(self) -> str:
         """Surface and value [Pa] in one line. Local."""

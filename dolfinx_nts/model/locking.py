@@ -11,12 +11,13 @@ __all__ = ["warn_of_locking"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Poisson's ratio of small strains [-], rounded, from which on tetrahedra of degree 1 are useless.
+# Poisson's ratio of small strains [-], rounded, from which on tetrahedra and triangles of degree
+# 1 are useless.
 _NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
 
 
 def warn_of_locking(bodies: Sequence[Body]) -> None:
-    """Warn of nearly incompressible bodies of tetrahedra of degree 1. Local.
+    """Warn of nearly incompressible bodies of tetrahedra or triangles of degree 1. Local.
 
     No quadrature helps these: they have more cells than nodes, and each keeps its volume.
 
@@ -25,13 +26,15 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     element = Element.of(V)
-    if (element.cell, element.degree) != ("tetrahedron", 1) or V.mesh.comm.rank > 0:
+    if not (element.is_simplex and element.degree == 1) or V.mesh.comm.rank > 0:
         return
     names = [b.name for b in bodies if poisson_ratio(b.material) >= _NEARLY_INCOMPRESSIBLE]
     if names:
         _logger.warning(
-            "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, those of %s: "
+            "%s of degree 1 lock at Poisson's ratios of 0.45 and more, those of %s: "
             "energies are right for the mesh, but bodies bend and rebound as if they were far "
-            "stiffer; take degree 2, or hexahedra",
+            "stiffer; take %s",
+            {"tetrahedron": "tetrahedra", "triangle": "triangles"}[element.cell],
             ", ".join(names),
+            {"tetrahedron": "degree 2, or hexahedra", "triangle": "quadrilaterals"}[element.cell],
         )

@@ -1,35 +1,42 @@
 r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
 
-An obstacle takes the place of a surface's segments in a contact pair, has no unknowns and never
-moves. Gap and normal are those of the exact surface. The contact force of the energy-momentum
-scheme is a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
-Obstacles made of facets are in `rigid_surface`.
+An obstacle takes the place of a surface's segments in a contact pair and has no unknowns. It is
+at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`. Gap
+and normal are those of the exact surface. The contact force of the energy-momentum scheme is a
+discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made
+of facets are in `rigid_surface`.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from copy import copy
+from typing import TypeVar
 
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.motion import Motion, vector
 from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
+
+Self = TypeVar("Self", bound="Obstacle")
 
 
 class Obstacle(Declaration):
     """Base of all obstacles, which take the place of segments in a contact pair. Local.
 
     Pairs with an obstacle consist of the node alone, so that gradients have the three entries
-    of its position. Methods are for the contact of a stepper.
+    of its position. Methods are for the contact of a stepper. In them positions are those in the
+    frame of the obstacle, which is space where it is at rest.
 
     Attributes:
         dim: Dimension of the space it is in, 3, or 2 where its points have two coordinates.
+        motion: How it moves.
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
         shortest_passage: Motion in a step below which no node passes the obstacle [m].
 
@@ -39,17 +46,52 @@ class Obstacle(Declaration):
         True
     """
 
+    motion = Motion()
     key: GlobalInts = np.zeros(1, dtype=np.int64)
     shortest_passage = np.inf
     dim = 3
 
+    def moving(self: Self, motion: Motion) -> Self:
+        """Return the same obstacle with a prescribed motion. Local.
+
+        Args:
+            motion: Where it is at each time, relative to where it was declared; in the plane with
+                translations of two numbers, and rotations about z.
+
+        Returns:
+            Another obstacle; this one stays as it is.
+
+        Raises:
+            TypeError: ``motion`` is no `Motion`.
+            ValueError: Its centre has two coordinates, but the obstacle three.
+
+        Example:
+            >>> ball = nts.RigidSphere(centre=(0, 0, 2), radius=1.0)
+            >>> ball.moving(nts.Motion(translation=lambda t: (0, 0, -0.1 * t))).name
+            'a moving RigidSphere'
+        """
+        if not isinstance(motion, Motion):
+            raise TypeError(
+                "expected a Motion, such as Motion(translation=lambda t: (0, 0, -t)), given "
+                f"{motion!r}"
+            )
+        motion.check(self.dim)
+        other = copy(self)
+        vars(other)["motion"] = motion
+        return other
+
     @property
     def name(self) -> str:
         """Kind of the obstacle, for messages."""
-        return f"a {type(self).__name__}"
+        return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
 
     def __repr__(self) -> str:
-        """Arguments that define the surface, or its number of facets, in one line. Local."""
+        """Arguments that define the surface, and its motion, in one line. Local."""
+        motion = "" if self.motion.is_rest else f".moving({self.motion!r})"
+        return f"{self._declaration()}{motion}"
+
+    def _declaration(self) -> str:
+        """Arguments that define the surface, or its number of facets."""
         return as_call(self, num_facets=len(self.key))
 
     @abstractmethod
@@ -239,11 +281,10 @@ class RigidPlane(_Exact):
     def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
         """Check the arguments and normalise the direction."""
         self.dim = _dimension("point", point)
-        self._point = _vector("point", point, self.dim)
+        self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
 
-    def __repr__(self) -> str:
-        """Point [m] and unit normal in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
@@ -276,7 +317,7 @@ class _Round(_Exact):
         if not (np.isfinite(radius) and radius > 0):
             raise ValueError(f"expected a radius > 0, given {radius}")
         self.dim = _dimension("centre", centre)
-        self._centre, self._radius = _vector("centre", centre, self.dim), float(radius)
+        self._centre, self._radius = vector("centre", centre, self.dim), float(radius)
         self._projector, self._sign = projector, -1.0 if hollow else 1.0
         if not hollow:
             self.shortest_passage = self._radius / 2
@@ -341,14 +382,9 @@ class RigidSphere(_Round):
         """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
 
-    def __repr__(self) -> str:
-        """Centre and radius [m] in one line. Local."""
-        return as_call(
-            self,
-            centre=self._centre[: self.dim],
-            radius=self._radius,
-            hollow=self._sign < 0,
-        )
+    def _declaration(self) -> str:
+        centre = self._centre[: self.dim]
+        return as_call(self, centre=centre, radius=self._radius, hollow=self._sign < 0)
 
 
 class RigidCylinder(_Round):
@@ -374,10 +410,10 @@ class RigidCylinder(_Round):
     ) -> None:
         """Check the arguments."""
         self._axis = a = _direction("axis", axis)
+        vector("point", point, 3)  # there are none in the plane
         super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
 
-    def __repr__(self) -> str:
-        """Point and radius [m] and unit vector of the axis in one line. Local."""
+    def _declaration(self) -> str:
         return as_call(
             self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
         )
@@ -388,20 +424,12 @@ def _dimension(name: str, value: Sequence[float]) -> int:
     return 2 if real_array(name, value).shape == (2,) else 3
 
 
-def _vector(name: str, value: Sequence[float], dim: int = 3) -> Floats:
-    vector = real_array(name, value)
-    if vector.shape != (dim,) or not np.all(np.isfinite(vector)):
-        number = {2: "two", 3: "three"}[dim]
-        raise ValueError(f"expected {number} finite numbers for {name}, given {value}")
-    return in_space(vector)
-
-
 def _direction(name: str, value: Sequence[float], dim: int = 3) -> Floats:
-    vector = _vector(name, value, dim)
-    length = np.linalg.norm(vector)
+    given = vector(name, value, dim)
+    length = np.linalg.norm(given)
     if length == 0:
         raise ValueError(f"expected a direction for {name}, given {value}")
-    direction: Floats = vector / length
+    direction: Floats = given / length
     return direction
 
 

@@ -177,7 +177,8 @@ def _figure(rows: int, columns: int) -> tuple[Any, Any]:
 def _unexplained(rows: Any) -> tuple[Any, Any]:
     """Times, and the change of energy that no work explains, relative [-]."""
     energy = rows["total_energy"]
-    work = sum(rows[f"energy_{cause}"] for cause in ("loads", "supports", "damping", "friction"))
+    causes = ("loads", "supports", "obstacles", "damping", "friction")
+    work = sum(rows[f"energy_{cause}"] for cause in causes)
     scale = max(np.abs(energy).max(), np.abs(work).max())
     return rows["time"], np.abs(energy - energy[0] - work) / (scale or 1.0)
 

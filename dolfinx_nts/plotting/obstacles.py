@@ -13,11 +13,11 @@ from dolfinx_nts.plotting.canvas import FACETS, grid_of
 __all__ = ["surface_near"]
 
 _POINTS = 60  # of the grid along the longest side of the box in which the surface is found
-_MARGIN = 0.03  # of the box around the bodies [-]
+# Margins of the box around the bodies [-]: of walls, and of tools, which are seen from outside.
+_WALL, _TOOL = 0.03, 0.2
 
 
-@singledispatch
-def surface_near(obstacle: Obstacle, points: Floats) -> Any:
+def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
     """Find the surface of an obstacle in the box around some points. Local.
 
     It is where the depth of the obstacle is zero. A `RigidSurface` is drawn as a whole.
@@ -25,14 +25,24 @@ def surface_near(obstacle: Obstacle, points: Floats) -> Any:
     Args:
         obstacle: The obstacle.
         points: Positions, shape ``(n, 3)`` [m].
+        t: Time, at which a moving obstacle is where it is drawn [s].
 
     Returns:
         PyVista surface; without points where the obstacle is not in the box.
     """
+    frame = obstacle.motion.frame(t, t, obstacle.dim)
+    surface = _surface(obstacle, frame.at_end(points))
+    surface.points = frame.in_space(np.asarray(surface.points))
+    return surface
+
+
+@singledispatch
+def _surface(obstacle: Obstacle, points: Floats) -> Any:
+    """Surface of an obstacle where it was declared, around points in its frame, ``(n, 3)`` [m]."""
     import pyvista
 
     low, high = points.min(axis=0), points.max(axis=0)
-    margin = _MARGIN * (high - low).max()
+    margin = (_WALL if obstacle.motion.is_rest else _TOOL) * (high - low).max()
     low, high = low - margin, high + margin
     spacing = (high - low).max() / _POINTS
     cells = np.maximum(np.ceil((high - low) / spacing), 1).astype(int)
@@ -41,7 +51,7 @@ def surface_near(obstacle: Obstacle, points: Floats) -> Any:
     return grid.contour([0.0], scalars="depth")
 
 
-@surface_near.register
+@_surface.register
 def _(obstacle: RigidSurface, points: Floats) -> Any:
     x = obstacle.corners
     ids = np.arange(x.shape[0] * x.shape[1]).reshape(x.shape[:2])

@@ -313,7 +313,7 @@ def _bodies(
         paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
         points = np.concatenate([x, x - u]).reshape(-1, 3)
         for number, obstacle in enumerate(obstacles):
-            add_obstacle(plotter, surface_near(obstacle, points), number)
+            add_obstacle(plotter, surface_near(obstacle, points, stepper.t), number)
         aim(plotter, points, camera)
 
     return put

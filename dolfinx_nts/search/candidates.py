@@ -14,6 +14,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories
@@ -28,8 +29,9 @@ class Candidates(ABC):
     """Base of what the contact points of a rank may touch: segments or rigid facets.
 
     Methods are local unless they say otherwise. In their arguments ``x`` stands for current
-    positions of the nodes of the scatter's map, owned and ghost, shape ``(l, 3)`` [m], and
-    ``segment`` for the number of a candidate for each of ``m`` points, shape ``(m,)``.
+    positions of the nodes of the scatter's map, owned and ghost, shape ``(l, 3)`` [m], in the
+    frame of the search, and ``segment`` for the number of a candidate for each of ``m`` points,
+    shape ``(m,)``. Forces, gradients and tangents that they return are in space.
 
     Attributes:
         scatter: Brings values to the vertices of the candidates, and forces back.
@@ -164,16 +166,23 @@ class Search(ABC):
 
     Attributes:
         candidates: The candidates of the last update.
+        frame: Frame of the candidates in the present step, in which all positions are given.
+        may_move: Whether the frame may be another one than space.
         num_searches: How often candidates were sent between ranks.
     """
 
     candidates: Candidates
+    frame = Frame()
+    may_move = False
     num_searches = 0
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
         """Remember whose motion matters."""
         self._nodes, self._vertices = nodes, vertices
         self._comm: MPI.Comm = nodes.V.mesh.comm
+
+    def begin(self, t_n: float, t: float) -> None:  # noqa: B027 (segments move by unknowns)
+        """Go to the frame of a step from t_n to t [s]. Local."""
 
     @abstractmethod
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
@@ -200,6 +209,17 @@ class Search(ABC):
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
         # A node and a vertex of different ranks may approach each other.
         return sum(reductions.largest(self._comm, moved))
+
+    def way(self, x: Floats, way: float) -> float:
+        """Bound on the ways of nodes and of the frame where they are in a step [m]. Collective.
+
+        Args:
+            x: Positions of the local nodes at its end in space, shape ``(l, 3)`` [m].
+            way: Bound on the ways of the nodes, the same on all ranks [m].
+        """
+        if not self.frame.moves:
+            return way
+        return max(way, reductions.largest(self._comm, float(self.frame.drag(x).max(initial=0.0))))
 
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:

@@ -1,6 +1,6 @@
 """Which points lie inside closed boundaries of bodies, and how deep, on any number of ranks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from mpi4py import MPI
 
@@ -8,15 +8,20 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.model.closed_boundaries import ClosedBoundary, triangles_at
+from dolfinx_nts.model.closed_boundaries import ClosedBoundary, raised, wall_height, walls
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
-__all__ = ["Insides", "all_rows"]
+__all__ = ["Insides"]
+
+# From what the minimum over ranks is taken of to least and greatest coordinates.
+_SIGNS = np.array([[[1.0]], [[-1.0]]])
 
 
 class Insides:
     """The insides of closed boundaries that move.
+
+    Those in the plane are walls, which are so high that nothing sees their ends.
 
     Every rank has some triangles of a boundary, and all ranks ask for the same points. Rays are
     counted, and solid angles summed, over the triangles of all ranks. Collective.
@@ -27,13 +32,47 @@ class Insides:
     """
 
     def __init__(self, comm: MPI.Comm, boundaries: Sequence[ClosedBoundary]) -> None:
-        """Begin without trees, which are built where points are asked for."""
-        self._comm, self._boundaries = comm, boundaries
-        self._trees: dict[int, _kernels.Boundary] = {}
+        """Begin without positions."""
+        self._comm = comm
+        # Trees over the triangles are built or moved where points are asked for.
+        nodes = [boundary.nodes for boundary in boundaries]
+        triangles = [boundary.triangles for boundary in boundaries]
+        self._height = 0.0
+        if triangles[0].shape[1] == 2:
+            X = boundaries[0].bodies[0].V.tabulate_dof_coordinates()
+            height = max(wall_height(X[some]) for some in nodes)
+            self._height = float(reductions.largest(comm, height))
+            nodes = [np.concatenate([some, some + np.int32(len(X))]) for some in nodes]
+            triangles = [walls(edges, len(X)) for edges in triangles]
+        self._kernels = _kernels.Boundaries(nodes, triangles)
+        self._boxes: Floats = np.empty((2, 0, 3))
 
     def move(self, x: Floats) -> None:
-        """Go on at other positions of the local nodes, shape ``(l, 3)`` [m]. Local."""
-        self._x, self._moved = x, set(self._trees)
+        """Go on at other positions of the local nodes, shape ``(l, 3)`` [m]. Collective."""
+        self._kernels.move(self._in_space(x))
+        # Least and greatest coordinates of all nodes, shape (2, g, 3) [m].
+        self._boxes = reductions.least(self._comm, self._kernels.extents()) * _SIGNS
+
+    def moved(self, x: Floats, before: Floats) -> Floats:
+        """Longest way of a node of each boundary between two states, ``(g,)`` [m]. Collective."""
+        return reductions.largest(
+            self._comm, self._kernels.farthest(*map(self._in_space, (x, before)))
+        )
+
+    def meetings(self, touch: Floats) -> tuple[Floats, Ints, Floats, Floats]:
+        """Find where points of one boundary may be inside another. Local.
+
+        Args:
+            touch: Depth up to which each boundary is only touched, shape ``(g,)`` [m].
+
+        Returns:
+            How far any two boundaries are apart at least, infinite on the diagonal, ``(g, g)``
+            [m]; those two that may overlap by more than a touch, in both orders, ``(p, 2)``;
+            the depth of that touch, ``(p,)`` [m]; and least and greatest coordinates of all
+            points of the first one that may be deeper in the second, ``(p, 2, 3)`` [m]. The
+            same on all ranks.
+        """
+        return self._kernels.meetings(self._boxes, touch)
 
     def depth(self, points: Floats, where: Ints, least: Floats) -> Floats:
         """Tell how deep points are inside. Collective.
@@ -49,24 +88,18 @@ class Insides:
         """
         if not len(points):
             return np.zeros(0)  # everywhere, as all ranks ask for the same
-        crossings = np.zeros((2, len(points)), dtype=np.int32)
-        for tree, some in self._trees_of(where, all_rows(points)):
-            crossings[:, some] = tree.crossings(points[some])
-        crossings = reductions.total(self._comm, crossings)
-        count, at_an_edge = crossings
+        found = self._kernels.crossings(points, where, self._boxes)
+        count, at_an_edge = reductions.total(self._comm, found)
         some = _numbers((count > 0) | (at_an_edge > 0))
         distance = np.full(len(points), np.inf)
-        for tree, here in self._trees_of(where, some):
-            distance[here] = tree.distance(points[here], least[here])
+        distance[some] = self._kernels.distance(points[some], where[some], least[some])
         distance = reductions.least(self._comm, distance)
         inside = (count > 0) & (distance > least)
         # Rays from points on the boundary often hit edges, others hardly ever.
         unsure = _numbers((at_an_edge > 0) & (distance > least))
         if len(unsure):
-            winding = np.zeros(len(points))
-            for tree, here in self._trees_of(where, unsure):
-                winding[here] = tree.winding(points[here])
-            inside[unsure] = reductions.total(self._comm, winding)[unsure] > 0.5
+            winding = self._kernels.winding(points[unsure], where[unsure])
+            inside[unsure] = reductions.total(self._comm, winding) > 0.5
         return np.where(inside, distance, 0.0)
 
     def chords(self, ways: Floats, where: Ints) -> tuple[Floats, Ints]:
@@ -80,28 +113,13 @@ class Insides:
             Middles, the same on all ranks, shape ``(c, 3)`` [m], and the way of each, ``(c,)``.
             Ways that meet no boundary have none.
         """
-        rows: list[Floats] = [np.empty((2, 0))]
-        for tree, some in self._trees_of(where, all_rows(ways)):
-            way, place = tree.cuts(ways[some])
-            rows.append(np.stack([some[way], place]))
-        way, place = joined(self._comm, np.concatenate(rows, axis=1).T).T
-        return _kernels.parts_of_ways(ways, way.astype(np.int32), np.ascontiguousarray(place))
+        way, place = self._kernels.cuts(ways, where)
+        way, place = joined(self._comm, way), joined(self._comm, place)
+        return _kernels.parts_of_ways(ways, way, place)
 
-    def _trees_of(self, where: Ints, some: Ints) -> Iterator[tuple[_kernels.Boundary, Ints]]:
-        """Boundaries of some points, and which of these belong to each."""
-        for number in map(int, np.flatnonzero(np.bincount(where[some]))):
-            triangles = self._boundaries[number].triangles
-            if number not in self._trees:
-                self._trees[number] = _kernels.Boundary(triangles_at(self._x, triangles))
-            elif number in self._moved:
-                self._moved.remove(number)
-                self._trees[number].move(triangles_at(self._x, triangles))
-            yield self._trees[number], some[where[some] == number]
-
-
-def all_rows(rows: Floats) -> Ints:
-    """Numbers of all rows. Local."""
-    return np.arange(len(rows), dtype=np.int32)
+    def _in_space(self, x: Floats) -> Floats:
+        """Positions of the vertices of triangles, shape ``(l, 3)``, or of walls ``(2 l, 3)``."""
+        return raised(x, self._height) if self._height else x
 
 
 def _numbers(flags: Flags) -> Ints:

@@ -6,6 +6,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -25,11 +26,14 @@ class ObstacleCandidates(Candidates):
     Args:
         obstacle: The obstacle.
         nodes: Surface whose nodes meet it. Gaps are compared to the longest facet of it.
+
+    Attributes:
+        frame: Frame of the obstacle in the present step.
     """
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Make a map of the owned nodes only, as no rank needs those of another."""
-        self._obstacle = obstacle
+        self._obstacle, self.frame = obstacle, Frame()
         none = np.empty(0, dtype=np.int64)
         owned = compat.index_map(
             nodes.V.mesh.comm, nodes.V.dofmap.index_map.size_local, none, none.astype(np.int32)
@@ -89,11 +93,12 @@ class ObstacleCandidates(Candidates):
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
         """Evaluate gap and force of points, see `Candidates.contact`."""
-        return self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
+        contact = self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
+        return self.frame.turned(scheme, contact)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip by the objective measure, see `Candidates.slip`."""
-        return self._obstacle.slip(points.of(x_n), points.of(x), segment)
+        return self.frame.turned_slip(self._obstacle.slip(points.of(x_n), points.of(x), segment))
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find where points go through the obstacle, see `Candidates.follow`."""
@@ -112,10 +117,18 @@ class ObstacleSearch(Search):
         nodes: Surface whose nodes meet it.
     """
 
+    candidates: ObstacleCandidates
+
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Make the candidates, which never change."""
         super().__init__(nodes, np.empty(0, dtype=np.int32))
         self.candidates = ObstacleCandidates(obstacle, nodes)
+        self._motion, self._dim = obstacle.motion, obstacle.dim
+        self.may_move = not obstacle.motion.is_rest
+
+    def begin(self, t_n: float, t: float) -> None:
+        """Go to the frame of the obstacle in a step, see `Search.begin`."""
+        self.frame = self.candidates.frame = self._motion.frame(t_n, t, self._dim)
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
         """Return the candidates, see `Search.update`. Local."""

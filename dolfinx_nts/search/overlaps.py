@@ -13,7 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import closed_boundaries, triangles_at
@@ -22,7 +22,7 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.inside import Insides, all_rows
+from dolfinx_nts.search.inside import Insides
 from dolfinx_nts.search.walls import thinnest_wall
 
 __all__ = ["Overlap", "OverlapSearch"]
@@ -70,7 +70,7 @@ class OverlapSearch:
 
     Attributes:
         names: Names of the boundaries, as in an `Overlap`.
-        shortest: Length of the smallest cell in the reference configuration [m].
+        cells: Length of the smallest cell within each boundary at rest, shape ``(g,)`` [m].
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
@@ -83,11 +83,13 @@ class OverlapSearch:
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
+        self._nodes = [boundary.nodes[:, None] for boundary in self._boundaries]
+        self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
-        self._is_plane = dimension(V) == 2
         X = V.tabulate_dof_coordinates()[:, : dimension(V)]
-        length = _kernels.cell_lengths(X, V.dofmap.list)
-        self.shortest = float(reductions.least(self._comm, float(length.min(initial=np.inf))))
+        lengths = [_kernels.cell_lengths(X, boundary.cells) for boundary in self._boundaries]
+        cells = np.array([length.min(initial=np.inf) for length in lengths])
+        self.cells: Floats = reductions.least(self._comm, cells)
 
     @cached_property
     def walls(self) -> Floats:
@@ -110,41 +112,35 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine)
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
-    def approach(self, x: Floats, before: Floats) -> float:
+    def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> float:
         """Bound on how much any two, of which one may be an obstacle, have come nearer [m].
 
-        ``before`` are the positions from which the motion counts, ``x`` is as of `find`.
-        Collective.
+        ``before`` are the positions at ``t_before`` from which the motion counts, ``x`` and ``t``
+        are as of `find`. Collective.
         """
-        nodes = [boundary.nodes for boundary in self._boundaries]
-        moved = [_kernels.farthest(x.take(n, axis=0), before.take(n, axis=0)) for n in nodes]
-        return float(np.sort(reductions.largest(self._comm, moved))[-2:].sum())
+        moved = self._insides.moved
+        moving = [obstacle for obstacle in self._obstacles if not obstacle.motion.is_rest]
+        frames = [o.motion.frame(t_before, t, o.dim) for o in moving]
+        on_obstacles = [moved(f.at_end(x), f.at_start(before)).max() for f in frames]
+        return float(max([np.sort(moved(x, before))[-2:].sum(), *on_obstacles]))
 
-    def find(self, x: Floats, least: float = 0.0) -> tuple[list[Overlap], Floats]:
+    def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
             least: Depth that an overlap must have to be of interest [m].
+            t: Time, at which moving obstacles are where they are [s].
 
         Returns:
             The overlaps; and how far each two of the ``g`` boundaries are apart at least, shape
             ``(g, g)`` [m], on the diagonal all of them from obstacles. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
-        in_obstacles, clearance = self._with_obstacles(x, touching)
-        lower, upper = self._boxes(x)
-        apart = np.maximum(lower[:, None], lower) - np.minimum(upper[:, None], upper)
-        apart = apart.max(axis=2)
-        np.fill_diagonal(apart, np.inf)
-        pairs = np.argwhere(apart < -np.minimum.outer(touching, touching)).astype(np.int32)
-        inner, outer = pairs.T
-        depth = touching[pairs].min(axis=1)[:, None]
-        # What is deep in the second boundary is as deep in its box.
-        region_lower = np.maximum(lower[inner], lower[outer] + depth)
-        region_upper = np.minimum(upper[inner], upper[outer] - depth)
-        regions = np.stack([region_lower, region_upper], axis=1)
-        overlaps = self._between_bodies(x, pairs, depth[:, 0], regions)
+        in_obstacles, clearance = self._with_obstacles(x, t, touching)
+        self._insides.move(x)
+        apart, pairs, depth, regions = self._insides.meetings(touching)
+        overlaps = self._between_bodies(x, pairs, depth, regions)
         np.fill_diagonal(apart, clearance)
         return [*overlaps, *in_obstacles], apart
 
@@ -160,21 +156,20 @@ class OverlapSearch:
             regions: Least and greatest coordinates of places of the first boundary that may be
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
-        nodes, edges, cells = _Rows(3), _Rows(6), _Rows(3)
-        for number, inner in enumerate(map(int, pairs[:, 0])):
-            boundary, region = self._boundaries[inner], regions[number]
-            nodes.add(_kernels.rows_in(x, boundary.nodes[:, None], region), number)
-            edges.add(_kernels.rows_in(x, boundary.edges, region), number)
-        self._insides.move(x)
+        inner, outer = np.ascontiguousarray(pairs.T)
+
+        def joined_rows(rows: Sequence[Ints]) -> tuple[Floats, Ints]:
+            found, number = _kernels.rows_in(x, rows, inner, regions)
+            return joined(self._comm, found), joined(self._comm, number)
 
         def depth(points: Floats, pair: Ints) -> Floats:
-            return self._insides.depth(points, pairs[pair, 1], touching[pair])
+            return self._insides.depth(points, outer[pair], touching[pair])
 
-        points, at_nodes = nodes.joined(self._comm)
-        ways, crossed = edges.joined(self._comm)
+        points, at_nodes = joined_rows([b.nodes[:, None] for b in self._boundaries])
+        ways, crossed = joined_rows(self._edges)
         if not len(points) + len(ways):
             return  # everywhere, as all ranks have the same
-        middles, way = self._insides.chords(ways, pairs[crossed, 1])
+        middles, way = self._insides.chords(ways, outer[crossed])
         pair = np.concatenate([at_nodes, crossed[way]])
         deep = depth(np.concatenate([points, middles]), pair)
         if not deep.any():
@@ -186,51 +181,44 @@ class OverlapSearch:
         turned = np.lexsort((pairs[:, 0], pairs[:, 1]))
         both = np.column_stack([np.arange(len(pairs)), turned])
         both = both[(both[:, 0] < turned) & (np.maximum(deepest, deepest[turned]) > 0)]
-        for number in map(int, both.ravel()):
-            points = _centres(x, self._boundaries[pairs[number, 0]].cells)
-            cells.add(_kernels.rows_in(points, all_rows(points)[:, None], regions[number]), number)
-        points, pair = cells.joined(self._comm)
+        centres = [self._centres(x, inner[i], regions[i]) for i in both.ravel()]
+        number = np.repeat(both.ravel(), [len(some) for some in centres]).astype(np.int32)
+        points, pair = joined(self._comm, np.concatenate(centres)), joined(self._comm, number)
         num_cells = np.bincount(pair[depth(points, pair) > 0], minlength=len(pairs))
         for two in both:
             reverse, first = two[deepest[two].argsort()]
-            inner, outer = pairs[first]
             yield Overlap(
-                (self.names[inner], self.names[outer]),
+                (self.names[inner[first]], self.names[outer[first]]),
                 float(deepest[first]),
                 float(deepest[reverse]),
                 int(num_nodes[two].sum()),
                 int(num_cells[two].sum()),
-                float(self._sizes[[inner, outer]].min()),
+                float(self._sizes[pairs[first]].min()),
             )
 
-    def _boxes(self, x: Floats) -> Floats:
-        """Least and greatest coordinates of the boundaries, shape ``(2, g, 3)`` [m]."""
-        least = np.full((2, len(self._boundaries), 3), np.inf)
-        for number, boundary in enumerate(self._boundaries):
-            some = x.take(boundary.nodes, axis=0)
-            least[0, number] = some.min(axis=0, initial=np.inf)
-            least[1, number] = -some.max(axis=0, initial=-np.inf)
-        boxes: Floats = reductions.least(self._comm, least) * [[[1]], [[-1]]]
-        if self._is_plane:  # bodies have no end along z
-            boxes[0, :, 2], boxes[1, :, 2] = -np.inf, np.inf
-        return boxes
+    def _centres(self, x: Floats, boundary: int, region: Floats) -> Floats:
+        """Centres in a region of the cells of this rank within a boundary, ``(c, 3)`` [m]."""
+        centres = _centres(x, self._boundaries[boundary].cells)
+        is_in: Flags = ((centres >= region[0]) & (centres <= region[1])).all(axis=1)
+        return centres[is_in]
 
-    def _with_obstacles(self, x: Floats, touching: Floats) -> tuple[list[Overlap], float]:
-        """Overlaps with obstacles, and the least distance from one [m]."""
+    def _with_obstacles(self, x: Floats, t: float, touching: Floats) -> tuple[list[Overlap], float]:
+        """Overlaps with obstacles at the time t [s], and the least distance from one [m]."""
         if not self._obstacles:
             return [], np.inf
         shape = len(self._obstacles), len(self._boundaries)
         deepest, num_nodes = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64)
+        seen = [o.motion.frame(t, t, o.dim).at_end(x) for o in self._obstacles]
         for i, obstacle in enumerate(self._obstacles):
             for j, boundary in enumerate(self._boundaries):
-                depth = obstacle.depth(x[boundary.nodes])
+                depth = obstacle.depth(seen[i][boundary.nodes])
                 deepest[i, j] = depth.max(initial=-np.inf)
                 num_nodes[i, j] = np.count_nonzero(depth > touching[j])
         deepest = reductions.largest(self._comm, deepest)
         overlaps = []
         for i, j in np.argwhere(deepest > touching):
             (obstacle, name), boundary = list(self._obstacles.items())[i], self._boundaries[j]
-            at_centres = obstacle.depth(_centres(x, boundary.cells))
+            at_centres = obstacle.depth(_centres(seen[i], boundary.cells))
             counts = [int(num_nodes[i, j]), int(np.count_nonzero(at_centres > touching[j]))]
             nodes, cells = reductions.total(self._comm, counts)
             names = self.names[j], name
@@ -253,19 +241,3 @@ def _centres(x: Floats, cells: Ints) -> Floats:
     # Node by node, which is faster than to gather all of them.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres
-
-
-class _Rows:
-    """Rows of coordinates, each with the number of a pair."""
-
-    def __init__(self, width: int) -> None:
-        self._rows: list[Floats] = [np.empty((0, width + 1))]
-
-    def add(self, rows: Floats, pair: int) -> None:
-        """Add rows of one pair. Local."""
-        self._rows.append(np.column_stack([rows, np.full(len(rows), float(pair))]))
-
-    def joined(self, comm: MPI.Comm) -> tuple[Floats, Ints]:
-        """Rows of all ranks and their pairs, the same on all ranks. Collective."""
-        rows = joined(comm, np.concatenate(self._rows))
-        return np.ascontiguousarray(rows[:, :-1]), rows[:, -1].astype(np.int32)

@@ -95,9 +95,9 @@ class Bulk:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
         return self._residual.assembled()
 
-    def load(self) -> Floats:
-        """Forces of the loads at u on the owned dofs [N]. Collective."""
-        return -self._residual.assembled_loads()
+    def loads(self) -> list[Floats]:
+        """Forces of each load at u on the owned dofs [N]. Collective."""
+        return [-load for load in self._residual.assembled_each_load()]
 
     def action(self, x: Floats) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.

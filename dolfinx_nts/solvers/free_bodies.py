@@ -319,6 +319,7 @@ class FreeBodies:
         products, counts = np.zeros((n, n)), np.zeros(n)
         for step, state in zip(steps, states, strict=True):
             label = step.candidates.scatter.forward(in_space(self._label))[:, 0]
+            x = step.state.search.frame.in_space(step.x)
             dofs, gradients = state.pairs.dofs, state.pairs.gradients
             # Without friction tangential gradients are zero.
             gradients, dofs = gradients[state.active], dofs[state.active]
@@ -326,7 +327,7 @@ class FreeBodies:
             for number, body in enumerate(self.bodies, start=1):
                 columns = self._columns[number - 1]
                 of_body = label[dofs] == number
-                motions = body.at(step.x[dofs]) * of_body[:, :, None]
+                motions = body.at(x[dofs]) * of_body[:, :, None]
                 motions = motions.reshape(len(motions), len(dofs), gradients.shape[2])
                 slopes[columns] = np.einsum("mid,kmd->kmi", gradients, motions)
                 counts[columns] += np.count_nonzero(of_body.any(axis=1))

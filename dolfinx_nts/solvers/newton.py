@@ -10,6 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -23,13 +24,17 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50  # until another start is tried
+# In so many iterations after each other given displacements violate constraints: none is left
+# to help, as only given displacements can change these gaps.
+_GIVEN_ITERATIONS = 6
 # Residual of a solution, relative to the forces at work [-]; and where the increments
 # have become negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
-# Longest increment that is trusted, relative to the smallest cell [-].
-_LONGEST_INCREMENT = 0.5
+# Longest increment that is trusted, relative to the smallest cell [-], and the number of longer
+# ones from which on a step with inertia, whose starts are near its end, is given up.
+_LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -55,6 +60,7 @@ class NewtonReport:
             linear solve, and the last one [N].
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
+        is_hopeless: Whether it would stop as well from any other start.
     """
 
     iterations: int
@@ -62,6 +68,7 @@ class NewtonReport:
     residual_norms: tuple[float, ...]
     num_active: int
     reason: str
+    is_hopeless: bool = False
 
     @property
     def converged(self) -> bool:
@@ -97,11 +104,15 @@ class ConvergenceError(RuntimeError):
 
 @dataclass(frozen=True)
 class Solution:
-    """State of the contacts at the end of the iteration, with the residuals [N]."""
+    """State of the contacts at the end of the iteration, with the residuals [N].
+
+    ``forces`` is the residual of the bodies on all dofs, given or not.
+    """
 
     states: tuple[ContactContribution, ...]
     R: Floats
     R_bulk: Floats
+    forces: Floats
     report: NewtonReport
 
 
@@ -140,6 +151,8 @@ def solve(
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
+    num_long = 0
+    given = 0  # iterations after each other in which given displacements violate constraints
     balanced = True  # multipliers from the normal balance at the nodes
     free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
@@ -147,7 +160,9 @@ def solve(
     while True:
         x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
         with timings.phase("assembly"):
-            R_bulk = bulk.residual()
+            forces = bulk.forces()
+            R_bulk = forces.copy()
+            R_bulk[bulk.given] = 0
         R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
@@ -156,16 +171,19 @@ def solve(
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
-        counts.append(not excess <= _GAP_TOLERANCE * size)
-        sums = reductions.total(bulk.comm, np.array([R @ R, R_contact @ R_contact, *counts]))
-        norm, contact_norm = (float(value) for value in np.sqrt(sums[:2]))
-        changed, failed, violated = (int(value) for value in sums[2:])
+        is_open = not excess <= _GAP_TOLERANCE * size
+        counts += [is_open, _num_given(steps, states) if is_open else 0]
+        squares = [R @ R, R_contact @ R_contact, _round_off_of_contact(states, x) ** 2]
+        sums = reductions.total(bulk.comm, np.array([*squares, *counts]))
+        norm, contact_norm, steep = (float(value) for value in np.sqrt(sums[:3]))
+        changed, failed, violated, num_given = (int(value) for value in sums[3:])
+        given = given + 1 if num_given else 0
         norms.append(norm)
         changes += changed
         scale = force_scale + contact_norm
         # With inertia the floor is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
-        small = norm <= max(_SMALL_RESIDUAL * scale, floor)
+        small = norm <= max(_SMALL_RESIDUAL * scale, floor, steep)
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
@@ -184,8 +202,12 @@ def solve(
             reason = "the residual is not finite"
         elif failed:
             reason = f"{failed} pairs do not project or have turned by more than 90 degrees"
+        elif given == _GIVEN_ITERATIONS:
+            reason = f"bcs move {num_given} nodes into surfaces"
         elif not np.isfinite(du_norm) and iteration:
             reason = "the linear system is singular"
+        elif num_long == _MOST_LONG and inertia and not converged:
+            reason = f"{num_long} increments were longer than half of the smallest cell"
         elif iteration == _MAX_ITERATIONS and not converged:
             reason = f"no convergence in {iteration} iterations"
         else:
@@ -193,8 +215,9 @@ def solve(
         _logger.debug("iteration %d: |R| = %.3e N", iteration, norm)
         if converged or reason:
             num_active = sum(step.num_active for step in steps)
-            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason)
-            return Solution(states, R, R_bulk, report)
+            hopeless = given == _GIVEN_ITERATIONS
+            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason, hopeless)
+            return Solution(states, R, R_bulk, forces, report)
 
         with timings.phase("solve"):
             rtol = _forcing(norms, target)
@@ -210,6 +233,7 @@ def solve(
         u = bulk.u.x.array[:n]
         longest = _LONGEST_INCREMENT * size
         if du_norm > longest:
+            num_long += 1
             u += longest / du_norm * du
         else:
             u += du
@@ -223,6 +247,11 @@ def solve(
         iteration += 1
 
 
+def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
+    """Number of this rank's constraints that given displacements alone violate. Local."""
+    return sum(len(prescribed_nodes(step, s)) for step, s in zip(steps, states, strict=True))
+
+
 def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     """Norm of the residual that rounding leaves in any case [N]. Collective.
 
@@ -234,6 +263,16 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     )
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
+
+
+def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
+    """Norm of the forces that rounding leaves in gaps and slips [N]. Local.
+
+    They are known up to eps |x|. A node that slides, but has hardly moved, has a direction of
+    friction that turns with the last digits.
+    """
+    slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
+    return float(np.finfo(np.float64).eps * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

@@ -36,7 +36,7 @@ class NodalSum:
         first, *loads = map(expand_derivatives, forms)
         self._bodies = CellForm(first, kernels)
         # Dead loads have no derivative.
-        self._loads = [PackedForm(load) for load in loads if not load.empty()]
+        self._loads = [None if load.empty() else PackedForm(load) for load in loads]
         index_map, dim = V.dofmap.index_map, dimension(V)
         self._vector = la.vector(index_map, dim)
         self._values: Floats = self._vector.array
@@ -65,6 +65,10 @@ class NodalSum:
         """Sum of the forms of the loads, a copy. Collective."""
         return self._sum(self._loads)
 
+    def assembled_each_load(self) -> list[Floats]:
+        """The form of each load, copies. Collective."""
+        return [self._sum([load]) for load in self._loads]
+
     def sample(self, most: int) -> Floats:
         """Form of the bodies on some cells of this rank, with what other ranks own. Local.
 
@@ -75,10 +79,11 @@ class NodalSum:
         self._bodies.assemble(values, most)
         return values
 
-    def _sum(self, forms: Iterable[CellForm | PackedForm]) -> Floats:
+    def _sum(self, forms: Iterable[CellForm | PackedForm | None]) -> Floats:
         self._values.fill(0.0)
         for form in forms:
-            form.assemble(self._values)
+            if form is not None:
+                form.assemble(self._values)
         self._vector.scatter_reverse(la.InsertMode.add)
         owned: Floats = self._values[: self._num_owned].copy()
         return owned

@@ -200,13 +200,13 @@ class RedistributedBulk(Bulk):
         acceleration = self._acceleration()[: self.num_owned].reshape(-1, 3)
         R = self._residual.assembled_bodies()
         R += self._mass.times(acceleration).ravel()
-        if self._has_loads:
-            R -= self.load()
+        for load in self.loads():
+            R -= load
         return R
 
-    def load(self) -> Floats:
-        """Forces of the loads at u on the owned dofs, at nodes with mass [N]. Collective."""
-        return self._mass.carried(super().load().reshape(-1, 3)).ravel()
+    def loads(self) -> list[Floats]:
+        """Forces of each load at u on the owned dofs, at nodes with mass [N]. Collective."""
+        return [self._mass.carried(f.reshape(-1, 3)).ravel() for f in super().loads()]
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         y = action.assembled_bodies()
@@ -260,8 +260,9 @@ class RedistributedTangent(Tangent):
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         row, column, _ = self._entries
         pattern = fem.create_sparsity_pattern(form)
-        for entry in np.column_stack([row, column]):
-            pattern.insert(*map(int, entry))
+        rows, begin = np.unique(row, return_index=True)
+        for number, columns in zip(rows, np.split(column, begin[1:]), strict=True):
+            pattern.insert(np.array([number]), columns)
         pattern.finalize()
         return la.matrix_csr(pattern)
 

@@ -6,9 +6,10 @@ iterations, whatever the size of the surface.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem, la
@@ -16,6 +17,7 @@ from dolfinx import fem, la
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.shells import shell_matrix, use_shell
 
 __all__ = ["Holds", "SurfaceEquilibrium"]
 
@@ -69,6 +71,17 @@ class SurfaceEquilibrium:
         beside = (marker.array[V.dofmap.list[:owned]] == 0).all(axis=1)
         others = np.setdiff1d(np.arange(index_map.size_local, dtype=np.int32), massless)
         bulk.leave_out(np.flatnonzero(beside).astype(np.int32), others)
+        n = bulk.num_owned
+        self._held = _Held(np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))
+        self._stiffness: Floats = np.ones((n // 3, 1))
+        matrix = shell_matrix(self._comm, (n, None), self)
+        matrix.setUp()
+        self._ksp = PETSc.KSP().create(self._comm)
+        self._ksp.setOperators(matrix)
+        self._ksp.setType("cg")
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        use_shell(self._ksp.getPC(), self)
+        self._x, self._b = matrix.createVecs()
 
     def find(self, holds: Holds, stiffness: Floats) -> Floats:
         """Solve for increments of all owned nodes, shape ``(n, 3)`` [m].
@@ -110,40 +123,28 @@ class SurfaceEquilibrium:
             self._u_n[:] = u_n
 
     def _find(self, holds: Holds, stiffness: Floats) -> Floats:
-        bulk = self._bulk
-        r: Floats = -bulk.residual().reshape(-1, 3)
-        free, x = self._constrain(holds, r.shape)
-
-        def project(y: Floats) -> Floats:
-            y[free.node] = np.einsum("mij,mj->mi", free.projection, y[free.node])
-            return y
-
-        moves = reductions.anywhere(self._comm, bool(x.any()))
-        if moves:
+        r: Floats = -self._bulk.residual().reshape(-1, 3)
+        self._held, x = self._constrain(holds, r.shape)
+        self._stiffness = stiffness
+        if reductions.anywhere(self._comm, bool(x.any())):
             r -= self._times(x)
-        r = project(r)
         size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
         floor = _ROUND_OFF * size * stiffness[self.massless]
-        limits = reductions.total(self._comm, np.array([np.vdot(r, r), np.vdot(floor, floor)]))
-        limit = max(_REDUCTION**2 * limits[0], limits[1])
-        z = project(r / stiffness)
-        p, squares = z.copy(), limits[0]
-        rz = reductions.total(self._comm, float(np.vdot(r, z)))
-        for _ in range(_MAX_ITERATIONS):
-            if not squares > limit:
-                break
-            y = project(self._times(p))
-            curvature = reductions.total(self._comm, float(np.vdot(p, y)))
-            if not curvature > 0:
-                break
-            x += rz / curvature * p
-            r -= rz / curvature * y
-            z = project(r / stiffness)
-            last = rz
-            sums = reductions.total(self._comm, np.array([np.vdot(r, z), np.vdot(r, r)]))
-            rz, squares = float(sums[0]), float(sums[1])
-            p = z + rz / last * p
+        least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
+        self._b.array[:] = self._held.project(r).ravel()
+        self._ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
+        # Where the surface is about to buckle it ends with the last iterate, which is kept.
+        self._ksp.solve(self._b, self._x)
+        x += self._x.array.reshape(-1, 3)
         return x
+
+    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
+        """Multiply by the stiffness where nodes are free; called by PETSc."""
+        y.array[:] = self._held.project(self._times(x.array_r.reshape(-1, 3))).ravel()
+
+    def apply(self, _pc: Any, r: Any, z: Any) -> None:
+        """Divide by the stiffness of each node where it is free; called by PETSc."""
+        z.array[:] = self._held.project(r.array_r.reshape(-1, 3) / self._stiffness).ravel()
 
     def _times(self, x: Floats) -> Floats:
         """Stiffness of statics times increments that are zero at all other nodes."""
@@ -152,8 +153,8 @@ class SurfaceEquilibrium:
         y.ravel()[self._bulk.given] = 0
         return y
 
-    def _constrain(self, holds: Holds, shape: tuple[int, ...]) -> tuple["_Free", Floats]:
-        """What is free at held nodes, and the shortest increments that hold, of a shape."""
+    def _constrain(self, holds: Holds, shape: tuple[int, ...]) -> tuple["_Held", Floats]:
+        """Held nodes, and the shortest increments that hold them, of a shape."""
         node, place = np.unique(holds.node, return_inverse=True)
         normal = np.zeros((len(place), 3))
         free: Floats = np.ones(shape)
@@ -166,11 +167,16 @@ class SurfaceEquilibrium:
         inverse = np.linalg.pinv(squares, rcond=_NO_FREEDOM**2, hermitian=True)
         x: Floats = np.zeros(shape)
         x[node] = np.einsum("mij,mj->mi", inverse, ways)
-        return _Free(node.astype(np.int32), np.eye(3) - inverse @ squares), x
+        return _Held(node.astype(np.int32), np.eye(3) - inverse @ squares), x
 
 
-class _Free(NamedTuple):
+class _Held(NamedTuple):
     """Held nodes, shape ``(k,)``, and projections on what is free there, ``(k, 3, 3)``."""
 
     node: Ints
     projection: Floats
+
+    def project(self, y: Floats) -> Floats:
+        """Leave of nodal vectors what is free, in place. Local."""
+        y[self.node] = np.einsum("mij,mj->mi", self.projection, y[self.node])
+        return y

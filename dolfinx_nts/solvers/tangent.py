@@ -15,14 +15,11 @@ from ufl.algorithms import expand_derivatives
 from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
 __all__ = ["Tangent"]
 
-# Stiffness that a node has at least, relative to the mean of all [-]: at strongly
-# deformed nodes it can be small or negative, and a weight must be neither.
-_LEAST_STIFFNESS = 0.1
 # Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
 # contact makes up for what is too much, not for what is too little.
 _NEARBY_SHIFT = 1e6
@@ -67,7 +64,7 @@ class Tangent:
         self._nearby = [] if nearby is None else _compiled([nearby])
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
-        self._stiffness: Floats | None = None
+        self._stiffness = NodalStiffness(u.function_space, bcs)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
         self.num_assembled = 0
@@ -80,10 +77,10 @@ class Tangent:
 
     def nodal_stiffness(self) -> Floats:
         """Mean diagonal entry of the last matrix at each owned node [N/m]. Collective."""
-        if self._stiffness is None:
+        if self._stiffness.values is None:
             self.assemble_nearby()
-        assert self._stiffness is not None
-        return self._stiffness
+        assert self._stiffness.values is not None
+        return self._stiffness.values
 
     def assemble_nearby(self) -> None:
         """Set `rows` to the matrix near the derivative at u. Collective."""
@@ -141,7 +138,7 @@ class Tangent:
 
     def forget(self) -> None:
         """Return to the state before the first matrix. Local."""
-        self.point = self._stiffness = None
+        self.point = self._stiffness.values = None
 
     def _rigid_motions(self, matrix: Any) -> Any:
         """Rigid motions of the present positions for a matrix. Collective."""
@@ -179,11 +176,8 @@ class Tangent:
             fem.assemble_matrix(csr, form, self._bcs)
         csr.scatter_reverse()
         self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
-        mean = self._rows.diagonal().mean(axis=1)
-        comm = self._rows.index_map.comm
-        total, count = reductions.total(comm, [np.abs(mean).sum(), len(mean)])
-        stiffness: Floats = np.maximum(mean, _LEAST_STIFFNESS * total / count)
-        self._stiffness = stiffness + self._add_to(self._rows)
+        stiffness = self._stiffness.of(self._rows)
+        self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
 

@@ -15,10 +15,18 @@ def layers(middle):
     return (np.argsort(np.argsort(middle[:, 0])) % MPI.COMM_WORLD.size).astype(int)
 
 
+# Comes down on a corner of the lowest block, spins, and moves on.
+TOOL = nts.RigidSphere((1.2, 1.2, 0.823), 0.3).moving(
+    nts.Motion(lambda t: (-t, 0, -t), lambda t: (0, 5 * t, 0), (1.2, 1.2, 0.823))
+)
+
+
 def with_law(scheme, enforcement, friction, bodies, pairs, dt, method="node-to-segment"):
-    """Return a stepper whose pairs have another law."""
+    """Return a stepper whose pairs have another law, with a tool if there is friction."""
     laws = enforcement, friction, method
     pairs = [nts.ContactPair(p.nodes, p.segments, *laws) for p in pairs]
+    if friction is not None and method == "node-to-segment":
+        pairs.append(nts.ContactPair(pairs[0].segments, TOOL, *laws))
     return scheme(bodies, pairs, dt=dt)
 
 

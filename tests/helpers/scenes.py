@@ -274,7 +274,7 @@ def ball_plate(
     mesh.geometry.x[ball_nodes] += shift
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = rubber or nts.SaintVenantKirchhoff(*BALL_PLATE_RUBBER)
+    rubber = rubber or nts.SaintVenantKirchhoff(*BALL_PLATE_RUBBER, one_point=())
     bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate")}
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),
@@ -534,7 +534,7 @@ def sliding_blocks(
     mesh, cells, facets, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     numbers = (1e5, nu, 1e3)
-    rubber = nts.SaintVenantKirchhoff(*numbers)
+    rubber = nts.SaintVenantKirchhoff(*numbers, one_point=())
     bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("body 0", "body 1")}
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
     way = fem.Constant(mesh, (0.0, 0.0, 0.0))
@@ -572,7 +572,7 @@ def free_flight(
     mesh, cells, facets, tag = distribute(comm, data, owner=owner)
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V, linear = (fem.functionspace(mesh, ("Lagrange", p, (3,))) for p in (degree, 1))
-    rubber = nts.SaintVenantKirchhoff(*BLOCK_RUBBER)
+    rubber = nts.SaintVenantKirchhoff(*BLOCK_RUBBER, one_point=())
     bodies = {
         f"body {number}": nts.Body(V, cells, tag[f"body {number}"], rubber)
         for number in range(num_bodies)

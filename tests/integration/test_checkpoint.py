@@ -22,6 +22,8 @@ from helpers.interrupted import SCHEMES, layers, scene
 from helpers.readers import read_fields, read_grids
 from helpers.scenes import BLOCK_STEP, blocks, of_material
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Between numbers of ranks, relative to lengths of about one.
 POSITION_TOLERANCE = 1e-10
 NUM_STEPS, BREAK = 9, 5

@@ -15,6 +15,8 @@ from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 from helpers.boxed import Ledger
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Largest change, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 MOMENTUM_TOLERANCE = 1e-11

@@ -6,6 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from stress import statics
 
 WIDTH, GAP, THICKNESS = 0.2, 0.02, 0.1
 STEP = 1e-3  # s
@@ -151,3 +152,16 @@ def test_flush_bodies_bounce_the_same_by_their_whole_boundaries_and_by_their_fac
     boundaries, faces = (fall(comm, 4, how) for how in ("boundaries", "faces"))
     np.testing.assert_allclose(boundaries, faces, rtol=1e-2, atol=1e-6)
     assert abs(boundaries[:2]).max() < 1e-6  # no drift to the side
+
+
+@pytest.mark.serial
+def test_a_ball_between_closing_walls_is_told_and_a_hopeless_step_is_given_up_soon(comm, caplog):
+    """The walls meet at t = 0.87, and nothing of the ball is lost before."""
+    stepper = statics.squeezes(comm, way=0.6, h=0.1, cells=2).stepper
+    with pytest.raises(nts.ConvergenceError, match="smallest cell") as raised:
+        list(stepper.run(until=1.0))
+    assert 0.7 < stepper.t < 0.87
+    # A third of what all starts are allowed.
+    assert sum(report.iterations for report in raised.value.reports) <= 50
+    deep = [o for o in nts.Diagnostics(stepper).overlaps() if o.depth > 0.1 * o.size]
+    assert len(deep) <= caplog.text.count("is up to")

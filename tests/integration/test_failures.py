@@ -14,6 +14,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.parallel import errors
 from helpers.scenes import blocks
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Wall time from the error to the end of the last process [s], where each rank
 # has a core of its own.
 LONGEST = 2.0

@@ -13,6 +13,8 @@ import dolfinx_nts as nts
 from helpers.readers import read_grids
 from helpers.scenes import BLOCK_STEP, blocks, gathered, input_ids
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 STEPS = 6
 VERTICES = {"hexahedron": 8, "tetrahedron": 4}
 # File numbers of a hexahedron's vertices; tetrahedra have one order only.

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers.plane import blocks, throw
+from helpers.plane import RUBBER, blocks, throw
 
 STEPS = 12
 
@@ -137,14 +137,90 @@ def test_weight_of_a_block_rests_on_one_that_is_held():
         [scene.lower, scene.upper], [pair], dt=1.0, bcs=[held_below(scene)], loads=[weight]
     )
     stepper.set_displacement(scene.upper, (0.0, -0.02))
-    stepper.advance()
-    force = nts.Diagnostics(stepper).contact_force()
-    assert np.abs(force - [0.0, 9.81e3]).max() < 1e-4  # 1 m^2 of 1e3 kg/m^3, a metre thick
+    (reaction,) = stepper.advance().reactions
+    diagnostics, weight = nts.Diagnostics(stepper), [0.0, 9.81e3]  # 1 m^2 of 1e3 kg/m^3
+    moment = weight[1] * diagnostics.centre_of_mass(scene.upper)[0]
+    (of_pair,) = diagnostics.pairs().values()
+    for force, turning in (
+        (of_pair.force, of_pair.torque),
+        (reaction.force, reaction.moment),
+    ):
+        assert np.abs(np.subtract(force, weight)).max() < 1e-4
+        assert np.abs(np.subtract(turning, [moment])).max() < 1e-4
+
+
+def test_a_circle_that_moves_and_turns_gives_what_energy_and_momenta_gain():
+    velocity, spin, centre = np.array([0.3, -0.7]), 4.0, np.array([0.1, 1.53])
+    scene = blocks("triangle")
+    motion = nts.Motion(lambda t: velocity * t, lambda t: spin * t, centre=centre)
+    circle = nts.RigidSphere(centre, 0.5).moving(motion)
+    top = nts.boundary_of(scene.upper, where=lambda x: x[1] > 0.9)
+    pair = nts.ContactPair(top, circle, friction=nts.Coulomb(mu=0.3))
+    stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
+    diagnostics = nts.Diagnostics(stepper)
+    first, work, told, lost, impulses = diagnostics.balance(), 0.0, 0.0, 0.0, np.zeros(3)
+    for step in stepper.run(until=0.2):
+        (on,) = diagnostics.obstacles().values()
+        (torque,) = on.torque
+        middle = centre + (step.t - step.dt / 2) * velocity
+        about_origin = torque + middle[0] * on.force[1] - middle[1] * on.force[0]
+        impulses += step.dt * np.array([*on.force, about_origin])
+        # About a fixed axis the torque does its work on twice the tangent of half the angle.
+        work -= step.dt * on.force @ velocity + torque * 2 * np.tan(spin * step.dt / 2)
+        told += step.contact_work.obstacles
+        lost += sum(step.contact_work) - step.contact_work.obstacles
+    last = diagnostics.balance()
+    assert work > 10 and lost < -1
+    assert abs(told - work) < 1e-9 * work
+    assert abs(last.total_energy - first.total_energy - work - lost) < 1e-9 * work
+    for name, impulse in zip(
+        ("linear_momentum", "angular_momentum"), (impulses[:2], impulses[2:]), strict=True
+    ):
+        gained = getattr(last, name) - getattr(first, name)
+        assert np.abs(gained + impulse).max() < 1e-9 * np.abs(impulses).max()
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (nts.Motion(lambda t: (0.0, 0.0, t)), "two finite numbers for a translation"),
+        (nts.Motion(rotation=lambda t: (t, 0.0, 0.0)), "an angle, or a rotation about z"),
+        (nts.Motion(rotation=lambda t: np.diag([1.0, -1.0, -1.0])), "a rotation about z"),
+    ],
+    ids=["translation", "vector", "matrix"],
+)
+def test_motions_out_of_the_plane_are_refused(motion, message):
+    scene = blocks()
+    line = nts.RigidPlane((0.0, 1.5), (0.0, -1.0)).moving(motion)
+    pair = nts.ContactPair(nts.boundary_of(scene.upper), line)
+    stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
+    with pytest.raises(ValueError, match=message):
+        stepper.advance()
+    assert stepper.step == 0
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_stress_is_that_of_plane_strain(cell):
+    scene, stretch = blocks(cell), 1.2
+    bodies = [scene.lower, scene.upper]
+    stepper = nts.EnergyMomentum(bodies, dt=0.01)
+    for body in bodies:
+        stepper.set_displacement(body, lambda x: np.array([(stretch - 1) * x[0], 0 * x[0]]))
+    E, nu = RUBBER["E"], RUBBER["nu"]
+    lmbda, mu = E * nu / (1 + nu) / (1 - 2 * nu), E / 2 / (1 + nu)
+    strain = (stretch**2 - 1) / 2
+    expected = np.diag([stretch**2 * (lmbda + 2 * mu), lmbda, lmbda]) * strain / stretch
+    fields = nts.Fields(stepper)
+    stress = fields.cauchy_stress().x.array.reshape(-1, 3, 3)
+    assert np.abs(stress - expected).max() < 1e-10 * expected.max()
+    density = fields.strain_energy_density().x.array
+    assert np.abs(density - (lmbda / 2 + mu) * strain**2).max() < 1e-10 * E
 
 
 def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
     scene = blocks("triangle")
-    line = nts.RigidPlane((0.0, -0.51), (0.0, 1.0))
+    rising = nts.Motion(lambda t: (0.0, 0.05 * t))
+    line = nts.RigidPlane((0.0, -0.51), (0.0, 1.0)).moving(rising)
     circle = nts.RigidSphere((1.3, 0.3), 0.72)
     bottom = nts.boundary_of(scene.lower)
     side = nts.boundary_of(scene.upper, where=lambda x: x[0] > 0.5)
@@ -153,13 +229,25 @@ def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
         nts.ContactPair(side, circle, nts.Penalty()),
         nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(mu=0.2)),
     ]
-    stepper = nts.EnergyMomentum([scene.lower, scene.upper], pairs, dt=0.01)
+    bodies = [scene.lower, scene.upper]
+    end = fem.locate_dofs_geometrical(scene.V, lambda x: np.isclose(x[0], -1.0))
+    supports = {"bcs": [fem.dirichletbc(np.zeros(2), end, scene.V)]}
+    loads = {"loads": [nts.Gravity(bodies, (0.0, -9.81))]}
+    stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01, **supports, **loads)
     throw(scene, stepper)
-    stepper.set_velocity(scene.lower, (0.0, -0.5))
+    stepper.set_velocity(scene.lower, lambda x: np.array([0 * x[0], -0.5 * (x[0] > -0.99)]))
     comm = scene.V.mesh.comm
     name = comm.bcast(str(tmp_path / "blocks"))
     active = np.zeros(3, dtype=int)
-    with nts.Recorder(name, stepper, every=6, checkpoint_every=6) as record:
+    options = {
+        "every": 6,
+        "checkpoint_every": 6,
+        "columns_of": ("pairs", "obstacles", "supports", "loads", "bodies"),
+        "stress": True,
+        "own_columns": {"tip": lambda stepper: (1.0, 2.0)},
+        "own_fields": {"twice": lambda stepper: 2 * stepper.x[: len(stepper.node_ids), :2]},
+    }
+    with nts.Recorder(name, stepper, **options) as record:
         for step in stepper.run(until=0.12):
             record.write(step)
             active += [comm.allreduce(int(c.history.active.sum())) for c in stepper.contacts]
@@ -168,14 +256,22 @@ def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
         table = np.genfromtxt(f"{name}.csv", delimiter=",", names=True)
         names = table.dtype.names
         assert {"linear_momentum_x", "linear_momentum_y", "angular_momentum_z"} <= set(names)
-        assert "pair_1_torque_z" in names and not any(n.endswith("momentum_z") for n in names[:9])
+        vectors = {part for part in names if part.endswith(("_x", "_y", "_z"))}
+        turning = {part for part in vectors if part.endswith("_z")}
+        assert all(part[:-2].endswith(("angular_momentum", "torque", "moment")) for part in turning)
+        # The whole, two bodies, three pairs, two obstacles and a support.
+        assert len(turning) == 1 + 2 + 3 + 2 + 1 and "tip_y" in vectors
         size = table["total_energy"][0]
         assert np.abs(table["energy_unaccounted"]).max() < 1e-10 * size
         assert 'TopologyType="Triangle"' in Path(f"{name}.xdmf").read_text()
-    again = nts.EnergyMomentum([scene.lower, scene.upper], pairs, dt=0.01)
-    with nts.Recorder(name, again, every=6, checkpoint_every=6, resume=True):
+    again = nts.EnergyMomentum(bodies, pairs, dt=0.01, **supports, **loads)
+    with nts.Recorder(name, again, **options, resume=True):
         pass
     assert np.array_equal(again.u.x.array, stepper.u.x.array)
+    static = nts.QuasiStatic(bodies, pairs, dt=0.01, **supports)
+    dropped = nts.load_state(f"{name}.checkpoint.h5", static)
+    assert "velocities, which QuasiStatic does not have" in dropped
+    assert np.array_equal(static.u.x.array, stepper.u.x.array) and not static.v.x.array.any()
 
 
 def test_bodies_inside_each_other_are_found():

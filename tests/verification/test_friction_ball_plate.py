@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from benchmarks.scenes import ball_on_plate
 from helpers import scenes
 
 END, STEP = 1.0, 0.01
@@ -78,7 +79,7 @@ def run(name: str, until: float) -> Run:
     scheme = nts.Midpoint if name == "paper" else nts.EnergyMomentum
     mesh, cells, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
     V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = nts.SaintVenantKirchhoff(*scenes.BALL_PLATE_RUBBER)
+    rubber = nts.SaintVenantKirchhoff(*scenes.BALL_PLATE_RUBBER, one_point=())
     bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate")}
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),
@@ -165,3 +166,10 @@ def test_first_slip_is_in_balance_on_any_number_of_ranks(name):
     assert result.dissipation.sum() > 0
     assert result.history.linear_drift <= LINEAR_TOLERANCE
     assert result.history.angular_drift <= ANGULAR_TOLERANCE
+
+
+@pytest.mark.serial
+def test_much_friction_holds_nodes_that_would_pull_if_they_slid(comm):
+    """A node that slides with so much friction has no equilibrium, and one that sticks has."""
+    stepper = ball_on_plate(comm, "EM elastic", 0.01, n=6, friction=nts.Coulomb(5.0)).stepper
+    assert max(step.newton_iterations for step in stepper.run(until=0.45)) <= 25

@@ -56,7 +56,7 @@ def test_matching_meshes_pass_the_patch_test():
 
 
 # Largest error of the stress: the finer surface as nodes, and the coarser.
-FINER_AS_NODES, COARSER_AS_NODES = 0.093, 0.315
+FINER_AS_NODES, COARSER_AS_NODES = 0.118, 0.387
 # Change of the largest error by refinement.
 CHANGE = 0.05
 
@@ -74,7 +74,7 @@ def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes):
 
 
 # With both as nodes of springs, of which those at the rim are softer.
-BOTH = 0.063
+BOTH = 0.0755
 
 
 @pytest.mark.parametrize("meshes", [(4, 6), (6, 4)])

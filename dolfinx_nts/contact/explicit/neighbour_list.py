@@ -72,8 +72,8 @@ class NeighbourList:
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if nodes outside of it may touch.
 
-        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m], ``step`` is the largest
-        motion of any node since the last update, the same on all ranks [m].
+        ``x`` are positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m],
+        ``step`` bounds the motion since the last update, see `Search.way` [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size

@@ -36,7 +36,7 @@ _SUNK = 0.1
 _SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
-_NO_WORK = (0.0,) * 5
+_NO_WORK = (0.0,) * 6
 _NO_SPRINGS = _kernels.Springs(
     np.empty(0, dtype=np.int32),
     np.empty(0, dtype=np.int64),
@@ -134,7 +134,7 @@ class ContactSprings:
         evaluation.
         """
         state, neighbours = self._state, self._neighbours
-        neighbours.serialize(archive, f"{name}/neighbours", x)
+        neighbours.serialize(archive, f"{name}/neighbours", state.search.frame.at_end(x))
         k = neighbours.candidates.segments.shape[1]
         force: Floats = np.zeros((len(state.nodes.nodes), 1 + k, 3))
         if forces is not None:
@@ -193,10 +193,12 @@ class ContactSprings:
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
             x: The same at its end.
-            moved: Largest motion of any node, the same on all ranks [m].
+            moved: Bound on the motion of nodes and obstacle as of `Search.way` [m].
             dt: Length of the step [s].
         """
         state, reach = self._state, 2 * moved + self._neighbours.reach
+        frame = state.search.frame
+        x_n, x = frame.at_start(x_n), frame.at_end(x)
         candidates, _ = state.search.update(x_n, reach)
         points, forward = state.points(x_n), candidates.scatter.forward
         ends = forward(x_n), forward(x)
@@ -224,10 +226,12 @@ class ContactSprings:
             x_n: Accepted positions of the local nodes, owned and ghost, shape ``(l, 3)`` [m];
                 only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
-            step: Largest motion of any node since the last evaluation, the same on all ranks
-                [m].
+            step: Bound on the motion of nodes and obstacle since the last evaluation, as of
+                `Search.way` [m].
         """
         seen, n = self._neighbours, len(self._reduced_mass)
+        frame = self._state.search.frame
+        x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
         self.num_lost = 0
         if seen.is_idle:
@@ -269,16 +273,27 @@ class ContactSprings:
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
-    def work(self, old: SpringForces, new: SpringForces, du: Floats) -> tuple[float, ...]:
+    def work(
+        self, old: SpringForces, new: SpringForces, x: Floats, du: Floats
+    ) -> tuple[float, ...]:
         """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
 
-        ``du`` is the displacement of the owned nodes between both, shape ``(n, d)`` [m].
+        ``du`` is the displacement of the owned nodes between both, shape ``(n, d)`` [m], and
+        ``x`` are their positions at its end, shape ``(n, 3)`` [m].
         """
         if old.scatter is None and new.scatter is None:
             return _NO_WORK
         du = in_space(du)
+        frame, obstacle = self._state.search.frame, 0.0
+        if frame.moves:
+            carried = frame.carried(frame.at_start(x - du), frame.at_end(x))
+            du = du - carried
+            for springs in (old.springs, new.springs):
+                way = carried[springs.dofs[:, 0]]
+                obstacle += float(np.vdot(springs.force[:, 0], way)) / 2
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:
             du_new = du if new.scatter is None else new.scatter.forward(du)
-        return _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)
+        causes = _kernels.work_by_cause(old.springs, new.springs, du_old, du_new, new.dissipation)
+        return *causes, obstacle

@@ -63,8 +63,8 @@ class ContactStep:
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
         touched: Whether one was active in any iteration.
-        x: Positions of the nodes that the candidates know in the last evaluation, ``(l, 3)``
-            [m].
+        x: Positions of the nodes that the candidates know in the last evaluation, in the frame
+            of the search, ``(l, 3)`` [m].
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class ContactStep:
         Returns:
             The pairs that may transmit force.
         """
-        x = self.x = self.candidates.scatter.forward(x)
+        x = self.x = self.candidates.scatter.forward(self.state.search.frame.at_end(x))
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
@@ -192,7 +192,9 @@ class ContactStep:
     def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
         """Energy given by the contact of the step, by cause. Collective."""
         old, pairs = self.state.history, contribution.pairs
-        dx = self.x.take(pairs.dofs, axis=0) - self.search.x_n.take(pairs.dofs, axis=0)
+        frame, ends = self.state.search.frame, (self.search.x_n, self.x)
+        dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
+        carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
         F = pairs.contact.force
         work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
         # What springs account for is not counted twice.
@@ -206,6 +208,7 @@ class ContactStep:
                 work[before & ~same].sum() - self.normal.released_energy(pairs.node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
+                np.vdot(new.force, carried),
             ]
         )
         return ContactWork(*reductions.total(self._comm, parts).tolist())

@@ -40,6 +40,8 @@ class Approach(NamedTuple):
 class LocalSearch:
     """Nodes of a contact pair and the segments that they face. Collective; its methods are local.
 
+    Positions are those in the frame of the search of the pair, but for those of the arguments.
+
     Args:
         state: State of the contact pair.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
@@ -64,6 +66,8 @@ class LocalSearch:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
         pair = state.pair
         comm: MPI.Comm = pair.nodes.V.mesh.comm
+        frame = state.search.frame
+        x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Longest way of a node in the ballistic step.
         self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.

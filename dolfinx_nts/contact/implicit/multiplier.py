@@ -124,7 +124,7 @@ class MultiplierContact(NormalContact):
         """
         held = self.active[pairs.node] & ~pairs.fixed
         held &= ~friction.sticks(pairs.node, held)
-        x = self._search.candidates.scatter.forward(x)
+        x = self._search.candidates.scatter.forward(self._state.search.frame.at_end(x))
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
         gap -= self._target(pairs)
         # Nodes far from where the normals were computed are left to the linear system.

@@ -21,6 +21,11 @@ __all__ = ["Friction", "StickSlip"]
 _SLIP_WEIGHT = 0.3
 
 
+# How often a node arrives sliding in a step. With much friction a sliding node may pull, so that
+# it leaves and arrives again and again, where one that sticks presses.
+_SLIDES = 2
+
+
 class Friction:
     """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
 
@@ -127,6 +132,7 @@ class StickSlip(Friction):
         # until it is found to slide, as bodies may have no other hold.
         self._arrives_sliding = not is_static
         self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
+        self._arrivals = np.zeros(n, dtype=np.int32)
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
@@ -139,7 +145,8 @@ class StickSlip(Friction):
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
         self.release(node[before & ~active])
         arrived = node[active & ~before]
-        self.sliding[arrived] = self._arrives_sliding
+        self._arrivals[arrived] += 1
+        self.sliding[arrived] = self._arrives_sliding & (self._arrivals[arrived] <= _SLIDES)
         self._model.direction[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:

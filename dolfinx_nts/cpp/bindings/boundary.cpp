@@ -2,77 +2,220 @@
 #include "array.h"
 
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+#include <optional>
 
 namespace nts::bindings
 {
 namespace
 {
-void make(Boundary* place, const Doubles& x)
-{
-  check("x", x, {any, 3, 3});
-  const nb::gil_scoped_release release;
-  new (place) Boundary(view(x));
-}
+using Rows = In<std::int32_t>;
 
-void move(Boundary& boundary, const Doubles& x)
+/// @brief Boundaries that move, by arrays that are not copied, and a tree over
+/// each, which is made or moved when it is asked.
+class MovingBoundaries
 {
-  check("x", x, {boundary.size(), 3, 3});
-  const nb::gil_scoped_release release;
-  boundary.move(view(x));
-}
-
-auto winding(const Boundary& boundary, const Doubles& points)
-{
-  check("points", points, {any, 3});
-  auto values = create<double>({points.shape(0)});
-  const nb::gil_scoped_release release;
-  for (std::size_t i = 0; i < points.shape(0); ++i)
-    values.data()[i] = boundary.winding(vector(view(points), i));
-  return values;
-}
-
-auto distance(const Boundary& boundary, const Doubles& points,
-              const Doubles& least)
-{
-  check("points", points, {any, 3});
-  check("least", least, {points.shape(0)});
-  auto values = create<double>({points.shape(0)});
-  const nb::gil_scoped_release release;
-  for (std::size_t i = 0; i < points.shape(0); ++i)
-    values.data()[i]
-        = boundary.distance(vector(view(points), i), least.data()[i]);
-  return values;
-}
-
-auto crossings(const Boundary& boundary, const Doubles& points)
-{
-  check("points", points, {any, 3});
-  auto count = create<std::int32_t>({points.shape(0)});
-  auto at_an_edge = create<bool>({points.shape(0)});
+public:
+  MovingBoundaries(std::vector<Rows> nodes, std::vector<Rows> triangles)
+      : _nodes(std::move(nodes)), _triangles(std::move(triangles)),
+        _boundaries(_nodes.size()), _moved(_nodes.size(), true)
   {
-    const nb::gil_scoped_release release;
-    for (std::size_t i = 0; i < points.shape(0); ++i)
+    if (_triangles.size() != _nodes.size())
+      throw nb::value_error("triangles: expected as many arrays as nodes");
+    for (std::size_t i = 0; i < _nodes.size(); ++i)
     {
-      const auto found = boundary.crossings(vector(view(points), i));
-      count.data()[i] = found.count;
-      at_an_edge.data()[i] = found.at_an_edge;
+      check("nodes", _nodes[i], {any});
+      check("triangles", _triangles[i], {any, 3});
+      for (const Rows& rows : {_nodes[i], _triangles[i]})
+        for (const std::int32_t row : view(rows))
+        {
+          if (row < 0)
+            throw nb::value_error("expected no negative row");
+          _num_rows = std::max(_num_rows, static_cast<std::size_t>(row) + 1);
+        }
     }
   }
-  return std::tuple(count, at_an_edge);
-}
 
-auto cuts(const Boundary& boundary, const Doubles& ways)
-{
-  check("ways", ways, {any, 6});
-  const auto found = boundary.cuts(view(ways));
-  auto way = create<std::int32_t>({found.size()});
-  auto s = create<double>({found.size()});
-  std::ranges::transform(found, way.data(), &WayCut::way);
-  std::ranges::transform(found, s.data(), &WayCut::s);
-  return std::tuple(way, s);
-}
+  void move(Doubles x)
+  {
+    check_positions("x", x);
+    _x = std::move(x);
+    _moved.assign(_nodes.size(), true);
+  }
 
-auto parts(const Doubles& ways, const In<std::int32_t>& way, const Doubles& s)
+  auto extents() const
+  {
+    const std::size_t n = _nodes.size();
+    auto least = create<double>({2, n, 3});
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      const Box box = bounds(positions(), view(_nodes[i]));
+      for (std::size_t c = 0; c < 3; ++c)
+      {
+        least.data()[3 * i + c] = box.lower[c];
+        least.data()[3 * (n + i) + c] = -box.upper[c];
+      }
+    }
+    return least;
+  }
+
+  auto farthest(const Doubles& x, const Doubles& before) const
+  {
+    check_positions("x", x);
+    check_positions("before", before);
+    auto distance = create<double>({_nodes.size()});
+    for (std::size_t i = 0; i < _nodes.size(); ++i)
+      distance.data()[i]
+          = nts::farthest(view(x), view(before), view(_nodes[i]));
+    return distance;
+  }
+
+  /// @brief Which boxes overlap, in both orders, where, and how far all are
+  /// apart.
+  auto meetings(const Doubles& boxes, const Doubles& touch) const
+  {
+    const std::size_t n = _nodes.size();
+    check("boxes", boxes, {2, n, 3});
+    check("touch", touch, {n});
+    auto apart = create<double>({n, n});
+    std::vector<std::int32_t> pairs;
+    std::vector<double> depths, regions;
+    for (std::size_t i = 0; i < n; ++i)
+      for (std::size_t j = 0; j < n; ++j)
+      {
+        const Box inner = box(boxes, i), outer = box(boxes, j);
+        const double depth = std::min(touch.data()[i], touch.data()[j]);
+        // What is deep in the outer boundary is as deep in its box.
+        std::array<double, 6> region;
+        double way = -INFINITY;
+        for (std::size_t c = 0; c < 3; ++c)
+        {
+          way = std::max({way, inner.lower[c] - outer.upper[c],
+                          outer.lower[c] - inner.upper[c]});
+          region[c] = std::max(inner.lower[c], outer.lower[c] + depth);
+          region[3 + c] = std::min(inner.upper[c], outer.upper[c] - depth);
+        }
+        apart.data()[n * i + j] = i == j ? INFINITY : way;
+        if (i == j || way >= -depth)
+          continue;
+        for (const std::size_t number : {i, j})
+          pairs.push_back(static_cast<std::int32_t>(number));
+        depths.push_back(depth);
+        regions.insert(regions.end(), region.begin(), region.end());
+      }
+    auto pair = create<std::int32_t>({depths.size(), 2});
+    auto depth = create<double>({depths.size()}),
+         region = create<double>({depths.size(), 2, 3});
+    std::ranges::copy(pairs, pair.data());
+    std::ranges::copy(depths, depth.data());
+    std::ranges::copy(regions, region.data());
+    return std::tuple(apart, pair, depth, region);
+  }
+
+  auto crossings(const Doubles& points, const Rows& where, const Doubles& boxes)
+  {
+    check_points("points", points, 3, where);
+    check("boxes", boxes, {2, _nodes.size(), 3});
+    auto found = create<std::int32_t>({2, points.shape(0)});
+    for (std::size_t i = 0; i < points.shape(0); ++i)
+    {
+      const std::size_t w = view(where)[i];
+      const auto [count, at_an_edge]
+          = at(w).crossings(vector(view(points), i), box(boxes, w));
+      found.data()[i] = count;
+      found.data()[points.shape(0) + i] = at_an_edge;
+    }
+    return found;
+  }
+
+  auto winding(const Doubles& points, const Rows& where)
+  {
+    check_points("points", points, 3, where);
+    auto values = create<double>({points.shape(0)});
+    for (std::size_t i = 0; i < points.shape(0); ++i)
+      values.data()[i] = at(view(where)[i]).winding(vector(view(points), i));
+    return values;
+  }
+
+  auto distance(const Doubles& points, const Rows& where, const Doubles& least)
+  {
+    check_points("points", points, 3, where);
+    check("least", least, {points.shape(0)});
+    auto values = create<double>({points.shape(0)});
+    for (std::size_t i = 0; i < points.shape(0); ++i)
+      values.data()[i]
+          = at(view(where)[i])
+                .distance(vector(view(points), i), least.data()[i]);
+    return values;
+  }
+
+  auto cuts(const Doubles& ways, const Rows& where)
+  {
+    check_points("ways", ways, 6, where);
+    std::vector<WayCut> found;
+    for (std::size_t i = 0; i < ways.shape(0); ++i)
+    {
+      const Vec3 begin = vector(view(ways), 2 * i),
+                 end = vector(view(ways), 2 * i + 1);
+      at(view(where)[i])
+          .cuts(begin, end, [&](double s)
+                { found.push_back({static_cast<std::int32_t>(i), s}); });
+    }
+    auto way = create<std::int32_t>({found.size()});
+    auto s = create<double>({found.size()});
+    std::ranges::transform(found, way.data(), &WayCut::way);
+    std::ranges::transform(found, s.data(), &WayCut::s);
+    return std::tuple(way, s);
+  }
+
+private:
+  Box box(const Doubles& boxes, std::size_t i) const
+  {
+    return {vector(view(boxes), i), vector(view(boxes), _nodes.size() + i)};
+  }
+
+  std::span<const double> positions() const
+  {
+    if (!_x)
+      throw nb::value_error("expected a call of move before");
+    return view(*_x);
+  }
+
+  /// @brief The boundary with this number, where it is now.
+  const Boundary& at(std::size_t number)
+  {
+    std::optional<Boundary>& boundary = _boundaries[number];
+    if (!boundary)
+      boundary.emplace(positions(), view(_triangles[number]));
+    else if (_moved[number])
+      boundary->move(positions());
+    _moved[number] = false;
+    return *boundary;
+  }
+
+  void check_positions(const char* name, const Doubles& x) const
+  {
+    check(name, x, {any, 3});
+    if (x.shape(0) < _num_rows)
+      throw nb::value_error("x: expected all rows of the boundaries");
+  }
+
+  void check_points(const char* name, const Doubles& points, std::size_t width,
+                    const Rows& where) const
+  {
+    check(name, points, {any, width});
+    check("where", where, {points.shape(0)});
+    check_rows("where: expected numbers of boundaries", where, _nodes.size());
+  }
+
+  std::vector<Rows> _nodes, _triangles;
+  std::vector<std::optional<Boundary>> _boundaries;
+  std::vector<bool> _moved;
+  std::size_t _num_rows = 0;
+  std::optional<Doubles> _x;
+};
+
+auto parts(const Doubles& ways, const Rows& way, const Doubles& s)
 {
   check("ways", ways, {any, 6});
   check("s", s, {way.size()});
@@ -96,53 +239,94 @@ auto parts(const Doubles& ways, const In<std::int32_t>& way, const Doubles& s)
   return std::tuple(middle, number);
 }
 
-/// @brief Positions of rows of nodes whose boxes meet a box.
-auto rows_in(const Doubles& x, const In<std::int32_t>& rows, const Doubles& box)
+/// @brief Positions of rows of nodes whose boxes meet a region, for each
+/// region.
+auto rows_in(const Doubles& x, const std::vector<Rows>& rows, const Rows& which,
+             const Doubles& regions)
 {
   check("x", x, {any, 3});
-  check("rows", rows, {any, any});
-  check("box", box, {2, 3});
-  check_rows("rows: expected rows of x", rows, x.shape(0));
-  const std::size_t k = rows.shape(1);
-  const Box region{vector(view(box), 0), vector(view(box), 1)};
-  std::vector<std::int32_t> found;
-  for (std::size_t i = 0; i < rows.shape(0); ++i)
-    if (bounds(view(x), view(rows).subspan(k * i, k)).meets(region))
-      found.push_back(static_cast<std::int32_t>(i));
-  auto positions = create<double>({found.size(), 3 * k});
-  double* place = positions.data();
-  for (const std::int32_t i : found)
-    for (std::size_t a = 0; a < k; ++a, place += 3)
-      std::ranges::copy(vector(view(x), rows.data()[k * i + a]), place);
-  return positions;
+  check("regions", regions, {which.size(), 2, 3});
+  check_rows("which: expected numbers of rows", which, rows.size());
+  const std::size_t k = rows.empty() ? 1 : rows.front().shape(1);
+  for (const Rows& some : rows)
+  {
+    check("rows", some, {any, k});
+    check_rows("rows: expected rows of x", some, x.shape(0));
+  }
+  std::vector<double> found;
+  std::vector<std::int32_t> numbers;
+  for (std::size_t r = 0; r < which.size(); ++r)
+  {
+    const Box region{vector(view(regions), 2 * r),
+                     vector(view(regions), 2 * r + 1)};
+    const auto all = view(rows[view(which)[r]]);
+    for (std::size_t i = 0; i < all.size(); i += k)
+      if (const auto row = all.subspan(i, k);
+          bounds(view(x), row).meets(region))
+      {
+        numbers.push_back(static_cast<std::int32_t>(r));
+        for (const std::int32_t node : row)
+          std::ranges::copy(vector(view(x), node), std::back_inserter(found));
+      }
+  }
+  auto positions = create<double>({numbers.size(), 3 * k});
+  auto number = create<std::int32_t>({numbers.size()});
+  std::ranges::copy(found, positions.data());
+  std::ranges::copy(numbers, number.data());
+  return std::tuple(positions, number);
 }
 } // namespace
 
 void boundary(nb::module_& m)
 {
-  nb::class_<Boundary>(m, "Boundary",
-                       "Triangles of the closed boundary of a body, or some of "
-                       "them, and what is inside")
-      .def("__init__", &make, nb::arg("x"),
-           "(t, 3, 3) vertices in outward sense, which are copied")
-      .def("move", &move, nb::arg("x"),
-           "(t, 3, 3) other positions of the same vertices, which are copied")
-      .def("crossings", &crossings, nb::arg("points"),
-           "(n, 3) -> how often a ray leaves less how often it enters (n,), "
-           "whether it hits an edge, so that the count may be wrong (n,)")
-      .def("winding", &winding, nb::arg("points"),
-           "(n, 3) -> solid angle over 4 pi (n,), of all triangles 1 inside")
-      .def("distance", &distance, nb::arg("points"), nb::arg("least"),
-           "(n, 3), (n,) -> distance to the nearest triangle (n,), or to "
-           "another that is as near as the second argument")
-      .def("cuts", &cuts, nb::arg("ways"),
-           "(w, 6) begins and ends -> which way and where on it, from 0 to 1, "
-           "straight ways meet a triangle (c,), (c,)");
+  nb::class_<MovingBoundaries>(
+      m, "Boundaries",
+      "Closed boundaries that move, or parts of them, and what is inside; the "
+      "arrays are read, not copied")
+      .def(nb::init<std::vector<Rows>, std::vector<Rows>>(), nb::arg("nodes"),
+           nb::arg("triangles"),
+           "for each boundary rows of positions: (n,), and (t, 3) vertices in "
+           "outward sense")
+      .def("move", &MovingBoundaries::move, nb::arg("x"),
+           "(l, 3) positions, which must stay as they are until the next call")
+      .def("extents", &MovingBoundaries::extents,
+           "-> least coordinates and negative greatest ones of the nodes "
+           "(2, g, 3)")
+      .def("meetings", &MovingBoundaries::meetings, nb::arg("boxes"),
+           nb::arg("touch"),
+           "(2, g, 3) corners of boxes around the whole of each boundary, (g,) "
+           "-> distances of any two boxes (g, g), infinite on the diagonal; "
+           "those two that overlap by more than a touch, in both orders "
+           "(p, 2); that touch (p,); and boxes around all that may be deeper "
+           "in the second (p, 2, 3)")
+      .def("farthest", &MovingBoundaries::farthest, nb::arg("x"),
+           nb::arg("before"),
+           "(l, 3), (l, 3) -> largest distance between both of the nodes of "
+           "each boundary (g,), NaN if one is")
+      .def("crossings", &MovingBoundaries::crossings, nb::arg("points"),
+           nb::arg("where"), nb::arg("boxes"),
+           "(n, 3), (n,) numbers of boundaries, (2, g, 3) corners of boxes "
+           "around the whole of them -> how often a ray leaves less how often "
+           "it enters, and whether it hits an edge, so that the count may be "
+           "wrong (2, n)")
+      .def("winding", &MovingBoundaries::winding, nb::arg("points"),
+           nb::arg("where"),
+           "(n, 3), (n,) -> solid angle over 4 pi (n,), of all triangles 1 "
+           "inside")
+      .def("distance", &MovingBoundaries::distance, nb::arg("points"),
+           nb::arg("where"), nb::arg("least"),
+           "(n, 3), (n,), (n,) -> distance to the nearest triangle (n,), or to "
+           "another that is as near as the last argument")
+      .def("cuts", &MovingBoundaries::cuts, nb::arg("ways"), nb::arg("where"),
+           "(w, 6) begins and ends, (w,) -> which way and where on it, from 0 "
+           "to 1, straight ways meet a triangle (c,), (c,)");
   m.def("parts_of_ways", &parts, nb::arg("ways"), nb::arg("way"), nb::arg("s"),
-        "(w, 6), (c,), (c,) cuts as of Boundary.cuts -> middles of the parts "
+        "(w, 6), (c,), (c,) cuts as of Boundaries.cuts -> middles of the parts "
         "of ways that are cut (m, 3), and the way of each (m,)");
-  m.def("rows_in", &rows_in, nb::arg("x"), nb::arg("rows"), nb::arg("box"),
-        "(l, 3), (n, k) rows of x, (2, 3) -> positions of those whose box "
-        "meets the given one (m, 3 k)");
+  m.def("rows_in", &rows_in, nb::arg("x"), nb::arg("rows"), nb::arg("which"),
+        nb::arg("regions"),
+        "(l, 3), arrays (n, k) of rows of x, (r,) one of them for each region, "
+        "(r, 2, 3) -> positions of those rows whose box meets the region "
+        "(m, 3 k), and number of the region (m,)");
 }
 } // namespace nts::bindings

@@ -16,7 +16,12 @@ double drift_all(double dt, const Doubles& v, const Doubles& a,
   check("a", a, {n, d});
   check("u", u, {n, d});
   check("du", du, {n, d});
-  return drift(dt, view(v), view(a), view(rate), view(u), view(du));
+  return dispatch_components(d,
+                             [&]<std::size_t D>()
+                             {
+                               return drift<D>(dt, view(v), view(a), view(rate),
+                                               view(u), view(du));
+                             });
 }
 
 double kick_all(double dt, const Doubles& mobility, const Doubles& force,
@@ -46,15 +51,14 @@ auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
 
 void leapfrog(nb::module_& m)
 {
-  m.def(
-      "drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
-      nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
-      nb::arg("du").noconvert(),
-      "-, (n, 3), (n, 3) -> largest of du; sets rate (n, 3), changes u (n, 3) "
-      "by du (n, 3)");
+  m.def("drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
+        nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
+        nb::arg("du").noconvert(),
+        "-, (n, d), (n, d) -> longest row of du; sets rate (n, d), changes u "
+        "(n, d) by du (n, d)");
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
-        "-, (n, 3), (n, 3) -> force . a; sets a (n, 3), changes rate (n, 3)");
+        "-, (n, d), (n, d) -> force . a; sets a (n, d), changes rate (n, d)");
   m.def("cell_lengths", &cell_lengths_of, nb::arg("x"), nb::arg("cells"),
         "(n, 2 or 3), (c, k) -> twice the least radius of gyration of the "
         "nodes of "

@@ -243,7 +243,8 @@ double farthest_point(const Doubles& x, const Doubles& before)
 {
   check("x", x, {any, 3});
   check("before", before, {x.shape(0), 3});
-  return farthest(view(x), view(before));
+  return farthest(view(x), view(before),
+                  std::views::iota(std::size_t{0}, x.shape(0)));
 }
 
 auto lost_nodes(const Ints& before, const Ints& after)

@@ -7,6 +7,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.contact.friction import transport
 from reference.bulk import rotation, taylor_order
 
+pytestmark = pytest.mark.serial
+
 ROUNDING = 1e2 * np.finfo(float).eps
 MU = 0.4
 

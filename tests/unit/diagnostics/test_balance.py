@@ -48,6 +48,7 @@ def test_rigid_boxes_have_the_momenta_of_solid_boxes(comm, cell):
     stepper = two_boxes(comm, cell)
     Q = rotation([1, 2, 0.5], 0.7)
     p, L, K, means = np.zeros(3), np.zeros(3), 0.0, []
+    of_each = Diagnostics(stepper).bodies
     for body, size, base, v_c, omega in zip(
         stepper.bodies, SIZES, ([0, 0, 0], [0, 0, HEIGHT]), ([1, 2, 3], [-2, 0, 1]),
         ([0.5, -1, 2], [3, 1, 0]), strict=True,
@@ -66,10 +67,16 @@ def test_rigid_boxes_have_the_momenta_of_solid_boxes(comm, cell):
         a, b, c = size
         m = BLOCK_RUBBER[2] * a * b * c
         inertia = m / 12 * Q @ np.diag([b * b + c * c, a * a + c * c, a * a + b * b]) @ Q.T
-        p += m * np.array(v_c)
-        L += np.cross(x_c, m * np.array(v_c)) + inertia @ omega
-        K += m * np.dot(v_c, v_c) / 2 + omega @ inertia @ omega / 2
+        p_body, L_body = m * np.array(v_c), np.cross(x_c, m * np.array(v_c)) + inertia @ omega
+        K_body = m * np.dot(v_c, v_c) / 2 + omega @ inertia @ omega / 2
+        p, L, K = p + p_body, L + L_body, K + K_body
         means.append((x_c, v_c))
+        balance = of_each()[body.name.removeprefix("body ")]
+        numbers = balance.mass, balance.kinetic_energy, *balance.linear_momentum
+        numbers += (*balance.angular_momentum, *balance.centre_of_mass, *balance.velocity)
+        expected = m, K_body, *p_body, *L_body, *x_c, *v_c
+        assert np.allclose(numbers, expected, rtol=TOLERANCE, atol=TOLERANCE * m)
+        assert abs(balance.strain_energy) < TOLERANCE * K_body
     diagnostics = Diagnostics(stepper)
     assert np.allclose(diagnostics.linear_momentum(), p, rtol=TOLERANCE, atol=TOLERANCE)
     assert np.allclose(diagnostics.angular_momentum(), L, rtol=TOLERANCE, atol=TOLERANCE)
@@ -122,6 +129,44 @@ def test_contact_force_is_the_rate_of_momentum_of_the_upper_body(comm):
         assert diagnostics.active_nodes() == step.num_active
         total += force
     assert total[2] > 0
+
+
+def test_strain_energies_of_bodies_are_those_of_each(comm):
+    stepper = blocks(comm).stepper
+    for _ in range(4):
+        stepper.advance()
+    diagnostics = Diagnostics(stepper)
+    whole = diagnostics.strain_energy()
+    parts = {name: body.strain_energy for name, body in diagnostics.bodies().items()}
+    assert sum(parts.values()) == pytest.approx(whole, rel=TOLERANCE)
+    stepper.set_displacement(stepper.bodies[0], (0.0, 0.0, 0.0))
+    changed = [body.strain_energy for body in diagnostics.bodies().values()]
+    assert abs(changed[0]) < TOLERANCE * whole < parts["1"] == changed[1]
+
+
+def test_block_on_a_plane_presses_with_its_load_on_its_whole_face(comm):
+    old = two_boxes(comm)
+    lower, upper = old.bodies
+    V, size = lower.V, SIZES[0]
+    bottom = nts.Surface.where(V, lambda x: np.isclose(x[2], 0.0))
+    pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
+    load = nts.Traction(old.pairs[0].segments, (0.0, 0.0, -20.0))
+    bcs = [fem.dirichletbc(np.zeros(3), upper.nodes, V)]
+    for axis in (0, 1):
+        dofs = fem.locate_dofs_geometrical(
+            (V.sub(axis), V.sub(axis).collapse()[0]), lambda x: x[2] < HEIGHT
+        )
+        zero = fem.Function(V.sub(axis).collapse()[0])
+        bcs.append(fem.dirichletbc(zero, dofs, V.sub(axis)))
+    stepper = nts.QuasiStatic([lower, upper], [pair], dt=1.0, bcs=bcs, loads=[load])
+    stepper.advance()
+    (balance,) = Diagnostics(stepper).pairs().values()
+    force = 20.0 * size[0] * size[1]
+    centre = np.array([size[0] / 2, size[1] / 2, 0.0])
+    assert balance.contact_area == pytest.approx(size[0] * size[1])
+    assert balance.largest_pressure == pytest.approx(20.0)
+    assert np.allclose(balance.force, [0, 0, force], atol=1e-9 * force)
+    assert np.allclose(balance.torque, np.cross(centre, [0, 0, force]), atol=1e-9 * force)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3])

@@ -8,6 +8,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.diagnostics.balance import Balance
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.model.reaction import Reaction
 
 CONTACT = ContactWork(
     persistent=1.0,
@@ -17,6 +18,7 @@ CONTACT = ContactWork(
     friction=-8.0,
     equilibrium=512.0,
     refund=-1024.0,
+    obstacles=8192.0,
 )
 
 
@@ -30,7 +32,6 @@ def balance(t, energy, momentum=(0.0, 0.0, 0.0)):
         linear_momentum=np.array(momentum),
         angular_momentum=np.zeros(3),
         contact_force=np.zeros(3),
-        pairs=np.zeros((0, 2, 3)),
         active_nodes=0,
         min_gap=np.nan,
     )
@@ -49,17 +50,17 @@ def report(step, iterations):
         num_segments=0,
         num_sleeping=0,
         contact_work=CONTACT,
-        load_work=16.0,
-        support_work=32.0,
         damping_work=-64.0,
         solver_work=128.0,
+        load_works=(10.0, 6.0),
+        reactions=(Reaction((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), 32.0),),
     )
 
 
 @pytest.fixture
 def ledger():
     """Steps 8 and 9 of a run, after which the energy is 300 J larger."""
-    ledger = EnergyLedger(7, balance(0.7, 1000.0, (3.0, 4.0, 0.0)))
+    ledger = EnergyLedger(7, balance(0.7, 1000.0, (3.0, 4.0, 0.0)), num_loads=2, num_supports=1)
     ledger.add(report(8, 5), 256.0, balance(0.8, 400.0, (3.0, 4.0, -2.0)))
     ledger.add(report(9, 2), 256.0, balance(0.9, 1300.0, (3.0, 5.0, 0.0)))
     return ledger
@@ -70,6 +71,7 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
         "energy_bulk": 512.0,
         "energy_loads": 32.0,
         "energy_supports": 64.0,
+        "energy_obstacles": 16384.0,
         "energy_damping": -128.0,
         "energy_persistent_contact": 2.0,
         "energy_activation": -4.0,
@@ -81,11 +83,12 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
     }
     assert ledger.columns() == {
         **causes,
-        "energy_unaccounted": 300.0 + 298.0,
-        "external_work": 96.0,
+        "energy_unaccounted": 300.0 + 298.0 - 16384.0,
+        "external_work": 96.0 + 16384.0,
         "friction_dissipation": 16.0,
     }
     assert list(ledger.columns())[: len(causes)] == list(causes)
+    assert [each.tolist() for each in ledger.each.values()] == [[20.0, 12.0], [64.0]]
 
 
 def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
@@ -95,6 +98,7 @@ def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
         "total energy: 1000 J, largest change 6.0e+02 J",
         "linear momentum: 5 kg m/s, largest change 2.0e+00 kg m/s",
         "angular momentum: 0 kg m^2/s, largest change 0.0e+00 kg m^2/s",
+        "energy unaccounted for: at most 1.6e+04 J",
     ]
 
 
@@ -107,11 +111,12 @@ def test_ledger_without_steps_has_a_mean_of_zero():
 def test_ledger_that_is_given_back_goes_on_alike(ledger):
     archive = Snapshot()
     ledger.serialize(archive)
-    other = EnergyLedger(0, balance(0.0, 0.0))
+    other = EnergyLedger(0, balance(0.0, 0.0), num_loads=2, num_supports=1)
     other.serialize(archive.rewind())
     for each in (ledger, other):
         each.add(report(10, 1), 0.1, balance(1.0, 2.0, (1.0, 1.0, 1.0)))
     assert other.columns() == ledger.columns()
     assert other.drifts() == ledger.drifts()
+    assert all(np.array_equal(other.each[name], ledger.each[name]) for name in ledger.each)
     assert other.iterations() == ledger.iterations()
     assert (other.step, other.first.time, other.last.time) == (10, 0.7, 1.0)

@@ -29,7 +29,7 @@ def weight(comm, ghosts):
     data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
     mesh, cells, _, tag = scenes.distribute(comm, data, ghosts=ghosts)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E=1.0, nu=0.3, rho=RHO))
+    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E=1.0, nu=0.3, rho=RHO, one_point=()))
     eta = ufl.TestFunction(V)
     return body, bulk_form([body], lambda material, parameters, rho: rho * eta[1])
 

@@ -8,6 +8,8 @@ import dolfinx_nts as nts
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, SOLVED, VOLUME, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 

@@ -10,6 +10,8 @@ import dolfinx_nts as nts
 from helpers import scenes
 from helpers.boxed import CLOSED, SOLVED, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 contacts = pytest.mark.parametrize(
     "enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()], ids=["multiplier", "penalty"]
 )

@@ -15,7 +15,7 @@ def path(tmp_path):
 
 def test_names_come_first_and_each_row_is_on_disk_at_once(path):
     table = Table(path)
-    table.open(resume=False)
+    table.open(["step", "time"], resume=False)
     for i in range(2):
         table.write({"step": i, "time": 0.1 * i})
         assert path.read_text().split() == ["step,time", "0,0.0", "1,0.1"][: i + 2]
@@ -24,14 +24,14 @@ def test_names_come_first_and_each_row_is_on_disk_at_once(path):
 
 def test_resumed_table_goes_on_after_the_last_sync(path):
     table = Table(path)
-    table.open(resume=False)
+    table.open(["step"], resume=False)
     table.write({"step": 0})
     table.sync()
     table.write({"step": 1})
     table.close()
     again = Table(path)
     again.size, again.digest = table.size, table.digest
-    again.open(resume=True)
+    again.open(["step"], resume=True)
     again.write({"step": 2})
     again.close()
     assert path.read_text().split() == ["step", "0", "2"]
@@ -42,15 +42,28 @@ def test_table_that_is_too_short_is_refused_and_left_alone(path):
     table = Table(path)
     table.size = 100
     with pytest.raises(ValueError, match=r"of 100 bytes or more, .* given one of 6"):
-        table.open(resume=True)
+        table.open(["step"], resume=True)
     table.close()
     assert path.read_bytes() == b"step\r\n"
+
+
+def test_table_with_other_columns_is_refused_and_left_alone(path):
+    table = Table(path)
+    table.open(["step", "time"], resume=False)
+    table.write({"step": 0, "time": 0.0})
+    table.sync()
+    table.close()
+    before = path.read_bytes()
+    reason = r"lacks \['time'\] and adds \['body_ball_mass'\]: record what"
+    with pytest.raises(ValueError, match=reason):
+        table.open(["step", "body_ball_mass"], resume=True)
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("damage", [bytes.upper, lambda text: b"0" + text, lambda text: 9 * b"a,b"])
 def test_table_with_other_rows_is_refused_and_left_alone(path, damage):
     table = Table(path)
-    table.open(resume=False)
+    table.open(["step"], resume=False)
     table.write({"step": 0})
     table.sync()
     table.close()
@@ -58,5 +71,5 @@ def test_table_with_other_rows_is_refused_and_left_alone(path, damage):
     before = path.read_bytes()
     table.close()
     with pytest.raises(ValueError, match="given other rows; put the table back"):
-        table.open(resume=True)
+        table.open(["step"], resume=True)
     assert path.read_bytes() == before

@@ -13,7 +13,7 @@ from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, of_material
 def other_bodies(stepper, **options):
     """The same cells of another material."""
     E, nu, rho = BLOCK_RUBBER
-    material = nts.SaintVenantKirchhoff(E=E, nu=nu, rho=rho, **options)
+    material = nts.SaintVenantKirchhoff(E=E, nu=nu, rho=rho, one_point=(), **options)
     bodies = [of_material(body, material) for body in stepper.bodies]
     return nts.EnergyMomentum(bodies, stepper.pairs, dt=BLOCK_STEP)
 

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.io.recorder import Recorder
@@ -23,11 +24,10 @@ FIRST_COLUMNS = (
     "linear_momentum_x,linear_momentum_y,linear_momentum_z,"
     "angular_momentum_x,angular_momentum_y,angular_momentum_z,"
     "contact_force_x,contact_force_y,contact_force_z,"
-    "pair_1_force_x,pair_1_force_y,pair_1_force_z,"
-    "pair_1_torque_x,pair_1_torque_y,pair_1_torque_z,active_nodes,min_gap,newton_iterations,rejected"
+    "active_nodes,min_gap,newton_iterations,rejected"
 )
 LEDGER = (
-    "bulk,loads,supports,damping,persistent_contact,activation,facet_change,"
+    "bulk,loads,supports,obstacles,damping,persistent_contact,activation,facet_change,"
     "friction,solver,surface_equilibrium,refund,unaccounted"
 )
 
@@ -124,11 +124,49 @@ def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcemen
     assert agree(table["contact_energy"].any() == isinstance(enforcement, nts.Penalty))
 
 
-def test_columns_are_named_in_words(comm, folder):
-    record(blocks(comm).stepper, folder / "run", 1)
-    columns = (folder / "run.csv").read_text().splitlines()[0]
+def test_columns_are_named_in_words_and_parts_have_the_numbers_of_the_api(comm, folder, agree):
+    old = blocks(comm).stepper
+    (pair,) = old.pairs
+    bottom = fem.locate_dofs_geometrical(pair.nodes.V, lambda x: x[2] < 0.02)
+    bcs = [fem.dirichletbc(np.zeros(3), bottom, pair.nodes.V)]
+    loads = [nts.Gravity(old.bodies, (0, 0, -1)), nts.Traction(pair.segments, (0, 0, 1))]
+    pairs = [nts.ContactPair(pair.nodes, pair.segments)]
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP, bcs=bcs, loads=loads)
+    stepper.v.x.array[:] = old.v.x.array
+    reports = []
+    parts = ("loads", "bodies", "supports", "pairs")
+    with Recorder(folder / "run", stepper, columns_of=parts) as recorder:
+        for step in stepper.run(until=5 * BLOCK_STEP):
+            recorder.write(step)
+            reports.append(step)
+    table = read_table(folder / "run.csv")
     ledger = "".join(f",energy_{cause}" for cause in LEDGER.split(","))
-    assert columns == f"{FIRST_COLUMNS}{ledger},external_work,friction_dissipation"
+    totals = f"{FIRST_COLUMNS}{ledger},external_work,friction_dissipation".split(",")
+    contact = recorder.diagnostics.pairs()["surface_3_surface_2"]
+    of_bodies = {f"body_{n}_": body for n, body in recorder.diagnostics.bodies().items()}
+    works = [[r.load_works[0], r.load_works[1], r.reactions[0].work] for r in reports]
+    last = reports[-1].reactions[0]
+    expected = contact.columns("pair_surface_3_surface_2_")
+    for kind, vector in (("force", last.force), ("moment", last.moment)):
+        expected |= {f"support_1_{kind}_{axis}": v for axis, v in zip("xyz", vector, strict=True)}
+    gravity, traction, support = np.sum(works, axis=0)
+    expected |= {"support_1_work": support, "load_gravity_work": gravity}
+    expected |= {"load_traction_surface_2_work": traction}
+    for prefix, part in of_bodies.items():
+        expected |= part.columns(prefix)
+    assert agree(list(table) == [*totals, *expected])
+    assert agree(all(table[name][-1] == value for name, value in expected.items()))
+    assert agree(len(of_bodies) == 2 and contact.contact_area > 0)
+    loads = table["load_gravity_work"] + table["load_traction_surface_2_work"]
+    assert agree(np.allclose(loads, table["energy_loads"], rtol=1e-12))
+
+
+def test_table_has_the_columns_of_the_parts_that_are_asked_for(comm, folder, refused):
+    record(blocks(comm).stepper, folder / "run", 1, columns_of=())
+    columns = (folder / "run.csv").read_text().splitlines()[0]
+    assert columns.endswith(",energy_unaccounted,external_work,friction_dissipation")
+    with refused(ValueError, r"columns_of some of 'pairs', .*, given \['body'\]"):
+        Recorder(folder / "run", blocks(comm).stepper, columns_of=["body"])
 
 
 def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
@@ -224,12 +262,90 @@ def test_nothing_is_created_when_the_folder_of_the_fields_is_a_file(comm, folder
     assert [path.name for path in folder.iterdir()] == ["run_fields"]
 
 
+def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm, folder, agree):
+    def part(until):
+        stepper = blocks(comm).stepper
+        V = stepper.u.function_space
+        f = fem.Function(fem.functionspace(V.mesh, ("Lagrange", 1)))
+        f.interpolate(lambda x: x[0] + 2 * x[1])
+        with Recorder(
+            *(folder / "run", stepper),
+            stress=True,
+            checkpoint_every=1,
+            resume=True,
+            own_columns={"time_twice": lambda s: 2 * s.t, "place": lambda s: (s.t, 0.0, 1.0)},
+            own_fields={"f": f, "x": lambda s: s.x[: len(s.node_ids)]},
+        ) as recorder:
+            for step in stepper.run(until=until * BLOCK_STEP):
+                recorder.write(step)
+                f.x.array[:] += 1.0
+        return stepper, f
+
+    part(2)
+    stepper, _ = part(4)
+    table = read_table(folder / "run.csv")
+    names = ["time_twice", "place_x", "place_y", "place_z"]
+    assert agree(list(table)[-4:] == names)
+    assert agree(np.array_equal(table["time_twice"], 2 * table["time"]))
+    _, grids = read_grids(folder / "run.xdmf")
+    assert agree(len(grids) == 5)
+    fields = nts.Fields(stepper)
+    for name, function in (
+        ("cauchy_stress", fields.cauchy_stress()),
+        ("von_mises_stress", fields.von_mises_stress()),
+        ("strain_energy_density", fields.strain_energy_density()),
+    ):
+        written = grids[-1].cell_data[name]
+        own = function.x.array.reshape(-1, *written.shape[1:])
+        mesh = stepper.u.function_space.mesh
+        cells = np.arange(mesh.topology.index_map(3).size_local)
+        original = mesh.topology.original_cell_index[cells]
+        dofs = function.function_space.dofmap.list[cells, 0]
+        assert agree(np.array_equal(written[original], own[dofs])), name
+        assert agree(np.abs(written).max() > 0)
+    assert agree(np.allclose(grids[-1]["x"], grids[-1].points + grids[-1]["displacement"]))
+    added = [grid["f"] - grid.points @ [1.0, 2.0, 0.0] for grid in grids]
+    # Each part began with 0 and added 1 after a step was written.
+    assert agree(np.allclose(added, np.array([0, 0, 1, 0, 1])[:, None], rtol=0, atol=1e-12))
+
+
+def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder, refused):
+    stepper = blocks(comm).stepper
+    V = stepper.u.function_space
+
+    def enter(**options):
+        with Recorder(folder / "run", stepper, **options):
+            pass
+
+    for column, reason in (
+        ({"dt": lambda s: 1.0}, "names that no column has, given 'dt'"),
+        ({"two": lambda s: (1.0, 2.0)}, r"a number or three for the column two, given \(2,\)"),
+    ):
+        with refused(ValueError, reason):
+            enter(own_columns=column)
+    with refused(ZeroDivisionError, "by zero"):
+        enter(own_columns={"bad": lambda s: 1 / 0 if comm.rank == comm.size - 1 else 1.0})
+    constant = fem.Function(fem.functionspace(V.mesh, ("DG", 0)))
+    for field, reason in (
+        ({"gap": lambda s: s.x}, "names that no field has, given 'gap'"),
+        ({"two": lambda s: np.ones(3 * len(s.x))}, "with a row for each owned node, given"),
+        ({"c": constant}, "Lagrange of degree 1, scalar or of three parts, given"),
+        ({"a b": constant}, "names of own_fields of letters, digits and _, given 'a b'"),
+    ):
+        with refused(ValueError, reason):
+            enter(own_fields=field)
+    with refused(ValueError, "fields='xdmf' with stress, given 'vtx'"):
+        enter(stress=True, fields="vtx")
+
+
 def test_it_tells_its_arguments(comm, folder, monkeypatch):
     monkeypatch.chdir(folder)
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
     assert repr(recorder) == (
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
-        "checkpoint_every=None, resume=True, fields='xdmf')"
+        "checkpoint_every=None, resume=True, "
+        "columns_of=('pairs', 'obstacles', 'supports', 'loads'), stress=False, "
+        "own_columns=(), own_fields=(), fields='xdmf')"
     )
 
 
@@ -275,6 +391,8 @@ def test_the_summary_counts_and_is_logged_on_the_first_rank(comm, folder, caplog
     iterations = read_table(folder / "run.csv")["newton_iterations"]
     assert "4 steps from t = 0 to 0.08 s" in text
     assert f"Newton iterations: {sum(iterations):.0f}, mean {iterations[1:].mean():.2f}" in text
-    assert "total energy" in text
+    results, solver = text.split("\nsolver\n")
+    assert "energy unaccounted for: at most" in results
+    assert "Newton iterations" in solver and "wall time" in solver
     assert "output" in text
     assert (text.splitlines()[0] in caplog.text) == (comm.rank == 0)

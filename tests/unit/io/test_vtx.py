@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.io.fields import nodal_fields
+from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
 from helpers.scenes import BLOCK_STEP, blocks
 
 needs_adios = pytest.mark.skipif(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.io import xdmf
+from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.xdmf import XdmfFile
 from helpers.killed import Killed, kill_at
 from helpers.readers import read_grids
@@ -47,7 +48,7 @@ def run():
 
 def record(path, run, steps, resume_at=None):
     """Write states from the start, or after the states up to a step."""
-    file = XdmfFile(path, run)
+    file = XdmfFile(path, run, RunFields(run))
     if resume_at is not None:
         run.go_to(resume_at)
         written = np.arange(resume_at + 1)
@@ -187,7 +188,7 @@ def test_a_damaged_mesh_is_written_again(tmp_path, run, caplog, damage):
 def test_flushed_files_are_on_disk_and_each_once(tmp_path, run, monkeypatch):
     synced = []
     monkeypatch.setattr(xdmf, "sync", lambda *paths: synced.append({p.name for p in paths}))
-    file = XdmfFile(tmp_path / "run.xdmf", run)
+    file = XdmfFile(tmp_path / "run.xdmf", run, RunFields(run))
     run.go_to(0)
     file.open(False)
     always = {"run.xdmf", "run_fields", tmp_path.name}

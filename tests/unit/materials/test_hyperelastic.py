@@ -15,6 +15,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.materials.hyperelastic import poisson_ratio
 from reference.bulk import rotation, taylor_order
 
+pytestmark = pytest.mark.serial
+
 EPS = np.finfo(float).eps
 MU, LMBDA = 3.0, 5.0
 

@@ -10,6 +10,8 @@ from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, Yeoh
 from helpers.boxed import Box, Ledger, swirl
 from reference.bulk import rotation
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 EPS = np.finfo(float).eps
 E, NU, RHO = 1.0e3, 0.3, 10.0
 MU, LMBDA = E / 2.6, E * NU / (1.3 * 0.4)

@@ -187,6 +187,26 @@ def test_volumetric_terms_have_one_point_where_cells_would_lock(comm, law):
     assert value < 0.1 * full
 
 
+def test_cells_do_not_lock_by_default_from_a_ratio_of_three_tenths_on(comm):
+    for nu, chosen in ((0.29, ()), (0.3, "volumetric"), (0.49, "volumetric")):
+        expected, value = (
+            stored(comm, nts.NeoHookean(E, nu, RHO, **option), bent)
+            for option in ({"one_point": chosen}, {})
+        )
+        assert value == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_the_ratio_of_an_own_energy_is_measured():
+    def rubber(kappa):
+        return nts.Hyperelastic(not_linear, rho=RHO, c=0.5 * MU, b=2.0, kappa=kappa)
+
+    # K = 13/6 mu at a ratio of 0.3.
+    assert [rubber(ratio * MU).splits_volume for ratio in (2.1, 2.2)] == [False, True]
+    # Nothing but volume resists: with one point cells would have no energy of their own.
+    fluid = nts.Hyperelastic(lambda C, k: k / 2 * (ufl.sqrt(ufl.det(C)) - 1) ** 2, rho=RHO, k=MU)
+    assert not fluid.splits_volume and fluid.one_point == frozenset()
+
+
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 2), ("tetrahedron", 1)])
 def test_other_elements_have_all_points(comm, cell, degree):
     expected, value = (
@@ -231,26 +251,60 @@ def test_energy_of_a_divided_material_is_conserved(comm):
     np.testing.assert_allclose(energies, energies[0], rtol=ENERGY_TOLERANCE)
 
 
-@pytest.mark.serial
-@pytest.mark.parametrize("nu", [0.3, 0.499])
-@pytest.mark.parametrize("turned", [0.0, 2.0])
-def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
-    """Of the 24 motions of a distorted cell, six are rigid; hourglasses would be more."""
+def eigenvalues(material, motion):
+    """Of the stiffness of a distorted cell after a motion, in ascending order [N/m]."""
     rng = np.random.default_rng(3)
     data = scenes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
     data.X[:] += 0.1 * rng.uniform(-1, 1, data.X.shape)
     mesh, cells, _, tag = scenes.distribute(MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E, nu, RHO, one_point="volumetric"))
+    body = nts.Body(V, cells, tag["body 0"], material)
     u, eta = fem.Function(V), ufl.TestFunction(V)
     F = ufl.Identity(3) + ufl.grad(u)
 
     def work(material, parameters, rho):
         return ufl.inner(F * material.stress(F.T * F, **parameters), ufl.grad(eta))
 
-    Q = scenes.rotation((1, 2, 3), turned)
-    u.interpolate(lambda x: Q @ x - x)
+    u.interpolate(lambda x: motion @ x - x)
     K = fem.assemble_matrix(fem.form(ufl.derivative(bulk_form([body], work), u))).to_dense()
-    values = np.linalg.eigvalsh((K + K.T) / 2)
+    return np.linalg.eigvalsh((K + K.T) / 2)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+@pytest.mark.parametrize("turned", [0.0, 2.0])
+def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
+    """Of the 24 motions of a distorted cell, six are rigid; hourglasses would be more."""
+    material = nts.NeoHookean(E, nu, RHO, one_point="volumetric")
+    values = eigenvalues(material, scenes.rotation((1, 2, 3), turned))
     assert np.abs(values[:6]).max() < 1e-9 * MU
     assert values[6] > 0.05 * MU
+
+
+def with_fibres(C, mu, kappa, k, b, stretch):
+    """Energy of rubber with fibres along the first axis, of which a stretch is given."""
+    J2 = ufl.det(C)
+    rubber = mu / 2 * (J2 ** (-1 / 3) * ufl.tr(C) - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
+    return rubber + k / (2 * b) * (ufl.exp(b * stretch(C) ** 2) - 1)
+
+
+@pytest.mark.serial
+def test_fibres_that_resist_a_change_of_volume_keep_all_points(refused):
+    """With one point for what they resist, hourglasses would release energy."""
+
+    def tissue(stretch, **option):
+        def psi(C, **numbers):
+            return with_fibres(C, stretch=stretch, **numbers)
+
+        numbers = {"mu": MU, "kappa": 10 * MU, "k": 10 * MU, "b": 1.0}
+        return nts.Hyperelastic(psi, rho=RHO, **numbers, **option)
+
+    def stretch(C):
+        return C[0, 0] - 1
+
+    assert eigenvalues(tissue(stretch), np.eye(3))[6] > 0.05 * MU
+    with refused(ValueError, re.escape("(det C)^(-1/3) C")):
+        tissue(stretch, one_point="volumetric")
+    isochoric = tissue(lambda C: stretch(ufl.det(C) ** (-1 / 3) * C))
+    assert isochoric.splits_volume
+    assert eigenvalues(isochoric, np.eye(3))[6] > 0.05 * MU

@@ -15,6 +15,8 @@ from dolfinx.mesh import MeshTags, entities_to_geometry
 from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
 from helpers.gmsh_models import BOX, ROUNDING, count, measure
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 MESHES = Path(__file__).parents[3] / "meshes"
 BALL_PLATE = MESHES / "ball_plate.msh"
 CENTRE = np.array([0.0, -0.5, 1.05])  # of the ball in BALL_PLATE

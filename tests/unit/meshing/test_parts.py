@@ -13,6 +13,8 @@ from dolfinx.mesh import entities_to_geometry
 from dolfinx_nts import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e3 * np.finfo(float).eps  # of a sum over some hundred cells
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 PI = np.pi

@@ -15,6 +15,8 @@ from dolfinx_nts.plotting.scales import prefixed, rounded
 from dolfinx_nts.plotting.stress import von_mises
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 pytest.importorskip("pyvista")
 image = pytest.importorskip("matplotlib.image")
 
@@ -87,12 +89,19 @@ def test_surface_of_an_obstacle_is_where_its_depth_is_zero():
         (nts.RigidSphere((0, 0, 0), 0.7), lambda x: np.linalg.norm(x, axis=1) - 0.7),
         (nts.RigidCylinder((0, 0, 0), (1, 0, 0), 0.5), lambda x: np.hypot(*x[:, 1:].T) - 0.5),
     ):
-        surface = surface_near(obstacle, points)
+        surface = surface_near(obstacle, points, 0.0)
         assert surface.n_points > 500
         assert np.abs(distance(surface.points)).max() < 2e-3
-    assert surface_near(nts.RigidPlane((0, 0, 9), (0, 0, 1)), points).n_points == 0
+        # One that has moved up by 0.1 m and turned about the vertical.
+        motion = nts.Motion(lambda t: (0, 0, 0.2 * t), lambda t: (0, 0, t))
+        surface = surface_near(obstacle.moving(motion), points, 0.5)
+        x = surface.points - [0, 0, 0.1]
+        x[:, :2] = x[:, :2] @ [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]
+        assert surface.n_points > 500
+        assert np.abs(distance(x)).max() < 2e-3
+    assert surface_near(nts.RigidPlane((0, 0, 9), (0, 0, 1)), points, 0.0).n_points == 0
     corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 1], [2, 2, 1]])
-    drawn = surface_near(nts.RigidSurface(corners, [[0, 1, 2, 3]], (1, 1, 9)), points)
+    drawn = surface_near(nts.RigidSurface(corners, [[0, 1, 2, 3]], (1, 1, 9)), points, 0.0)
     assert np.array_equal(drawn.points, corners) and drawn.n_cells == 1
 
 
@@ -168,9 +177,11 @@ def test_picture_that_was_not_drawn_here_shows_and_writes_nothing(tmp_path):
 @pytest.mark.serial
 def test_energy_error_is_what_no_work_explains(tmp_path):
     names = ["time", "total_energy"]
-    names += [f"energy_{cause}" for cause in ("loads", "supports", "damping", "friction")]
-    # From rest: gravity gives 4 J, a support takes 1 J and friction 0.5 J, 0.1 J are lost.
-    rows = [[0.0] * 6, [1.0, 2.4, 4.0, -1.0, 0.0, -0.5]]
+    causes = ("loads", "supports", "obstacles", "damping", "friction")
+    names += [f"energy_{cause}" for cause in causes]
+    # From rest: gravity gives 3 J and a tool 1 J, a support takes 1 J and friction 0.5 J, 0.1 J
+    # are lost.
+    rows = [[0.0] * 7, [1.0, 2.4, 3.0, -1.0, 1.0, 0.0, -0.5]]
     text = "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)])
     (tmp_path / "run.csv").write_text(text)
     time, error = diagrams._unexplained(diagrams._read(tmp_path / "run.csv"))

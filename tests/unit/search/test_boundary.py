@@ -9,9 +9,40 @@ from reference.bulk import rotation
 pytestmark = pytest.mark.serial
 
 ROUNDING = 1e3 * np.finfo(float).eps
-# Direction of the rays in the kernel.
-RAY = np.array([0.4819027, 0.2713465, 0.8331541])
+# Direction of the rays of the kernel in a box whose nearest side is where x is greatest.
+RAY = np.array([0.8331541, 0.4819027, 0.2713465])
+BOX = np.array([[[-9.0, -9.0, -9.0]], [[3.0, 9.0, 9.0]]])
 CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij")).reshape(3, -1).T
+
+
+class Boundary:
+    """A boundary of triangles alone, shape (t, 3, 3)."""
+
+    def __init__(self, triangles, box=None):
+        """Number the vertices; a ray leaves the given box, or that of the triangles."""
+        rows = np.arange(3 * len(triangles), dtype=np.int32)
+        self._kernels = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
+        self._kernels.move(np.ascontiguousarray(triangles).reshape(-1, 3))
+        self.box = self._kernels.extents() * [[[1]], [[-1]]] if box is None else box
+
+    def crossings(self, points):
+        count, at_an_edge = self._kernels.crossings(points, which(points), self.box)
+        return count, at_an_edge.astype(bool)
+
+    def winding(self, points):
+        return self._kernels.winding(points, which(points))
+
+    def distance(self, points, least=None):
+        least = np.zeros(len(points)) if least is None else least
+        return self._kernels.distance(points, which(points), least)
+
+    def cuts(self, ways):
+        return self._kernels.cuts(ways, which(ways))
+
+
+def which(points):
+    """All points belong to the first boundary."""
+    return np.zeros(len(points), dtype=np.int32)
 
 
 def box():
@@ -57,7 +88,7 @@ def test_rays_and_solid_angles_agree_with_solid_angles_in_numpy(rng):
     triangles = crumpled(rng)
     points = rng.uniform(-1, 1, (2000, 3))
     expected = winding(points, triangles)
-    boundary = _kernels.Boundary(triangles)
+    boundary = Boundary(triangles)
     np.testing.assert_allclose(boundary.winding(points), expected, atol=1e-9)
     count, at_an_edge = boundary.crossings(points)
     assert not at_an_edge.any()
@@ -67,20 +98,20 @@ def test_rays_and_solid_angles_agree_with_solid_angles_in_numpy(rng):
 
 def test_parts_of_a_boundary_add_up(rng):
     triangles, points = crumpled(rng), rng.uniform(-1, 1, (500, 3))
-    whole = _kernels.Boundary(triangles)
-    parts = [_kernels.Boundary(t) for t in (triangles[::3], triangles[1::3], triangles[2::3])]
+    whole = Boundary(triangles)
+    parts = [Boundary(t, whole.box) for t in (triangles[::3], triangles[1::3], triangles[2::3])]
     count = sum(part.crossings(points)[0] for part in parts)
     np.testing.assert_array_equal(count, whole.crossings(points)[0])
     angle = sum(part.winding(points) for part in parts)
     np.testing.assert_allclose(angle, whole.winding(points), atol=1e-12)
-    distance = np.min([part.distance(points, np.zeros(len(points))) for part in parts], axis=0)
-    np.testing.assert_array_equal(distance, whole.distance(points, np.zeros(len(points))))
+    distance = np.min([part.distance(points) for part in parts], axis=0)
+    np.testing.assert_array_equal(distance, whole.distance(points))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_a_ray_that_hits_an_edge_or_a_vertex_says_so(turn, rng):
     Q = rotation(np.array([1.0, 2.0, 0.5]), turn)
-    boundary = _kernels.Boundary(np.ascontiguousarray(box() @ Q.T))
+    boundary = Boundary(box() @ Q.T, BOX)
     edge = np.column_stack([rng.uniform(0.1, 0.9, 20), np.ones(20), np.ones(20)]) @ Q.T
     diagonal = np.array([[0.5, 0.5, 1.0]]) @ Q.T
     for hit in (edge, CORNERS[-1:] @ Q.T, diagonal):
@@ -99,7 +130,7 @@ def test_the_distance_is_that_of_the_nearest_of_many_points_of_the_triangles(rng
     samples = np.einsum("kp,tki->tpi", phi, triangles).reshape(-1, 3)
     nearest = np.min([np.linalg.norm(points - y, axis=1) for y in samples], axis=0)
     spacing = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max() / 40
-    distance = _kernels.Boundary(triangles).distance(points, np.zeros(len(points)))
+    distance = Boundary(triangles).distance(points)
     assert np.all(distance <= nearest + ROUNDING)
     assert np.all(np.hypot(distance, spacing) >= nearest)
 
@@ -109,16 +140,14 @@ def test_the_distance_from_a_cube_is_exact(rng):
     beside = np.linalg.norm(points - points.clip(0, 1), axis=1)
     within = np.minimum(points, 1 - points).min(axis=1)
     expected = np.where(within > 0, within, beside)
-    np.testing.assert_allclose(
-        _kernels.Boundary(box()).distance(points, np.zeros(len(points))), expected, atol=ROUNDING
-    )
+    np.testing.assert_allclose(Boundary(box()).distance(points), expected, atol=ROUNDING)
 
 
 def test_ways_are_cut_where_they_enter_and_leave_a_cube():
     begin = np.array([[0.3, 0.4, -1.0], [0.3, 0.4, 0.5], [0.3, 0.4, 2.0], [3.0, 3.0, 3.0]])
     end = np.array([[0.3, 0.4, 3.0], [0.3, 0.4, 1.5], [0.3, 0.4, 5.0], [4.0, 3.0, 3.0]])
     ways = np.hstack([begin, end])
-    way, place = _kernels.Boundary(box()).cuts(ways)
+    way, place = Boundary(box()).cuts(ways)
     order = np.lexsort((place, way))
     np.testing.assert_array_equal(way[order], [0, 0, 1])
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
@@ -129,8 +158,8 @@ def test_ways_are_cut_where_they_enter_and_leave_a_cube():
 
 
 def test_only_distances_of_interest_are_exact(rng):
-    boundary, points = _kernels.Boundary(box()), rng.uniform(-1, 2, (300, 3))
-    exact = boundary.distance(points, np.zeros(300))
+    boundary, points = Boundary(box()), rng.uniform(-1, 2, (300, 3))
+    exact = boundary.distance(points)
     found = boundary.distance(points, np.full(300, 0.2))
     np.testing.assert_array_equal(found[exact > 0.2], exact[exact > 0.2])
     assert np.all(found[exact <= 0.2] <= 0.2)
@@ -142,33 +171,70 @@ def test_rows_whose_boxes_meet_a_box_are_found(rng):
     ends = x[rows]
     meets = (ends.min(axis=1) <= region[1]) & (ends.max(axis=1) >= region[0])
     expected = ends[meets.all(axis=1)].reshape(-1, 6)
-    np.testing.assert_array_equal(_kernels.rows_in(x, rows, region), expected)
+    regions = np.array([region + 9, region])
+    found, number = _kernels.rows_in(x, [rows[:1], rows], np.array([0, 1], np.int32), regions)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(number, np.ones(len(expected)))
 
 
 def test_without_triangles_nothing_is_inside():
-    boundary, points = _kernels.Boundary(np.empty((0, 3, 3))), np.zeros((2, 3))
+    boundary, points = Boundary(np.empty((0, 3, 3))), np.zeros((2, 3))
     count, at_an_edge = boundary.crossings(points)
     assert not count.any() and not at_an_edge.any() and not boundary.winding(points).any()
-    assert np.isinf(boundary.distance(points, np.zeros(len(points)))).all()
+    assert np.isinf(boundary.distance(points)).all()
     assert not len(boundary.cuts(np.hstack([points, points + 1]))[0])
 
 
 def test_triangles_without_area_change_nothing(rng):
     triangles, points = box(), rng.uniform(-0.2, 1.2, (300, 3))
     needle = np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.5, 0.5, 0.5]]])
-    plain = _kernels.Boundary(triangles)
-    with_needle = _kernels.Boundary(np.concatenate([triangles, needle]))
+    plain = Boundary(triangles)
+    with_needle = Boundary(np.concatenate([triangles, needle]))
     for name in ("crossings", "winding"):
         np.testing.assert_allclose(
             getattr(with_needle, name)(points), getattr(plain, name)(points), atol=ROUNDING
         )
 
 
-def test_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match=r"x: expected shape \(any, 3, 3\)"):
-        _kernels.Boundary(np.zeros((2, 3)))
-    boundary = _kernels.Boundary(box())
+def test_rays_go_to_the_nearest_side_whatever_it_is(rng):
+    triangles = crumpled(rng)
+    points = rng.uniform(-1, 1, (50, 3))
+    expected = np.round(winding(points, triangles))
+    for axis in range(3):
+        for side in (0, 1):
+            far = np.array([[[-9.0, -9.0, -9.0]], [[9.0, 9.0, 9.0]]])
+            far[side, 0, axis] /= 8
+            np.testing.assert_array_equal(Boundary(triangles, far).crossings(points)[0], expected)
+
+
+def test_boundaries_are_where_they_have_moved():
+    """Two cubes, of which the first moves by two."""
+    x = np.concatenate([box().reshape(-1, 3), box().reshape(-1, 3) + 5])
+    rows = np.arange(len(x), dtype=np.int32).reshape(2, -1, 3)
+    boundaries = _kernels.Boundaries([r.ravel() for r in rows], list(rows))
+    points, where = np.array([[0.5, 0.4, 0.3], [5.5, 5.4, 5.3]]), np.array([0, 1], np.int32)
+    boundaries.move(x)
+    np.testing.assert_allclose(boundaries.winding(points, where), [1, 1])
+    moved = x.copy()
+    moved[: len(x) // 2] += [2.0, 0.0, 0.0]
+    boundaries.move(moved)
+    np.testing.assert_allclose(boundaries.winding(points, where), [0, 1], atol=ROUNDING)
+    np.testing.assert_array_equal(boundaries.extents()[0], [[2, 0, 0], [5, 5, 5]])
+    np.testing.assert_array_equal(-boundaries.extents()[1], [[3, 1, 1], [6, 6, 6]])
+    np.testing.assert_array_equal(boundaries.farthest(moved, x), [2, 0])
+
+
+def test_wrong_arguments_are_refused():
+    rows = np.arange(36, dtype=np.int32)
+    boundaries = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
+    with pytest.raises(ValueError, match="expected a call of move before"):
+        boundaries.extents()
+    with pytest.raises(ValueError, match="x: expected all rows of the boundaries"):
+        boundaries.move(np.zeros((35, 3)))
+    boundary = Boundary(box())
     with pytest.raises(ValueError, match=r"points: expected shape \(any, 3\)"):
-        boundary.distance(np.zeros((2, 2)), np.zeros(2))
+        boundary.distance(np.zeros((2, 2)))
     with pytest.raises(ValueError, match=r"ways: expected shape \(any, 6\)"):
         boundary.cuts(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="where: expected numbers of boundaries"):
+        boundaries.winding(np.zeros((1, 3)), np.array([1], np.int32))

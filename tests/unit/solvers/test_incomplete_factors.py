@@ -15,6 +15,8 @@ from helpers.dense_factors import (
     rounding,
 )
 
+pytestmark = pytest.mark.serial
+
 
 def solve(rows, order, b, *, fill=False):
     factors = _kernels.IncompleteFactors()

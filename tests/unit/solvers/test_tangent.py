@@ -1,7 +1,11 @@
 """Matrix of the tangent: its age, and how a former one comes back."""
 
 import numpy as np
+import pytest
+from dolfinx import fem
 
+import dolfinx_nts as nts
+from dolfinx_nts import parts
 from helpers import scenes
 
 
@@ -31,3 +35,34 @@ def test_stiffness_of_nodes_asks_for_a_matrix_only_if_there_is_none(comm):
     tangent.forget()
     np.testing.assert_array_equal(tangent.nodal_stiffness(), first)
     assert tangent.num_assembled == 2 and first.min() > 0
+
+
+@pytest.mark.parametrize("E", [1e-6, 1e5])
+def test_given_displacements_do_not_count_as_stiffness_in_any_units(comm, E):
+    """A bar between supports, of which one is held in one direction only."""
+
+    def build(model):
+        parts.add_box(model, "bar", corner=(0, 0, 0), size=(3, 1, 1), cells=(3, 1, 1))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    X = V.tabulate_dof_coordinates()
+    held = np.flatnonzero(X[:, 0] < 0.1).astype(np.int32)
+    (sliding,) = np.nonzero(X[:, 0] > 2.9)
+    bcs = [
+        fem.dirichletbc(np.zeros(3), held, V),
+        fem.dirichletbc(0.0, (3 * sliding).astype(np.int32), V.sub(0)),
+    ]
+    body = nts.Body(V, cells, tag["bar"], nts.SaintVenantKirchhoff(E, 0.3, E))
+    free, supported = (
+        nts.EnergyMomentum([body], dt=1.0, bcs=given)._tangent.nodal_stiffness()
+        for given in ([], bcs)
+    )
+    n = len(free)
+    x = X[:n, 0]
+    within, at_end = (x > 0.1) & (x < 2.9), x > 2.9
+    np.testing.assert_allclose(supported[within], free[within], rtol=1e-12)
+    # Of a cube of edge 1 the stiffness of a corner is the same in all directions.
+    np.testing.assert_allclose(supported[at_end], free[at_end], rtol=1e-12)
+    known = comm.allreduce([*supported[within | at_end]])
+    np.testing.assert_allclose(supported[x < 0.1], np.mean(known), rtol=1e-12)

@@ -10,28 +10,35 @@
 /// @brief Both halves of a step of velocity Verlet, each in one pass.
 namespace nts
 {
-/// @brief Move all dofs by the velocity in the middle of the step.
+/// @brief Move all dofs, D of each node, by the velocity in the middle of the
+/// step.
 /// @param[in] dt Length of the step [s].
 /// @param[in] v Velocity at its start, (d,) [m/s].
 /// @param[in] a Acceleration at its start, (d,) [m/s^2].
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
 /// @param[out] du Change of the displacement, (d,) [m].
-/// @return Largest entry of du [m], NaN if one is NaN.
-inline double drift(double dt, std::span<const double> v,
-                    std::span<const double> a, std::span<double> rate,
-                    std::span<double> u, std::span<double> du) noexcept
+/// @return Largest displacement of a node, NaN if one is NaN [m].
+template <std::size_t D>
+double drift(double dt, std::span<const double> v, std::span<const double> a,
+             std::span<double> rate, std::span<double> u,
+             std::span<double> du) noexcept
 {
   std::uint64_t most = 0; // as integers, NaN is above all numbers
-  for (std::size_t i = 0; i < rate.size(); ++i)
+  for (std::size_t node = 0; node < rate.size(); node += D)
   {
-    const double start = u[i];
-    rate[i] = v[i] + dt / 2 * a[i];
-    u[i] += dt * rate[i];
-    du[i] = u[i] - start;
-    most = std::max(most, std::bit_cast<std::uint64_t>(std::abs(du[i])));
+    double square = 0;
+    for (std::size_t i = node; i < node + D; ++i)
+    {
+      const double start = u[i];
+      rate[i] = v[i] + dt / 2 * a[i];
+      u[i] += dt * rate[i];
+      du[i] = u[i] - start;
+      square += du[i] * du[i];
+    }
+    most = std::max(most, std::bit_cast<std::uint64_t>(square));
   }
-  return std::bit_cast<double>(most);
+  return std::sqrt(std::bit_cast<double>(most));
 }
 
 /// @brief Accelerate all dofs to the end of the step.

@@ -54,31 +54,34 @@ public:
     bool at_an_edge = false; ///< the count may be wrong
   };
 
-  /// @param[in] x Vertices of the triangles in outward sense, (t, 3, 3) [m].
-  explicit Boundary(std::span<const double> x)
-      : _triangles(x.size() / 9), _tree(boxes(x, _triangles))
+  /// @param[in] x Positions, (l, 3) [m].
+  /// @param[in] rows Vertices of the triangles in outward sense, (t, 3).
+  Boundary(std::span<const double> x, std::span<const std::int32_t> rows)
+      : _rows(rows.size() / 3), _triangles(_rows.size()), _tree(boxes(x, rows))
   {
+    const std::vector<std::int32_t> number = _tree.renumber();
+    for (std::size_t i = 0; i < _rows.size(); ++i)
+    {
+      std::ranges::copy(rows.subspan(3 * number[i], 3), _rows[i].begin());
+      place(i, x);
+    }
   }
 
-  /// @brief Number of triangles.
-  std::size_t size() const noexcept { return _triangles.size(); }
-
-  /// @brief Go on with other positions of the same vertices, (t, 3, 3) [m].
-  void move(std::span<const double> x) { _tree.refit(boxes(x, _triangles)); }
+  /// @brief Go on with other positions of the same vertices, (l, 3) [m].
+  void move(std::span<const double> x)
+  {
+    _tree.refit([&](std::size_t i) { return place(i, x); });
+  }
 
   /// @brief Crossings of a ray that begins at a point.
-  Crossings crossings(const Vec3& point) const noexcept
+  /// @param[in] point The point [m].
+  /// @param[in] whole Box of the whole boundary, of which this may be a part.
+  Crossings crossings(const Vec3& point, const Box& whole) const noexcept
   {
-    // Along no line of symmetry: such rays seldom hit an edge.
-    constexpr Vec3 direction = {0.4819027, 0.2713465, 0.8331541};
-    const Box box = _tree.bounds();
     Crossings found;
-    if (_triangles.empty())
+    if (!whole.meets(Box{point, point}))
       return found;
-    // Beyond the boundary, wherever the point is.
-    const double length
-        = norm(box.upper - box.lower) + std::sqrt(box.squared_distance(point));
-    const Vec3 end = point + 2 * length * direction;
+    const Vec3 end = beyond(point, whole);
     _tree.along(point, end,
                 [&](std::int32_t i) noexcept
                 {
@@ -119,44 +122,71 @@ public:
     return nearest;
   }
 
-  /// @brief Points in which straight ways meet the triangles.
-  /// @param[in] ways Begin and end of each way, (w, 6) [m].
-  std::vector<WayCut> cuts(std::span<const double> ways) const
+  /// @brief Places from 0 to 1 at which a straight way meets triangles.
+  template <class OnCut>
+  void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {
-    std::vector<WayCut> found;
-    for (std::size_t w = 0; w < ways.size() / 6; ++w)
-    {
-      const Vec3 from = vector(ways, 2 * w), to = vector(ways, 2 * w + 1);
-      _tree.along(from, to,
-                  [&](std::int32_t i)
-                  {
-                    const auto c = cut(from, to, _triangles[i]);
-                    if (c && c->s >= 0 && c->s <= 1)
-                      found.push_back({static_cast<std::int32_t>(w), c->s});
-                  });
-    }
-    return found;
+    _tree.along(begin, end,
+                [&](std::int32_t i)
+                {
+                  const auto c = cut(begin, end, _triangles[i]);
+                  if (c && c->s >= 0 && c->s <= 1)
+                    found(c->s);
+                });
   }
 
 private:
-  /// @brief Read the triangles, and make a box around each of them.
-  static std::vector<Box> boxes(std::span<const double> x,
-                                std::vector<Triangle>& triangles)
+  /// @brief A point beyond a box, where a ray from within leaves it soon.
+  static Vec3 beyond(const Vec3& point, const Box& box) noexcept
   {
-    constexpr double margin = 1e-9; // of the triangle, far above round-off
-    std::vector<Box> boxes(triangles.size());
-    for (std::size_t i = 0; i < triangles.size(); ++i)
-    {
-      for (std::size_t v = 0; v < 3; ++v)
+    // Along no line of symmetry: such rays seldom hit an edge.
+    constexpr Vec3 direction = {0.8331541, 0.4819027, 0.2713465};
+    std::size_t axis = 0;
+    double sign = 1, nearest = INFINITY;
+    for (std::size_t i = 0; i < 3; ++i)
+      for (const double side : {-1., 1.})
       {
-        triangles[i][v] = vector(x, 3 * i + v);
-        boxes[i].include(triangles[i][v]);
+        const double distance
+            = side < 0 ? point[i] - box.lower[i] : box.upper[i] - point[i];
+        if (distance < nearest)
+          nearest = distance, axis = i, sign = side;
       }
-      boxes[i].widen(margin * norm(boxes[i].upper - boxes[i].lower));
-    }
+    // Twice as far as the side of the box, and farther than round-off.
+    const double length
+        = sign * (2 * nearest + 1e-3 * norm(box.upper - box.lower));
+    Vec3 end = point;
+    for (std::size_t i = 0; i < 3; ++i)
+      end[(axis + i) % 3] += length * direction[i];
+    return end;
+  }
+
+  /// @brief Read a triangle, and make a box around it.
+  Box place(std::size_t i, std::span<const double> x) noexcept
+  {
+    for (std::size_t v = 0; v < 3; ++v)
+      _triangles[i][v] = vector(x, _rows[i][v]);
+    return around(bounds(x, _rows[i]));
+  }
+
+  /// @brief Box with a margin far above round-off.
+  static Box around(Box box) noexcept
+  {
+    constexpr double margin = 1e-9; // of the longest side
+    box.widen(margin * std::ranges::max(box.upper - box.lower));
+    return box;
+  }
+
+  /// @brief Boxes around triangles.
+  static std::vector<Box> boxes(std::span<const double> x,
+                                std::span<const std::int32_t> rows)
+  {
+    std::vector<Box> boxes;
+    for (std::size_t i = 0; i < rows.size(); i += 3)
+      boxes.push_back(around(bounds(x, rows.subspan(i, 3))));
     return boxes;
   }
 
+  std::vector<std::array<std::int32_t, 3>> _rows;
   std::vector<Triangle> _triangles;
   Tree _tree;
 };

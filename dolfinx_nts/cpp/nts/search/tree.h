@@ -7,6 +7,7 @@
 #include <numeric>
 #include <ranges>
 #include <span>
+#include <utility>
 #include <vector>
 
 /// @brief Bounding-volume tree over segments, for nearest-segment queries.
@@ -95,11 +96,13 @@ inline Box bounds(std::span<const double> x,
 
 /// @brief Largest distance by which points have moved [m], NaN if one is NaN.
 /// @param[in] x, before Positions now and before, (n, 3) [m].
+/// @param[in] rows Which of them count.
 inline double farthest(std::span<const double> x,
-                       std::span<const double> before) noexcept
+                       std::span<const double> before,
+                       const std::ranges::input_range auto& rows) noexcept
 {
   double square = 0;
-  for (std::size_t i = 0; i < x.size() / 3; ++i)
+  for (const std::size_t i : rows)
   {
     const Vec3 way = vector(x, i) - vector(before, i);
     const double there = dot(way, way);
@@ -124,19 +127,34 @@ public:
       build(0, static_cast<std::int32_t>(_order.size()));
   }
 
+  /// @brief Number the segments in the order of the tree, in which they are
+  /// visited.
+  /// @return The former number of each.
+  std::vector<std::int32_t> renumber()
+  {
+    std::vector<Box> boxes;
+    for (const std::int32_t i : _order)
+      boxes.push_back(_boxes[i]);
+    _boxes = std::move(boxes);
+    std::vector<std::int32_t> numbers(_order.size());
+    std::iota(numbers.begin(), numbers.end(), 0);
+    return std::exchange(_order, std::move(numbers));
+  }
+
   /// @brief Go on with other boxes of the same segments, in O(n).
   ///
   /// The tree serves as well while neighbours stay neighbours.
-  void refit(std::vector<Box> boxes)
+  /// @param[in] box_of Called with a segment; returns its box.
+  template <class BoxOf>
+  void refit(BoxOf&& box_of)
   {
-    _boxes = std::move(boxes);
     // Children come after their branch.
     for (Branch& branch : std::views::reverse(_branches))
     {
       branch.box = {};
       if (branch.left < 0)
         for (std::int32_t i = branch.begin; i < branch.end; ++i)
-          branch.box.include(_boxes[_order[i]]);
+          branch.box.include(_boxes[_order[i]] = box_of(_order[i]));
       else
         for (const std::int32_t child : {branch.left, branch.right})
           branch.box.include(_branches[child].box);
@@ -160,12 +178,6 @@ public:
   {
     if (!_branches.empty())
       descend_along(0, begin, end, visit);
-  }
-
-  /// @brief Box of all segments.
-  Box bounds() const noexcept
-  {
-    return _branches.empty() ? Box{} : _branches.front().box;
   }
 
 private:

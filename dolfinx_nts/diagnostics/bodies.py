@@ -1,0 +1,147 @@
+"""Mass, energies, momenta and motion of each body of a stepper."""
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.diagnostics.names import flat, part_names
+from dolfinx_nts.fem.components import (
+    deformation_gradient,
+    dimension,
+    in_space,
+    moments,
+    nodal,
+)
+from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.materials.hyperelastic import right_cauchy_green
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["BodyBalance", "BodyDiagnostics"]
+
+
+@dataclass(frozen=True)
+class BodyBalance:
+    """Energies, momenta and motion of one body, the same on all ranks.
+
+    Attributes:
+        mass: Mass [kg].
+        kinetic_energy: Kinetic energy [J].
+        strain_energy: Strain energy [J].
+        linear_momentum: Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s].
+        angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
+            ``(1,)``, about z [kg m^2/s].
+        centre_of_mass: Current centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m].
+        velocity: Velocity of the centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m/s].
+
+    Example:
+        >>> upper = nts.Diagnostics(stepper).bodies()["upper"]
+        >>> f"{upper.mass:.6g} kg at {upper.velocity[2]:.6g} m/s"
+        '500 kg at -1 m/s'
+    """
+
+    mass: float
+    kinetic_energy: float
+    strain_energy: float
+    linear_momentum: Floats
+    angular_momentum: Floats
+    centre_of_mass: Floats
+    velocity: Floats
+
+    def columns(self, prefix: str) -> dict[str, float]:
+        """All numbers by names that begin with a prefix. Local."""
+        return flat(prefix, asdict(self))
+
+
+class BodyDiagnostics:
+    """Evaluates numbers of each body. Collective, as are all its methods.
+
+    Where bodies share nodes, the kinetic energy and the angular momentum of a node are divided
+    by the masses that it has of each.
+
+    Args:
+        stepper: The stepper.
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        """Take the stepper; masses and forms are made at the first use."""
+        self._stepper = stepper
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+
+    @cached_property
+    def _masses(self) -> dict[Body, Floats]:
+        """Mass of each body at the owned nodes, each ``(n,)`` [kg]."""
+
+        def of(body: Body) -> Floats:
+            eta = ufl.TestFunction(body.V)
+            form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
+            masses: Floats = assembled(compile_form(form)).reshape(-1, dimension(body.V))
+            return self._stepper.carried(masses)[:, 0]
+
+        return {body: of(body) for body in self._stepper.bodies}
+
+    @cached_property
+    def _shares(self) -> dict[Body, Floats]:
+        """Part of each node that belongs to each body, each ``(n,)`` [-]."""
+        total: Floats = np.sum(list(self._masses.values()), axis=0)
+        zero = np.zeros_like(total)
+        return {
+            body: np.divide(mass, total, out=zero.copy(), where=total > 0)
+            for body, mass in self._masses.items()
+        }
+
+    @cached_property
+    def _strain_energies(self) -> list[fem.Form]:
+        C = right_cauchy_green(deformation_gradient(self._stepper.u))
+
+        def energy(material: Any, parameters: Any, rho: Any) -> Any:
+            return material.psi(C, **parameters)
+
+        return [compile_form(bulk_form([body], energy)) for body in self._stepper.bodies]
+
+    def mean(self, body: Body, values: Floats) -> Floats:
+        """Mass-weighted mean of nodal values, ``(l, d)``, over a body.
+
+        Raises:
+            ValueError: The body belongs to another stepper.
+        """
+        if body not in self._stepper.bodies:
+            raise ValueError("expected a body of this stepper, given another")
+        mass = self._masses[body]
+        sums = reductions.total(self._comm, np.append(mass @ values[: len(mass)], mass.sum()))
+        mean: Floats = sums[:-1] / sums[-1]
+        return mean
+
+    def balances(self) -> dict[str, BodyBalance]:
+        """Numbers of all bodies, by name."""
+        stepper, n = self._stepper, len(self._stepper.node_ids)
+        x, v = stepper.x[:n], in_space(nodal(stepper.v)[:n])
+        p = in_space(stepper.nodal_momentum())
+        kinetic, angular = np.einsum("ai,ai->a", v, p) / 2, np.cross(x, p)
+        rows = [
+            [
+                [mass.sum(), share @ kinetic, fem.assemble_scalar(strain_energy)],
+                *(mass @ v, share @ angular, mass @ x),
+            ]
+            for mass, share, strain_energy in zip(
+                self._masses.values(), self._shares.values(), self._strain_energies, strict=True
+            )
+        ]
+        sums = reductions.total(self._comm, np.array(rows))
+        names = part_names("body", (body.name for body in stepper.bodies))
+        dim = dimension(stepper.u.function_space)
+        balances = {}
+        for name, (scalars, linear, turning, moment) in zip(names, sums, strict=True):
+            mass, kinetic_energy, strain_energy = scalars.tolist()
+            energies = mass, kinetic_energy, strain_energy
+            linear, moment, turning = linear[:dim], moment[:dim], moments(turning, dim)
+            balances[name] = BodyBalance(*energies, linear, turning, moment / mass, linear / mass)
+        return balances

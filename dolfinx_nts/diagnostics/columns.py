@@ -1,0 +1,126 @@
+"""Columns of the table of a run: the totals, and those of the parts of its scene."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Literal, get_args
+
+from mpi4py import MPI
+
+from dolfinx_nts.common.arguments import real_array
+from dolfinx_nts.diagnostics.balance import Diagnostics
+from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
+from dolfinx_nts.diagnostics.names import flat, part_names
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.parallel.errors import agreed
+
+__all__ = ["OwnColumn", "Parts", "RunColumns"]
+
+Parts = Literal["pairs", "obstacles", "supports", "loads", "bodies"]
+# Returns a number, or a vector, for the present state of a stepper.
+OwnColumn = Callable[[Stepper], Any]
+
+
+class RunColumns:
+    """Makes the rows of the table of a run.
+
+    Args:
+        diagnostics: Those of the stepper of the run.
+        parts: Parts of the scene that have columns of their own.
+        own: Columns of the user by name, see `Recorder`.
+
+    Raises:
+        ValueError: There are no such parts.
+    """
+
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        parts: Collection[Parts],
+        own: Mapping[str, OwnColumn] | None = None,
+    ) -> None:
+        """Check the parts, and name loads as far as they have columns."""
+        if unknown := sorted(set(parts) - set(get_args(Parts))):
+            names = ", ".join(map(repr, get_args(Parts)))
+            raise ValueError(f"expected columns_of some of {names}, given {unknown}")
+        self._diagnostics, self._own = diagnostics, dict(own or {})
+        self._dim = dimension(diagnostics.stepper.u.function_space)
+        self._loads = part_names("load", (load.name for load in diagnostics.stepper.loads))
+        groups: dict[str, Callable[[StepReport | None, EnergyLedger], dict[str, float]]] = {
+            "pairs": self._of_pairs,
+            "obstacles": self._of_obstacles,
+            "supports": self._of_supports,
+            "loads": self._of_loads,
+            "bodies": self._of_bodies,
+        }
+        self._groups = [group for name, group in groups.items() if name in parts]
+
+    def row(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        """Numbers of the present state by the names of their columns. Collective.
+
+        Args:
+            step: Report of the last step; None at the start.
+            ledger: Sums of all steps, with the last one.
+        """
+        row = {
+            "step": ledger.step,
+            "time": ledger.last.time,
+            "dt": 0.0 if step is None else step.dt,
+            **ledger.last.columns(),
+            "newton_iterations": 0 if step is None else step.newton_iterations,
+            "rejected": 0 if step is None else step.rejected,
+            **ledger.columns(),
+        }
+        for group in self._groups:
+            row |= group(step, ledger)
+        return row | self._of_user(row)
+
+    def _of_user(self, row: Collection[str]) -> dict[str, float]:
+        stepper, columns = self._diagnostics.stepper, dict[str, float]()
+        comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        for name, function in self._own.items():
+            with agreed(comm, f"evaluate the column {name}"):
+                value = real_array(f"the column {name}", function(stepper))
+                if value.shape not in ((), (self._dim,)):
+                    number = {2: "two", 3: "three"}[self._dim]
+                    raise ValueError(
+                        f"expected a number or {number} for the column {name}, given {value.shape}"
+                    )
+                columns |= flat("", {name: value})
+                if taken := columns.keys() & row:
+                    raise ValueError(f"expected names that no column has, given {min(taken)!r}")
+        return columns
+
+    def _of_pairs(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        columns: dict[str, float] = {}
+        for name, pair in self._diagnostics.pairs().items():
+            columns |= pair.columns(f"pair_{name}_")
+        return columns
+
+    def _of_obstacles(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        columns: dict[str, float] = {}
+        for name, obstacle in self._diagnostics.obstacles().items():
+            columns |= obstacle.columns(f"obstacle_{name}_")
+        return columns
+
+    def _of_supports(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        columns: dict[str, float] = {}
+        works = ledger.each["supports"]
+        dim = self._dim
+        nothing = Reaction((0.0,) * dim, (0.0,) * {2: 1, 3: 3}[dim], 0.0)
+        reactions = [nothing] * len(works) if step is None else step.reactions
+        for i, (reaction, work) in enumerate(zip(reactions, works, strict=True), start=1):
+            values = {"force": reaction.force, "moment": reaction.moment, "work": float(work)}
+            columns |= flat(f"support_{i}_", values)
+        return columns
+
+    def _of_loads(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        works = zip(self._loads, ledger.each["loads"], strict=True)
+        return {f"load_{name}_work": float(work) for name, work in works}
+
+    def _of_bodies(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        columns: dict[str, float] = {}
+        for name, body in self._diagnostics.bodies().items():
+            columns |= body.columns(f"body_{name}_")
+        return columns

@@ -1,0 +1,235 @@
+"""Numbers of the contact pairs of a stepper."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
+from dolfinx_nts.fem.components import dimension, in_space, moments, nodal
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.overlaps import Overlap
+
+__all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]
+
+# How much farther nodes look where the last look found nothing [-].
+_FARTHER = 4.0
+
+
+@dataclass(frozen=True)
+class PairBalance:
+    """Contact of one pair in the last step, the same on all ranks.
+
+    Attributes:
+        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)`` [N].
+        torque: Torque about the origin on the nodes, shape ``(3,)``, in the plane ``(1,)``, about
+            z [N m].
+        contact_area: Reference area of the nodes that transmit force [m^2].
+        largest_pressure: Largest contact pressure of a node [Pa].
+
+    Example:
+        >>> steps = list(stepper.run(until=0.02))
+        >>> pair = nts.Diagnostics(stepper).pairs()["upper_bottom_lower_top"]
+        >>> print(pair.force[2] > 0, pair.contact_area > 0, pair.largest_pressure > 0)
+        True True True
+    """
+
+    force: Floats
+    torque: Floats
+    contact_area: float
+    largest_pressure: float
+
+    def columns(self, prefix: str) -> dict[str, float]:
+        """All numbers by names that begin with a prefix. Local."""
+        return flat(prefix, asdict(self))
+
+
+@dataclass(frozen=True)
+class ObstacleBalance:
+    """Contact of a rigid obstacle in the last step, the same on all ranks.
+
+    With `EnergyMomentum` the work of a moving obstacle on the bodies is minus force times
+    displacement of the centre of its motion, minus torque times 2 tan(angle/2) along the axis of
+    the turn in the step.
+
+    Attributes:
+        force: Resultant on the obstacle by all pairs that name it, shape ``(3,)``, in the plane
+            ``(2,)`` [N].
+        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z [N m]: about the
+            centre of the motion in the middle of the step, or about the origin if the obstacle
+            is at rest.
+
+    Example:
+        >>> down = nts.Motion(translation=lambda t: (0.0, 0.0, -t))
+        >>> lid = nts.RigidPlane(point=(0, 0, 2.2), normal=(0, 0, -1)).moving(down)
+        >>> lid.name
+        'a moving RigidPlane'
+    """
+
+    force: Floats
+    torque: Floats
+
+    def columns(self, prefix: str) -> dict[str, float]:
+        """All numbers by names that begin with a prefix. Local."""
+        return flat(prefix, asdict(self))
+
+
+class ContactDiagnostics:
+    """Evaluates the contact of a stepper's last step. Collective, as are all its methods.
+
+    Args:
+        stepper: The stepper.
+
+    Attributes:
+        stepper: The argument.
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        """Take the stepper."""
+        self.stepper = stepper
+        V = stepper.u.function_space
+        self._comm: MPI.Comm = V.mesh.comm
+        self._dim = dimension(V)
+
+    def contact_energy(self) -> float:
+        """Energy of penalty and friction springs [J]."""
+        return float(self._sum(sum(pair.history.energy.sum() for pair in self.stepper.contacts)))
+
+    def contact_force(self) -> Floats:
+        """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` or ``(2,)`` [N]."""
+        forces = [contact.history.force.sum(axis=0) for contact in self.stepper.contacts]
+        force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
+        total: Floats = force[: self._dim]
+        return total
+
+    def pair_resultants(self) -> Floats:
+        """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
+
+        In the plane, too, they have three components.
+        The torque is about the origin, with the positions at which the scheme has the force: in
+        the middle of the step, in `QuasiStatic`, `CentralDifference` and `GeneralizedAlpha` at
+        its end.
+        """
+        stepper = self.stepper
+        x = stepper.x
+        if stepper.scheme.contact != "static":
+            x -= in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
+        parts = np.zeros((len(stepper.contacts), 2, 3))
+        for part, pair in zip(parts, stepper.contacts, strict=True):
+            force = pair.history.force
+            part[:] = force.sum(axis=0), np.cross(x[pair.nodes.nodes], force).sum(axis=0)
+        resultants: Floats = self._sum(parts)
+        return resultants
+
+    def pairs(self) -> dict[str, PairBalance]:
+        """Contact of each pair in the last step, by names of its two sides."""
+        contacts, names = self.stepper.contacts, pair_names(self.stepper.pairs)
+        area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
+        pressures = [float(contact.pressure.max(initial=0.0)) for contact in contacts]
+        pressures = reductions.largest(self._comm, pressures) if contacts else []
+        vectors = [self._parts(resultants) for resultants in self.pair_resultants()]
+        numbers = zip(names, vectors, area.tolist(), pressures, strict=True)
+        return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
+
+    def obstacles(self) -> dict[str, ObstacleBalance]:
+        """Contact of each rigid obstacle in the last step, by its name."""
+        stepper, totals = self.stepper, dict[Obstacle, Floats]()
+        resultants = self.pair_resultants()
+        for number, pair in enumerate(stepper.pairs):
+            obstacle = pair.segments
+            if isinstance(obstacle, Obstacle):
+                force, torque = resultants[number]
+                centre = obstacle.motion.frame(stepper.t_n, stepper.t, obstacle.dim).centre
+                on_nodes = np.array([force, torque - np.cross(centre, force)])
+                totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes
+        names = part_names("obstacle", (obstacle.name for obstacle in totals))
+        return {
+            name: ObstacleBalance(*self._parts(total))
+            for name, total in zip(names, totals.values(), strict=True)
+        }
+
+    def active_nodes(self) -> int:
+        """Number of nodes that transmit force, on all ranks."""
+        active = [np.count_nonzero(pair.history.active) for pair in self.stepper.contacts]
+        return int(self._sum(sum(active)))
+
+    def min_gap(self) -> float:
+        """Least gap of all pairs [m]; NaN if no node faces a segment.
+
+        Pairs whose bounding boxes are farther apart than the least gap found so far are left
+        out, and so are segments farther from a node than that. Otherwise nodes look farther and
+        farther until one finds a segment.
+        """
+        x, pairs, least = self.stepper.x, self.stepper.contacts, np.inf
+        nearest, farthest = self._distances(x)
+        for i in np.argsort(nearest, kind="stable"):
+            pair, size = pairs[i], pairs[i].pair.segment_size
+            # The point of a gap may lie beside a facet, by up to its size.
+            limit = min(least, farthest[i]) + size
+            # Nodes that face nothing look at all segments in reach, so most looks are short.
+            reach = limit if nearest[i] < 0 else nearest[i] + size
+            while nearest[i] <= limit:
+                gap = pair.gap(x, min(reach, limit))
+                own = reductions.least(self._comm, float(gap[~np.isnan(gap)].min(initial=np.inf)))
+                enough = min(own + size, limit)
+                if reach >= enough:
+                    least = min(least, own)
+                    break
+                reach = enough if own < np.inf else _FARTHER * reach
+        return least if least < np.inf else np.nan
+
+    def overlaps(self) -> list[Overlap]:
+        """Find bodies that are inside each other or inside obstacles, whatever the pairs are.
+
+        Bodies that share nodes count as one, and self contact is not looked at. Facets of
+        quadrilaterals count as two triangles. A `RigidSurface` is looked at down to half a facet.
+
+        Returns:
+            One `Overlap` for each two, empty if bodies only touch.
+        """
+        return self.stepper.watch.overlaps.search.find(self.stepper.x, t=self.stepper.t)[0]
+
+    def _distances(self, x: Floats) -> tuple[Floats, Floats]:
+        """Least and greatest distances between nodes and segments of the pairs, each ``(p,)`` [m].
+
+        They are those of the bounding boxes. Those of obstacles are below zero, so that they come
+        first, as they know their gaps.
+        """
+        pairs = self.stepper.contacts
+        # Least coordinates of nodes and segments, and least negative ones.
+        least = np.full((len(pairs), 2, 2, 3), np.inf)
+        for box, pair in zip(least, pairs, strict=True):
+            for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
+                if isinstance(surface, Surface):
+                    some = x[surface.nodes]
+                    part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
+        least = reductions.least(self._comm, least)
+        lower, upper = least[:, :, 0], -least[:, :, 1]
+        has_box = np.isfinite(least).all(axis=(1, 2, 3))
+        lower, upper = (np.where(has_box[:, None, None], ends, 0.0) for ends in (lower, upper))
+        apart = np.maximum(lower, lower[:, ::-1]) - np.minimum(upper, upper[:, ::-1])
+        nearest = np.linalg.norm(np.maximum(apart[:, 0], 0.0), axis=1)
+        farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
+        return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
+
+    def _parts(self, resultants: Floats) -> tuple[Floats, Floats]:
+        """Components of force and torque, shape ``(2, 3)``, that exist in the dimension."""
+        force, torque = resultants
+        return force[: self._dim], moments(torque, self._dim)
+
+    def _sum(self, values: Any) -> Any:
+        return reductions.total(self._comm, values)
+
+
+def _contact_area(contact: PairState) -> float:
+    """Reference area of the active nodes of this rank [m^2]."""
+    history, area = contact.history, contact.nodes.area
+    part = np.where(history.area > 0, history.area, area)
+    return float(part[history.active].sum())

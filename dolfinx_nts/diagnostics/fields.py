@@ -1,0 +1,117 @@
+"""Fields of a stepper as DOLFINx Functions: contact, stress and strain energy density."""
+
+from functools import cached_property
+
+import basix
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.diagnostics.functions import NodalFunctions
+from dolfinx_nts.diagnostics.nodal_fields import contact_field
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.cell_stress import CellStress, StressState
+
+__all__ = ["Fields"]
+
+
+class Fields:
+    """Gives fields of a stepper's accepted state as DOLFINx Functions.
+
+    Each call sets the values of the same Function anew, so that it can be given to a writer
+    once. What a Function holds stays as it is until the next call. Functions of contact have
+    the nodes of the bodies' space. Those of stress belong to cells: they are constant in cells
+    of degree 1, with the value in the middle, and linear in cells of degree 2, discontinuous
+    between cells. Collective, as are all its methods.
+
+    Args:
+        stepper: The stepper.
+
+    Raises:
+        TypeError: ``stepper`` is no stepper.
+
+    Example:
+        >>> fields = nts.Fields(stepper)
+        >>> steps = list(stepper.run(until=0.02))
+        >>> pressure = fields.contact_pressure()
+        >>> pressure.name, bool(pressure.x.array.max() > 0.0)
+        ('contact_pressure', True)
+        >>> stress = fields.von_mises_stress()
+        >>> len(stress.x.array) == len(body.cells) + len(other.cells)
+        True
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        """Check the stepper; Functions are made at their first use."""
+        if not isinstance(stepper, Stepper):
+            raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
+        self._stepper = stepper
+        self._nodal = NodalFunctions(stepper.u.function_space)
+        self._cell: dict[str, fem.Function] = {}
+
+    def __repr__(self) -> str:
+        """Return the call that makes such fields, with the class of the stepper. Local."""
+        return as_call(self, stepper=type(self._stepper))
+
+    def gap(self) -> fem.Function:
+        """Smallest gap of each node [m], > 0 open, NaN where a node faces no segment."""
+        return self._contact("gap")
+
+    def contact_pressure(self) -> fem.Function:
+        """Contact pressure at the nodes of all pairs [Pa], 0 elsewhere."""
+        return self._contact("contact_pressure")
+
+    def contact_traction(self) -> fem.Function:
+        """Contact force per reference area, with friction, at the nodes of all pairs [Pa].
+
+        It is 0 elsewhere, also on the side of the segments.
+        """
+        return self._contact("contact_traction")
+
+    def cauchy_stress(self) -> fem.Function:
+        """Cauchy stress in the cells, of shape (3, 3), also in the plane [Pa]."""
+        return self._of_cells("cauchy_stress", self._state().cauchy)
+
+    def von_mises_stress(self) -> fem.Function:
+        """Von Mises stress in the cells [Pa]."""
+        return self._of_cells("von_mises_stress", self._state().von_mises())
+
+    def strain_energy_density(self) -> fem.Function:
+        """Strain energy per reference volume in the cells [J/m^3]."""
+        return self._of_cells("strain_energy_density", self._state().energy_density)
+
+    def _contact(self, name: str) -> fem.Function:
+        return self._nodal.set(name, contact_field(self._stepper, name))
+
+    @cached_property
+    def _stress(self) -> CellStress:
+        u = self._stepper.u
+        element = Element.of(u.function_space)
+        points: Floats = basix.create_element(
+            basix.ElementFamily.P,
+            basix.CellType[element.cell],
+            element.degree - 1,
+            basix.LagrangeVariant.gll_warped,
+            basix.DPCVariant.unset,
+            True,
+        ).points
+        return CellStress(self._stepper.bodies, u, points)
+
+    def _state(self) -> StressState:
+        return self._stress.evaluate()
+
+    def _of_cells(self, name: str, values: Array) -> fem.Function:
+        """Function by name with values ``(c, p, ...)`` in the owned cells."""
+        V = self._stepper.u.function_space
+        shape = values.shape[2:]
+        if name not in self._cell:
+            space = fem.functionspace(V.mesh, ("DG", Element.of(V).degree - 1, shape))
+            self._cell[name] = fem.Function(space, name=name)
+        function = self._cell[name]
+        dofs = function.function_space.dofmap.list[: len(values)]
+        size = int(np.prod(shape, dtype=int))
+        function.x.array.reshape(-1, size)[dofs] = values.reshape(*values.shape[:2], size)
+        function.x.scatter_forward()
+        return function

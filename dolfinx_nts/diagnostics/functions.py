@@ -1,0 +1,86 @@
+"""DOLFINx Functions that take values of the nodes of a space, and give them back."""
+
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.fem.components import dimension, nodal
+
+__all__ = ["NodalFunctions", "nodal_values"]
+
+_NUMBERS = {2: "two", 3: "three"}
+
+
+class NodalFunctions:
+    """Functions by name, which are made when they get their first values.
+
+    Collective, as its method.
+
+    Args:
+        V: Vector space of the nodes.
+    """
+
+    def __init__(self, V: fem.FunctionSpace) -> None:
+        """Find the scalar space on the same nodes."""
+        self._V = V
+        self._scalars, self._dofs = V.sub(0).collapse()
+        # Carries values from the owned nodes to all nodes of a rank.
+        self._carrier = fem.Function(V)
+        self._functions: dict[str, fem.Function] = {}
+
+    def set(self, name: str, values: Array) -> fem.Function:
+        """Give a Function new values.
+
+        Args:
+            name: Name of the Function.
+            values: Values at the owned nodes, shape ``(n,)`` or ``(n, 3)``.
+
+        Returns:
+            The Function, of the vector space, which in the plane has two components, or of the
+            scalar one.
+        """
+        is_vector = values.ndim == 2
+        if name not in self._functions:
+            space = self._V if is_vector else self._scalars
+            self._functions[name] = fem.Function(space, name=name)
+        carried = nodal(self._carrier)
+        d = carried.shape[1]
+        carried[: len(values)] = values[:, :d] if is_vector else values[:, None]
+        self._carrier.x.scatter_forward()
+        array = self._carrier.x.array
+        self._functions[name].x.array[:] = array if is_vector else array[self._dofs]
+        return self._functions[name]
+
+
+def nodal_values(V: fem.FunctionSpace, function: Any) -> Floats:
+    """Values of a Function at the owned nodes of a vector space. Local.
+
+    Args:
+        V: The vector space.
+        function: Function of it, or of a scalar or vector space of the same degree.
+
+    Returns:
+        Values, shape ``(n,)`` or ``(n, d)``.
+
+    Raises:
+        ValueError: The space has other nodes.
+    """
+    W = function.function_space
+    element, own = W.ufl_element(), V.ufl_element()
+    shape, dim = element.reference_value_shape, dimension(V)
+    kinds = [(e.family_name, e.degree, e.discontinuous) for e in (element, own)]
+    if W.mesh is not V.mesh or kinds[0] != kinds[1] or shape not in ((), (dim,)):
+        raise ValueError(
+            f"expected a Function with values at the nodes of the bodies, Lagrange of degree "
+            f"{own.degree}, scalar or of {_NUMBERS[dim]} parts, given one of {element}"
+        )
+    if W == V:
+        order: Ints = np.arange(V.dofmap.index_map.size_local, dtype=np.int32)
+    else:
+        order = np.empty(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts, np.int32)
+        order[V.dofmap.list] = W.dofmap.list
+        order = order[: V.dofmap.index_map.size_local]
+    values: Floats = function.x.array.reshape(-1, *shape)[order]
+    return values

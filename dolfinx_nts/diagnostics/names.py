@@ -1,0 +1,77 @@
+"""Names of columns: what they are made of, and vectors that become several of them.
+
+The rule is ``kind_name_quantity``: ``body_ball_mass``, ``pair_ball_outer_plate_top_force_x``,
+``support_1_work``, ``load_gravity_work``.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair import ContactPair
+
+__all__ = ["flat", "pair_names", "part_names"]
+
+# Longest name [characters]; longer ones would hide the quantity.
+_LONGEST = 40
+# Words without meaning in a column, as in "the boundary of ball".
+_LEFT_OUT = {"a", "an", "the", "of"}
+# Axes of the parts of a vector, by their number.
+_AXES = {1: "z", 2: "xy", 3: "xyz"}
+
+
+def part_names(kind: str, names: Iterable[str]) -> list[str]:
+    """Names of parts of one kind that columns can have, of which no two are alike. Local.
+
+    Args:
+        kind: Kind of the parts, such as ``"body"``, which is left out where a name begins with
+            it.
+        names: What the parts are called, in any letters.
+
+    Returns:
+        Words of lower case, joined by ``_``. A name that is too long becomes the number of its
+        part, from 1, and one that others have too gets this number.
+    """
+    words = [_words(name) for name in names]
+    plain = ["_".join(w[1:] if w[0] == kind and len(w) > 1 else w) for w in words]
+    count = Counter(plain)
+    return [
+        str(i) if len(name) > _LONGEST else f"{name}_{i}" if count[name] > 1 else name
+        for i, name in enumerate(plain, start=1)
+    ]
+
+
+def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
+    """Names of contact pairs by those of their two sides. Local."""
+    return part_names("pair", (pair.between.replace(" and ", " ") for pair in pairs))
+
+
+def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
+    """Numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local.
+
+    In the plane vectors have two parts, ``_x`` and ``_y``, and moments one, ``_z``.
+
+    Args:
+        prefix: What all names begin with.
+        values: Numbers, and vectors of up to three parts, by name.
+    """
+    columns: dict[str, float] = {}
+    for name, value in values.items():
+        if np.ndim(value) == 0:
+            columns[f"{prefix}{name}"] = value
+        else:
+            vector: Floats = np.asarray(value)
+            for axis, v in zip(_AXES[len(vector)], vector, strict=True):
+                columns[f"{prefix}{name}_{axis}"] = float(v)
+    return columns
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name in lower case; those of ``RigidPlane`` are two."""
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
+    words = re.findall(r"[^\W_]+", apart.lower())
+    return [word for word in words if word not in _LEFT_OUT] or ["unnamed"]

@@ -1,0 +1,100 @@
+"""Fields at the nodes: motion, and contact where there is a surface."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import in_space, nodal
+from dolfinx_nts.integrators.stepper import Stepper
+
+__all__ = ["contact_field", "nodal_fields"]
+
+
+class _Rule(NamedTuple):
+    """How a field of contact is made.
+
+    Attributes:
+        of: Values at the nodes of a pair, from the pair and the positions of all nodes.
+        joined: Joins the values of a node that belongs to several pairs.
+        elsewhere: Value of nodes without a pair.
+        needs_friction: Whether only pairs with friction have the field.
+    """
+
+    of: Callable[[PairState, Floats], Array]
+    joined: Callable[[Array, Array], Array]
+    elsewhere: Any = 0.0
+    needs_friction: bool = False
+
+
+_RULES = {
+    "gap": _Rule(lambda pair, x: pair.gap(x), np.fmin, np.nan),
+    "contact_pressure": _Rule(lambda pair, x: pair.pressure, np.add),
+    "active": _Rule(lambda pair, x: pair.history.active.astype(np.float64), np.maximum),
+    "contact_traction": _Rule(
+        lambda pair, x: pair.nodes.per_area(pair.history.force), np.add, np.zeros(3)
+    ),
+    "friction_traction": _Rule(
+        lambda pair, x: -pair.nodes.per_area(pair.history.traction), np.add, np.zeros(3), True
+    ),
+    "slip_state": _Rule(
+        lambda pair, x: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, True
+    ),
+    "accumulated_slip": _Rule(lambda pair, x: pair.history.slip, np.add, 0.0, True),
+}
+
+
+def contact_field(stepper: Stepper, name: str) -> Array:
+    """One of the fields of contact at the owned nodes, see `nodal_fields`. Collective.
+
+    Args:
+        stepper: Stepper whose present state is described.
+        name: Name of the field.
+
+    Returns:
+        Values, shape ``(n,)`` or ``(n, 3)``.
+    """
+    rule, x = _RULES[name], stepper.x
+    values: Array = np.tile(rule.elsewhere, (len(stepper.node_ids), 1))
+    if not np.ndim(rule.elsewhere):
+        values = values[:, 0]
+    for contact in stepper.contacts:
+        if contact.pair.friction is not None or not rule.needs_friction:
+            at = contact.nodes.nodes
+            values[at] = rule.joined(values[at], rule.of(contact, x))
+    return values
+
+
+def nodal_fields(stepper: Stepper) -> dict[str, Array]:
+    """Displacement, velocity and contact at the owned nodes. Collective.
+
+    Where a node belongs to several pairs, it has their smallest gap, the sum of their
+    pressures, slips and tractions, and the largest of the others.
+
+    Args:
+        stepper: Stepper whose present state is described.
+
+    Returns:
+        Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
+        for ``n`` owned nodes; in the plane the third components of all vectors are 0.
+
+        With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where contact is open, and
+        NaN where a node faces no segment or belongs to no pair; ``contact_pressure`` [Pa];
+        ``active``, 1 where contact transmits force; and ``contact_traction`` [Pa], the whole
+        contact force per reference area, shape ``(n, 3)``. With friction also
+        ``friction_traction`` [Pa], the part of it by friction, shape ``(n, 3)``;
+        ``slip_state``, 0 open, 1 sticking, 2 sliding; and ``accumulated_slip`` [m]. All but the
+        gap are 0 at nodes without a pair.
+    """
+    n = len(stepper.node_ids)
+    fields: dict[str, Array] = {
+        "displacement": in_space(nodal(stepper.u)[:n]),
+        "velocity": in_space(nodal(stepper.v)[:n]),
+    }
+    has_friction = any(pair.friction is not None for pair in stepper.pairs)
+    for name, rule in _RULES.items():
+        if stepper.pairs and (has_friction or not rule.needs_friction):
+            fields[name] = contact_field(stepper, name)
+    return fields

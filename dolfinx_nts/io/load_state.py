@@ -1,0 +1,140 @@
+"""Start of a scene from the checkpoint of another one on the same mesh."""
+
+import logging
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.contact.history import without_friction
+from dolfinx_nts.diagnostics.names import pair_names
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.integrators.schemes import QuasiStatic
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.checkpoint import Reader, read
+from dolfinx_nts.io.fingerprint import fingerprint
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import on_root
+
+__all__ = ["load_state"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Numbers of laws that may change while what contact remembers keeps its meaning.
+_MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
+
+
+class _Kept(NamedTuple):
+    """What a pair takes over: its number in the checkpoint from 1, and whether slip too."""
+
+    number: int
+    friction: bool
+
+
+def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
+    """Start a stepper from the checkpoint of a run whose scene was another one. Collective.
+
+    Only the mesh and the degree must be the same. Loads, supports, materials, laws, pairs, the
+    integrator and the number of ranks may differ. Time, number of the step, displacements and
+    velocities are taken over; the step ``dt`` is that of the stepper. A pair whose two sides
+    and method are those of a pair in the checkpoint takes over its contact, also with another
+    kind of impact or another coefficient of friction; springs must have the same numbers. What
+    is dropped is returned, and told in the log. `Recorder` writes checkpoints with
+    ``checkpoint_every``; to go on with the same scene, its ``resume`` is the exact way.
+
+    Args:
+        path: The checkpoint.
+        stepper: Stepper of the new scene.
+
+    Returns:
+        What the checkpoint has and the stepper does not take over, in words.
+
+    Raises:
+        ValueError: The file is no checkpoint, is damaged, or belongs to another mesh. Nothing
+            has been changed.
+
+    Example:
+        >>> with nts.Recorder("press", stepper, checkpoint_every=50) as record:
+        ...     for step in stepper.run(until=0.02):
+        ...         record.write(step)
+        >>> rough = nts.ContactPair(bottom, top, friction=nts.Coulomb(mu=0.3))
+        >>> other_stepper = nts.EnergyMomentum(bodies, [rough], dt=0.005)
+        >>> nts.load_state("press.checkpoint.h5", other_stepper)
+        ('state of the linear solver',)
+        >>> other_stepper.t
+        0.02
+    """
+    path, comm = Path(path), stepper.u.function_space.mesh.comm
+    now = fingerprint(stepper)
+    values, scene = {}, {}
+
+    def matching() -> None:
+        read_values, read_scene = read(path)
+        if read_scene["mesh"] != now["mesh"]:
+            raise ValueError(
+                f"expected a checkpoint of this mesh, nodes and cells, given {path}, in which it "
+                f"is {read_scene['mesh']} instead of {now['mesh']}"
+            )
+        values.update(read_values)
+        scene.update(read_scene)
+
+    on_root(comm, matching)
+    scene = comm.bcast(scene)
+    kept = _kept(scene, now)
+    contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
+    same_scheme = scene["integrator"] == now["integrator"]
+    stepper.adopt(Reader(stepper, values), contacts, same_scheme=same_scheme)
+    dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
+    names = pair_names(stepper.pairs)
+    for i, name in enumerate(names):
+        if i not in kept:
+            dropped.append(f"contact of {name}, which begins anew")
+        elif not kept[i].friction:
+            contact = stepper.contacts[i]
+            contact.accept(without_friction(contact.history))
+            dropped.append(f"friction of {name}, which begins anew")
+    used = {k.number for k in kept.values()}
+    unused = [n for n in _pairs(scene) if n not in used]
+    dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]
+    if comm.rank == 0:
+        _logger.info("%s is taken over at t = %g; dropped: %s", path, stepper.t, "; ".join(dropped))
+    return tuple(dropped)
+
+
+def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
+    """Set the velocity to zero where the integrator has none; tell if there was any."""
+    speed = reductions.largest(comm, float(np.abs(stepper.v.x.array).max(initial=0.0)))
+    if not isinstance(stepper, QuasiStatic) or speed == 0.0:
+        return []
+    for body in stepper.bodies:
+        stepper.set_velocity(body, np.zeros(dimension(body.V)))
+    return ["velocities, which QuasiStatic does not have"]
+
+
+def _pairs(scene: Mapping[str, str]) -> list[int]:
+    """Numbers of the pairs of a scene."""
+    return sorted(int(name[5:]) for name in scene if name.startswith("pair "))
+
+
+def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
+    """Pairs of this scene, by their number from 0, whose contact has a meaning here."""
+    kept = {}
+    numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
+    for i in _pairs(now):
+        number = numbers.get(now[f"pair {i}"])
+        if number is None:
+            continue
+        laws = [scene[f"laws of pair {n}"] for scene, n in ((saved, number), (now, i))]
+        same = len({_MAY_CHANGE.sub("", law) for law in laws}) == 1
+        if same or all(map(_has_no_springs, laws)):
+            kept[i - 1] = _Kept(number, same or laws[0].endswith(", none"))
+    return kept
+
+
+def _has_no_springs(laws: str) -> bool:
+    """Whether contact and friction are by multipliers alone."""
+    return laws.startswith("LagrangeMultiplier") and ("eps_T=None" in laws or "none" in laws)

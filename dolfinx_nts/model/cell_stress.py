@@ -1,0 +1,73 @@
+"""Cauchy stress and strain energy density of bodies at points of their cells."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import deformation_gradient
+from dolfinx_nts.fem.jit import compile_expression
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.model.bodies import Body
+
+__all__ = ["CellStress", "StressState"]
+
+
+class StressState(NamedTuple):
+    """Stress and strain energy density at p points of each of c cells.
+
+    Attributes:
+        cauchy: Cauchy stress, shape ``(c, p, 3, 3)`` [Pa].
+        energy_density: Strain energy per reference volume, shape ``(c, p)`` [J/m^3].
+    """
+
+    cauchy: Floats
+    energy_density: Floats
+
+    def von_mises(self) -> Floats:
+        """Von Mises stress, shape ``(c, p)`` [Pa]. Local."""
+        mean = np.trace(self.cauchy, axis1=2, axis2=3) / 3
+        deviator = self.cauchy - mean[..., None, None] * np.eye(3)
+        stress: Floats = np.sqrt(1.5 * np.einsum("cpij,cpij->cp", deviator, deviator))
+        return stress
+
+
+class CellStress:
+    """Evaluates the stress of a displacement. Collective, as it compiles; `evaluate` is local.
+
+    In the plane the stress is that of plane strain, with the component along z.
+
+    Args:
+        bodies: Bodies that fill the mesh.
+        u: The displacement [m].
+        points: Points on the reference cell, shape ``(p, d)``.
+    """
+
+    def __init__(self, bodies: Sequence[Body], u: fem.Function, points: Floats) -> None:
+        """Compile an expression for each material."""
+        self._mesh, self._num_points = u.function_space.mesh, len(points)
+        self._num_cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
+        F = deformation_gradient(u)
+
+        @cache
+        def of(material: Hyperelastic) -> fem.Expression:
+            # Constants, as numbers would become part of the compiled code.
+            parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
+            C = F.T * F
+            sigma = F * material.stress(C, **parameters) * F.T / ufl.det(F)
+            parts = [sigma[i, j] for i in range(3) for j in range(3)]
+            energy = material.psi(C, **parameters)
+            return compile_expression(ufl.as_vector([*parts, energy]), points)
+
+        self._parts = [(body.cells, of(body.material)) for body in bodies]
+
+    def evaluate(self) -> StressState:
+        """Stress of the present displacement in the owned cells, in their order."""
+        values = np.empty((self._num_cells, self._num_points, 10))
+        for cells, expression in self._parts:
+            values[cells] = expression.eval(self._mesh, cells).reshape(-1, self._num_points, 10)
+        return StressState(values[..., :9].reshape(*values.shape[:2], 3, 3), values[..., 9])

@@ -1,0 +1,191 @@
+r"""Frames in which nodes see what they face: space, or a rigid obstacle that moves.
+
+Contact with a moving obstacle is evaluated in coordinates :math:`X` that the obstacle carries
+along, where it is at rest: :math:`x = \varphi + R (X - c)`, with the place :math:`\varphi` of the
+centre c and the rotation R at each end of a step. A force :math:`f` there is the force
+:math:`R_m f` in space, with the mean :math:`R_m` of both rotations. With the Cayley vector
+:math:`\theta` of the turn, :math:`R_{n+1} - R_n = \hat\theta R_m`, its work is
+
+.. math:: f \cdot (X_{n+1} - X_n) = R_m f \cdot (\Delta x - \Delta\varphi
+   - \theta \times (x_m - \varphi_m)),
+
+so that the work of a contact force is what it was at rest, plus the work of force and moment
+on the obstacle, exactly.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+
+__all__ = ["Frame", "MovingFrame", "Placement"]
+
+
+class Placement(NamedTuple):
+    """Where an obstacle is at one time.
+
+    Attributes:
+        centre: Position of the centre of its motion, shape ``(3,)`` [m].
+        rotation: Rotation since it was declared, shape ``(3, 3)`` [-].
+    """
+
+    centre: Floats
+    rotation: Floats
+
+    def angle_to(self, other: "Placement") -> float:
+        """Angle between two placements, from 0 to pi [rad]. Local."""
+        turn = other.rotation @ self.rotation.T
+        return float(np.arctan2(np.linalg.norm(_axial(turn)), (np.trace(turn) - 1) / 2))
+
+
+class Frame:
+    """Space as the frame of a step: what nodes face is at rest, or has unknowns. Local.
+
+    In the methods ``x`` are positions in space and ``X`` those in the frame, both of shape
+    ``(..., 3)`` [m]; ``x_n`` and ``X_n`` are those at t_n.
+
+    Attributes:
+        moves: Whether the frame moves in the step.
+        centre: Point in the middle of the step about which moments are taken, ``(3,)`` [m].
+        angle: Angle by which the frame turns in the step [rad].
+    """
+
+    moves = False
+    centre: Floats = np.zeros(3)
+    angle = 0.0
+
+    def at_start(self, x_n: Floats) -> Floats:
+        """Positions in the frame at t_n."""
+        return x_n
+
+    def at_end(self, x: Floats) -> Floats:
+        """Positions in the frame at t_{n+1}."""
+        return x
+
+    def in_space(self, X: Floats) -> Floats:
+        """Positions in space at t_{n+1}."""
+        return X
+
+    def relative(self, X_n: Floats, X: Floats) -> Floats:
+        """Displacement in space relative to the frame, on which contact forces do work."""
+        return X - X_n
+
+    def carried(self, X_n: Floats, X: Floats) -> Floats:
+        """Displacement in space of the frame's points in the middle of X_n and X."""
+        return np.zeros_like(X)
+
+    def drag(self, x: Floats) -> Floats:
+        """How far the frame has carried its points that are at x now, shape ``(...)`` [m]."""
+        return np.zeros(x.shape[:-1])
+
+    def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:
+        """Bring forces and their derivatives from the frame into space.
+
+        Args:
+            scheme: Kernel of the contact force, see `Candidates.contact`.
+            contact: Kinematics of nodes alone, d = 3.
+        """
+        return contact
+
+    def turned_slip(self, slip: Slip) -> Slip:
+        """Bring forces, their derivatives and tangents from the frame into space."""
+        return slip
+
+
+class MovingFrame(Frame):
+    """Frame of an obstacle that moves in a step, see `Frame`.
+
+    Args:
+        origin: Centre of the motion where the obstacle was declared, shape ``(3,)`` [m].
+        start: Where the obstacle is at t_n.
+        middle: Where it is half-way.
+        end: Where it is at t_{n+1}.
+    """
+
+    def __init__(self, origin: Floats, start: Placement, middle: Placement, end: Placement) -> None:
+        """Compute what both placements have in common."""
+        self._origin, self._start, self._end = origin, start, end
+        self._mean: Floats = (start.rotation + end.rotation) / 2
+        turn = end.rotation @ start.rotation.T
+        # Cayley vector: 2 tan(angle/2) along the axis; without end for half a turn.
+        self._theta = 4 * _axial(turn) / max(1 + np.trace(turn), np.finfo(float).eps)
+        self._shift: Floats = end.centre - start.centre
+        self.centre = (start.centre + end.centre) / 2
+        self.angle = start.angle_to(middle) + middle.angle_to(end)
+        self.moves = bool(np.any(self._shift) or np.any(start.rotation != end.rotation))
+
+    def at_start(self, x_n: Floats) -> Floats:
+        """Positions in the frame at t_n, see `Frame.at_start`."""
+        X: Floats = (x_n - self._start.centre) @ self._start.rotation + self._origin
+        return X
+
+    def at_end(self, x: Floats) -> Floats:
+        """Positions in the frame at t_{n+1}, see `Frame.at_end`."""
+        X: Floats = (x - self._end.centre) @ self._end.rotation + self._origin
+        return X
+
+    def in_space(self, X: Floats) -> Floats:
+        """Positions in space at t_{n+1}, see `Frame.in_space`."""
+        x: Floats = (X - self._origin) @ self._end.rotation.T + self._end.centre
+        return x
+
+    def relative(self, X_n: Floats, X: Floats) -> Floats:
+        """Displacement relative to the frame, see `Frame.relative`."""
+        y_n, y = self._arms(X_n, X)
+        way: Floats = y - y_n - np.cross(self._theta, (y_n + y) / 2)
+        return way
+
+    def carried(self, X_n: Floats, X: Floats) -> Floats:
+        """Displacement of the frame's points, see `Frame.carried`."""
+        y_n, y = self._arms(X_n, X)
+        way: Floats = self._shift + np.cross(self._theta, (y_n + y) / 2)
+        return way
+
+    def _arms(self, X_n: Floats, X: Floats) -> tuple[Floats, Floats]:
+        """Positions relative to the centre at both ends of the step, ``(..., 3)`` [m]."""
+        return (
+            (X_n - self._origin) @ self._start.rotation.T,
+            (X - self._origin) @ self._end.rotation.T,
+        )
+
+    def drag(self, x: Floats) -> Floats:
+        """How far the frame has carried its points, see `Frame.drag`."""
+        y = (x - self._end.centre) @ self._end.rotation @ self._start.rotation.T
+        way: Floats = np.linalg.norm(x - self._start.centre - y, axis=-1)
+        return way
+
+    def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:
+        """Bring forces into space, see `Frame.turned`; static ones by the rotation at the end."""
+        end = self._end.rotation
+        of_force = end if scheme == "static" else self._mean
+        return contact._replace(
+            force=contact.force @ of_force.T,
+            gradient=contact.gradient @ end.T,
+            tangent=of_force @ contact.tangent @ end.T,
+        )
+
+    def turned_slip(self, slip: Slip) -> Slip:
+        """Bring slip into space, see `Frame.turned_slip`."""
+        return _TurnedSlip(slip, self._start.rotation, self._mean, self._end.rotation)
+
+
+class _TurnedSlip(Slip):
+    """Slip relative to a frame that turns, with the rotations at t_n, mean and at t_{n+1}."""
+
+    def __init__(self, slip: Slip, start: Floats, mean: Floats, end: Floats) -> None:
+        self._slip, self._mean, self._end, self.value = slip, mean, end, slip.value
+        self.force, self.gradient = slip.force @ mean.T, slip.gradient @ end.T
+        self.frame_n, self.normal_n = slip.frame_n @ start.T, slip.normal_n @ start.T
+        self.frame, self.normal = slip.frame @ end.T, slip.normal @ end.T
+
+    def hessian(self, t: Floats) -> Floats:
+        hessian: Floats = self._mean @ self._slip.hessian(t) @ self._end.T
+        return hessian
+
+
+def _axial(turn: Floats) -> Floats:
+    """Half of the axial vector of a rotation: its axis times the sine of its angle."""
+    twice = (turn - turn.T)[[2, 0, 1], [1, 2, 0]]
+    return twice / 2

@@ -1,0 +1,31 @@
+"""Reactions of supports."""
+
+from typing import NamedTuple
+
+__all__ = ["Reaction"]
+
+
+class Reaction(NamedTuple):
+    """What a support did to bodies in a step, the same on all ranks.
+
+    The force is the one of the scheme: its product with the increment of the displacement is
+    the work of the support, and with loads and contact forces it is the rate of the momentum.
+
+    Attributes:
+        force: Resultant on the bodies (x, y, z), in the plane (x, y) [N].
+        moment: Moment about the origin (x, y, z), in the plane (z,) [N m].
+        work: Work in the step [J], zero where the support does not move.
+
+    Example:
+        >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
+        >>> clamp = fem.dirichletbc(np.zeros(3), ends, V)
+        >>> gravity = nts.Gravity(bodies, (0.0, 0.0, -10.0))  # of 1000 kg
+        >>> stepper = nts.QuasiStatic(bodies, dt=1.0, bcs=[clamp], loads=[gravity])
+        >>> (reaction,) = stepper.advance().reactions
+        >>> print(f"{reaction.force[2]:.6g} N, {reaction.work:g} J")
+        10000 N, 0 J
+    """
+
+    force: tuple[float, ...]
+    moment: tuple[float, ...]
+    work: float

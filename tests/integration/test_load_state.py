@@ -1,0 +1,114 @@
+"""A scene that begins with the state of another one."""
+
+import logging
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.io import checkpoint
+from helpers.scenes import BLOCK_STEP, blocks, gathered
+
+BREAK, NUM_STEPS = 4, 8
+# Relative to lengths of about one: the starts of Newton's method differ.
+TOLERANCE = 1e-9
+
+
+@pytest.fixture
+def path(comm, tmp_path):
+    """Return one checkpoint for all ranks."""
+    return comm.bcast(tmp_path) / "run.h5"
+
+
+def new(comm, enforcement=None, friction=None, scheme=nts.EnergyMomentum, force=None, floor=None):
+    """Return a stepper of two blocks that collide, or fall on a floor; perhaps with a force."""
+    old = blocks(comm).stepper
+    (pair,) = old.pairs
+    pairs = [nts.ContactPair(pair.nodes, floor or pair.segments, enforcement, friction)]
+    loads = [] if force is None else [nts.BodyForce(old.bodies[1], force)]
+    stepper = scheme(old.bodies, pairs, dt=BLOCK_STEP, loads=loads)
+    if scheme is not nts.QuasiStatic:
+        stepper.v.x.array[:] = old.v.x.array
+    return stepper
+
+
+def positions(stepper):
+    return gathered(stepper.u.function_space, stepper.x)
+
+
+@pytest.mark.parametrize(
+    ("enforcement", "friction"),
+    [
+        (None, None),
+        (None, nts.Coulomb(0.3)),
+        (nts.Penalty(eps_N=1e3), nts.Coulomb(0.3, eps_T=200.0)),
+    ],
+    ids=["multipliers", "friction", "springs"],
+)
+def test_a_load_that_begins_in_a_second_scene_acts_as_in_one(comm, path, enforcement, friction):
+    def force(t):
+        return (0.0, 5.0 * (t > BREAK * BLOCK_STEP), -8.0 * (t > BREAK * BLOCK_STEP))
+
+    whole = new(comm, enforcement, friction, force=force)
+    first = new(comm, enforcement, friction)
+    for _ in range(NUM_STEPS):
+        whole.advance()
+    active = [first.advance().num_active for _ in range(BREAK)]
+    checkpoint.save(path, first)
+    second = new(comm, enforcement, friction, force=force)
+    assert nts.load_state(path, second) == ("state of the linear solver",)
+    assert (second.t, second.step) == (first.t, BREAK) and active[-1] > 0
+    before, after = (nts.Diagnostics(s).balance() for s in (first, second))
+    assert after.total_energy == pytest.approx(before.total_energy, rel=1e-14)
+    for _ in range(NUM_STEPS - BREAK):
+        second.advance()
+    assert np.abs(positions(second) - positions(whole)).max() < TOLERANCE
+
+
+def test_what_other_laws_and_integrators_do_not_take_over_is_told(comm, path, caplog):
+    first = new(comm, friction=nts.Coulomb(0.3))
+    for _ in range(BREAK):
+        first.advance()
+    checkpoint.save(path, first)
+    name = "surface_3_surface_2"
+    other = "contact of pair 1 of the checkpoint, which this scene lacks"
+    plane = nts.RigidPlane((0, 0, -9), (0, 0, 1))
+    sticks = nts.Coulomb(0.3)
+    for options, dropped in (
+        ({"enforcement": nts.LagrangeMultiplier("plastic"), "friction": nts.Coulomb(0.1)}, []),
+        ({}, [f"friction of {name}, which begins anew"]),
+        ({"enforcement": nts.Penalty()}, [f"contact of {name}, which begins anew", other]),
+        ({"floor": plane}, ["contact of surface_3_rigid_plane, which begins anew", other]),
+        (
+            {"scheme": nts.QuasiStatic, "friction": sticks},
+            ["velocities, which QuasiStatic does not have"],
+        ),
+    ):
+        stepper = new(comm, **options)
+        with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
+            assert list(nts.load_state(path, stepper)) == ["state of the linear solver", *dropped]
+        told = [m for m in caplog.messages if "run.h5 is taken over at t = 0.08; dropped: " in m]
+        assert len(told) == (comm.rank == 0)
+        caplog.clear()
+        history = stepper.contacts[0].history
+        assert (comm.allreduce(history.active.sum()) > 0) == (other not in dropped)
+        slips = comm.allreduce(np.abs(history.traction).sum(), op=MPI.SUM) > 0
+        assert slips == ("friction" in options)
+        assert np.allclose(stepper.x, first.x)
+        assert stepper.v.x.array.any() == ("scheme" not in options)
+        if "scheme" not in options:
+            stepper.advance()
+
+
+def test_another_mesh_is_refused_and_nothing_changes(comm, path, refused):
+    first = new(comm)
+    first.advance()
+    checkpoint.save(path, first)
+    stepper = blocks(comm, num_bodies=3).stepper
+    with refused(ValueError, "expected a checkpoint of this mesh, nodes and cells"):
+        nts.load_state(path, stepper)
+    with refused(ValueError, "expected a checkpoint, given"):
+        nts.load_state(path.with_name("none.h5"), stepper)
+    assert stepper.t == 0 and not stepper.u.x.array.any()

@@ -1,0 +1,97 @@
+"""Functions of contact and stress against closed forms and resultants."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.diagnostics.functions import nodal_values
+from helpers.scenes import BLOCK_RUBBER, blocks
+
+TOLERANCE = 1e-11
+
+# Displacement gradient of a large shear with stretch and rotation.
+GRADIENT = np.array([[0.2, 0.3, 0.0], [-0.1, 0.05, 0.2], [0.0, 0.1, -0.1]])
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_stress_of_a_homogeneous_deformation_is_that_of_the_law(comm, agree, cell, degree):
+    stepper = blocks(comm, cell=cell, degree=degree).stepper
+    for body in stepper.bodies:
+        stepper.set_displacement(body, lambda X: GRADIENT @ X)
+    E, nu, _ = BLOCK_RUBBER
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    F = np.eye(3) + GRADIENT
+    strain = (F.T @ F - np.eye(3)) / 2
+    S = lmbda * np.trace(strain) * np.eye(3) + 2 * mu * strain
+    sigma = F @ S @ F.T / np.linalg.det(F)
+    deviator = sigma - np.trace(sigma) / 3 * np.eye(3)
+    fields = nts.Fields(stepper)
+    for field, value in (
+        (fields.cauchy_stress(), sigma.ravel()),
+        (fields.von_mises_stress(), [np.sqrt(1.5 * np.sum(deviator**2))]),
+        (fields.strain_energy_density(), [np.sum(S * strain) / 2]),
+    ):
+        rows = field.x.array.reshape(-1, len(value))
+        assert agree(np.allclose(rows, value, rtol=0, atol=TOLERANCE * E))
+    assert fields.cauchy_stress() is fields.cauchy_stress()
+
+
+def test_stress_in_each_cell_of_degree_two_is_linear(comm, agree):
+    stepper = blocks(comm, cell="tetrahedron", degree=2).stepper
+    stepper.set_displacement(stepper.bodies[0], lambda X: 0.01 * np.array([X[0] ** 2, X[1], X[2]]))
+    density = nts.Fields(stepper).strain_energy_density()
+    F = ufl.Identity(3) + ufl.grad(stepper.u)
+    psi = stepper.bodies[0].material.psi(F.T * F)
+    expected = fem.Function(density.function_space)
+    points = density.function_space.element.interpolation_points
+    points = points() if callable(points) else points
+    expected.interpolate(fem.Expression(psi, points))
+    assert agree(np.allclose(density.x.array, expected.x.array, rtol=1e-9, atol=1e-9))
+
+
+def test_functions_of_contact_have_the_resultants_of_the_pair(comm, agree):
+    old = blocks(comm).stepper
+    pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=old.dt)
+    stepper.v.x.array[:] = old.v.x.array
+    fields, diagnostics = nts.Fields(stepper), nts.Diagnostics(stepper)
+    ds = pairs[0].nodes.measure()
+    traction, pressure = fields.contact_traction(), fields.contact_pressure()
+    forms = [fem.form(traction[i] * ds) for i in range(3)] + [fem.form(pressure * ds)]
+    touched = False
+    for _ in range(6):
+        stepper.advance()
+        fields.contact_traction()
+        fields.contact_pressure()
+        *force, normal = comm.allreduce(np.array([fem.assemble_scalar(form) for form in forms]))
+        expected = diagnostics.contact_force()
+        assert np.allclose(force, expected, rtol=0, atol=TOLERANCE * np.linalg.norm(expected))
+        total = -comm.allreduce(pairs[0].history.lambda_N.sum())
+        assert normal == pytest.approx(total, rel=TOLERANCE)
+        touched |= normal > 0
+    assert touched
+    gap = nodal_values(stepper.u.function_space, fields.gap())
+    assert agree(np.array_equal(gap[pairs[0].nodes.nodes], pairs[0].gap(stepper.x), equal_nan=True))
+    others = np.setdiff1d(np.arange(len(gap)), pairs[0].nodes.nodes)
+    assert agree(np.isnan(gap[others]).all() and not np.isfinite(gap[others]).any())
+
+
+def test_values_at_nodes_are_found_in_functions_of_spaces_with_the_same_nodes(comm, agree, refused):
+    V = blocks(comm).stepper.u.function_space
+    X = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+    scalar, vector = (fem.functionspace(V.mesh, ("Lagrange", 1, *s)) for s in ((), ((3,),)))
+    for space, value in ((scalar, X[:, 0] - X[:, 2]), (vector, X), (V, X)):
+        f = fem.Function(space)
+        f.interpolate((lambda x: x[0] - x[2]) if value.ndim == 1 else (lambda x: x))
+        assert agree(np.allclose(nodal_values(V, f), value, rtol=0, atol=1e-14))
+    for element in (("DG", 1), ("Lagrange", 2), ("Lagrange", 1, (2,))):
+        with refused(ValueError, "values at the nodes of the bodies, Lagrange of degree 1"):
+            nodal_values(V, fem.Function(fem.functionspace(V.mesh, element)))
+
+
+def test_fields_of_something_else_are_refused(comm, refused):
+    with refused(TypeError, "expected a stepper, given str"):
+        nts.Fields("stepper")
+    assert repr(nts.Fields(blocks(comm).stepper)) == "Fields(stepper=EnergyMomentum)"

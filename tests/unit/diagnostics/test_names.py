@@ -1,0 +1,26 @@
+"""Names of columns follow one rule, and no two are alike."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.diagnostics.names import flat, part_names
+
+pytestmark = pytest.mark.serial
+
+
+def test_names_of_parts_are_words_without_articles_and_letters_that_a_column_cannot_have():
+    names = ["Ball outer a RigidPlane", "the boundary of tube itself", "body 7", "Größe (mm)"]
+    expected = ["ball_outer_rigid_plane", "boundary_tube_itself", "7", "größe_mm"]
+    assert part_names("body", names) == expected
+
+
+def test_names_that_are_alike_too_long_or_empty_get_numbers():
+    assert part_names("pair", ["a b", "c", "A-B", 50 * "d", "%"]) == [
+        *("b_1", "c", "b_3", "4", "unnamed"),
+    ]
+
+
+def test_vectors_become_three_columns():
+    columns = flat("body_ball_", {"mass": 2.0, "velocity": np.array([1.0, 2.0, 3.0])})
+    names = "body_ball_mass", *(f"body_ball_velocity_{axis}" for axis in "xyz")
+    assert columns == dict(zip(names, [2.0, 1.0, 2.0, 3.0], strict=True))
