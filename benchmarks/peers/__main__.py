@@ -36,6 +36,7 @@ class Peer(NamedTuple):
 
 PEERS = {
     "dolfinx_nts": Peer("ours", "run_implicit", "multipliers, energy-momentum scheme"),
+    "dolfinx_nts, full rule": Peer("ours", "run_full", "the same"),
     "dolfinx_nts, explicit": Peer("ours", "run_explicit", "springs, central differences"),
     "CalculiX": Peer("calculix", "run", "face-to-face penalty, HHT"),
     "GetFEM": Peer("getfem", "run", "augmented Lagrangian, trapezoidal rule"),

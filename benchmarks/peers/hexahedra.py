@@ -17,16 +17,17 @@ _CORNERS = np.array(
     ]
 )
 _POINTS = _CORNERS / np.sqrt(3)
+_CENTRE = np.zeros((1, 3))
 
 
 class Hexahedra(NamedTuple):
-    """Shape functions and their gradients at the eight Gauss points of each cell.
+    """Shape functions and their gradients at the Gauss points of each cell.
 
     Attributes:
         cells: Nodes, shape ``(c, 8)``.
-        phi: Shape functions, shape ``(8, 8)``: point, node.
-        gradient: Their reference gradients, shape ``(c, 8, 8, 3)``: cell, point, node [1/m].
-        weight: Volumes of the points, shape ``(c, 8)`` [m^3].
+        phi: Shape functions, shape ``(q, 8)``: point, node.
+        gradient: Their reference gradients, shape ``(c, q, 8, 3)``: cell, point, node [1/m].
+        weight: Volumes of the points, shape ``(c, q)`` [m^3].
     """
 
     cells: Ints
@@ -35,15 +36,20 @@ class Hexahedra(NamedTuple):
     weight: Floats
 
     @classmethod
-    def of(cls, X: Floats, cells: Ints) -> "Hexahedra":
-        """Cells with given nodes."""
-        factors = 1 + _POINTS[:, None] * _CORNERS
+    def of(cls, X: Floats, cells: Ints, points: Floats = _POINTS) -> "Hexahedra":
+        """Cells with given nodes, and points in the reference cell, shape ``(q, 3)``."""
+        factors = 1 + points[:, None] * _CORNERS
         phi = factors.prod(axis=2) / 8
         slopes = [_CORNERS[:, d] * np.delete(factors, d, axis=2).prod(axis=2) / 8 for d in range(3)]
         slope = np.stack(slopes, axis=2)
         jacobian = np.einsum("cai,qad->cqid", X[cells], slope)
         gradient = np.einsum("qad,cqdi->cqai", slope, np.linalg.inv(jacobian))
-        return cls(cells, phi, gradient, np.linalg.det(jacobian))
+        return cls(cells, phi, gradient, np.linalg.det(jacobian) * (8 / len(points)))
+
+    @classmethod
+    def of_one_point(cls, X: Floats, cells: Ints) -> "Hexahedra":
+        """Cells with one point in the middle."""
+        return cls.of(X, cells, _CENTRE)
 
     def mass(self) -> Floats:
         """Consistent mass of each cell, shape ``(c, 8, 8)`` [kg]."""
@@ -69,8 +75,17 @@ class Hexahedra(NamedTuple):
 
     def energy(self, x: Floats) -> float:
         """Energy of St. Venant and Kirchhoff [J]."""
-        _, strain, S = self._state(x)
-        return float(np.einsum("cq,cqij,cqij->", self.weight, S, strain) / 2)
+        return self.energy_of_volume(x) + self.energy_of_shape(x)
+
+    def energy_of_volume(self, x: Floats) -> float:
+        """Its term of the trace of the strain [J]."""
+        trace = np.einsum("cqii->cq", self._state(x)[1])
+        return float(LMBDA / 2 * np.vdot(self.weight, trace**2))
+
+    def energy_of_shape(self, x: Floats) -> float:
+        """Its term of the square of the strain [J]."""
+        strain = self._state(x)[1]
+        return float(MU * np.einsum("cq,cqij,cqij->", self.weight, strain, strain))
 
     def forces(self, x: Floats) -> Floats:
         """Gradient of the energy, shape ``(n, 3)`` [N]."""

@@ -32,12 +32,13 @@ class Verdict(NamedTuple):
 def judge(scene: Scene, run: Run) -> Verdict:
     """Judge a run by the positions and velocities of its nodes."""
     bodies = Hexahedra.of(scene.X, scene.cells)
+    volumes = Hexahedra.of_one_point(scene.X, scene.cells) if run.has_one_point else bodies
     momenta = [bodies.momentum(v, run.has_lumped_mass) for v in run.v]
     linear = np.array([p.sum(axis=0) for p in momenta])
     pairs = list(zip(run.x, momenta, strict=True))
     angular = np.array([np.cross(x, p).sum(axis=0) for x, p in pairs])
     energy = [
-        np.vdot(v, p) / 2 + bodies.energy(x)
+        np.vdot(v, p) / 2 + volumes.energy_of_volume(x) + bodies.energy_of_shape(x)
         for v, (x, p) in ((run.v[i], pairs[i]) for i in (0, -1))
     ]
     ball = np.unique(scene.ball)

@@ -58,6 +58,7 @@ class Run(NamedTuple):
         cpu_seconds: Time of the steps, without reading the mesh and compiling.
         newton_iterations: Of all steps; NaN for explicit ones.
         has_lumped_mass: Whether the mass of each row is lumped at its node.
+        has_one_point: Whether one point a cell has the energy of changes of volume.
     """
 
     x: Floats
@@ -65,6 +66,7 @@ class Run(NamedTuple):
     cpu_seconds: float
     newton_iterations: float
     has_lumped_mass: bool = False
+    has_one_point: bool = False
 
 
 def read() -> Scene:

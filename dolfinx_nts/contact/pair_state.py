@@ -14,7 +14,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.passes import Pass, Passes
+from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -57,7 +57,7 @@ class PairState:
         self.pair = pair
         at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
         self._passes = at_rest if passes is None else passes
-        self._passes.join(self)
+        self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
         self._facets = NodalFacets(pair.nodes)
@@ -135,10 +135,14 @@ class PairState:
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        pressure = _pressure_by(self)
-        for other in self._passes.opposite_to(self.pair):
-            pressure = pressure + self._pressure_of(other)
-        return pressure
+        nodes, history = self.pair.nodes, self.history
+        # A multiplier may act on a part of the area of its node.
+        part = np.ones_like(nodes.area)
+        np.divide(history.area, nodes.area, out=part, where=history.area > 0)
+        forces = -history.lambda_N / part
+        for others in self._passes.forces_on_nodes_of(self.pair):
+            forces = forces + others[nodes.nodes]
+        return nodes.per_area(forces)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
@@ -157,25 +161,26 @@ class PairState:
         points, x = self.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
 
-    def _pressure_of(self, opposite: Pass) -> Floats:
-        """Pressure of an opposite pair at the nodes of this one. Collective.
+    def _forces_on_segments(self) -> Floats:
+        """Normal forces on the vertices of the segments, positive. Collective.
 
-        Returns 0 where they do not touch, shape ``(n,)`` [Pa].
+        Returns:
+            Values at the owned nodes of the space, shape ``(n,)`` [N].
         """
-        x, reach = self._passes.positions(), _kernels.DEEPEST * self.pair.segment_size
-        candidates, segment, gap = self._faced(x, reach)
-        field = np.zeros_like(x)
-        field[opposite.pair.nodes.nodes, 0] = _pressure_by(opposite)
-        x, field = (candidates.scatter.forward(each) for each in (x, field))
-        node = np.flatnonzero(gap > -reach).astype(np.int32)
+        candidates, segment, _ = self._faced(self._passes.positions(), np.inf)
+        x = candidates.scatter.forward(self._passes.positions())
+        node = np.flatnonzero(self.history.active & (segment >= 0)).astype(np.int32)
         points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
         gradient = candidates.contact("static", points, x, x, segment).gradient
         gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
         # The gradient of the gap is the normal at the node, and -phi times it at a vertex.
         phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
-        pressure: Floats = np.zeros(len(gap))
-        pressure[node] = np.einsum("mk,mk->m", phi, field[candidates.segments[segment], 0])
-        return pressure
+        forces = np.zeros((*phi.shape, 3))
+        forces[..., 0] = -phi * self.history.lambda_N[node, None]
+        total = np.zeros((self.pair.nodes.V.dofmap.index_map.size_local, 3))
+        candidates.scatter.add(total, candidates.segments[segment], forces)
+        sums: Floats = total[:, 0]
+        return sums
 
     def held_apart(self, x: Floats, gap_tol: float) -> Flags:
         """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
@@ -233,15 +238,6 @@ class PairState:
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
-
-
-def _pressure_by(contact: Pass) -> Floats:
-    """Pressure by the springs or multipliers of a pair alone, shape ``(n,)`` [Pa]. Collective."""
-    nodes, history = contact.pair.nodes, contact.history
-    # A multiplier may act on a part of the area of its node.
-    part = np.ones_like(nodes.area)
-    np.divide(history.area, nodes.area, out=part, where=history.area > 0)
-    return nodes.per_area(-history.lambda_N / part)
 
 
 def _search(pair: ContactPair) -> Search:

@@ -6,23 +6,11 @@ part of the force only.
 
 import weakref
 from collections.abc import Callable
-from typing import Protocol
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair import ContactPair
 
-__all__ = ["Pass", "Passes"]
-
-
-class Pass(Protocol):
-    """Contact of a pair in a stepper."""
-
-    pair: ContactPair
-
-    @property
-    def history(self) -> ContactHistory:
-        """Contact of the last accepted step. Local."""
+__all__ = ["Passes"]
 
 
 class Passes:
@@ -40,17 +28,26 @@ class Passes:
         """Begin without a pass."""
         self.positions, self.time = positions, time
         # Weak, as those in a circle would be removed at another time on each rank.
-        self._all: list[weakref.ref[Pass]] = []
+        self._all: list[tuple[ContactPair, weakref.WeakMethod[Callable[[], Floats]]]] = []
 
-    def join(self, member: Pass) -> None:
-        """Add a pass."""
-        self._all.append(weakref.ref(member))
+    def join(self, pair: ContactPair, forces_on_segments: Callable[[], Floats]) -> None:
+        """Add a pass, with the method that tells its forces.
 
-    def opposite_to(self, pair: ContactPair) -> list[Pass]:
-        """Passes whose nodes are the segments of a pair, and the reverse."""
-        passes = [member for ref in self._all if (member := ref()) is not None]
+        Args:
+            pair: The pair.
+            forces_on_segments: Returns the normal forces on the vertices of its segments, values
+                at the owned nodes of the space, shape ``(n,)`` [N]. Collective.
+        """
+        self._all.append((pair, weakref.WeakMethod(forces_on_segments)))
+
+    def forces_on_nodes_of(self, pair: ContactPair) -> list[Floats]:
+        """Forces of all passes whose segments are the nodes of a pair, and the reverse. Collective.
+
+        Each has values at the owned nodes of the space, shape ``(n,)`` [N].
+        """
+        passes = [(other, method) for other, ref in self._all if (method := ref()) is not None]
         return [
-            other
-            for other in passes
-            if (other.pair.nodes, other.pair.segments) == (pair.segments, pair.nodes)
+            forces_on_segments()
+            for other, forces_on_segments in passes
+            if (other.nodes, other.segments) == (pair.segments, pair.nodes)
         ]

@@ -78,6 +78,7 @@ def nodal_fields(stepper):
         "active": pair.history.active,
         "slip_state": np.where(pair.history.sliding, 2, pair.history.active),
         "accumulated_slip": pair.history.slip,
+        "contact_traction": pair.history.force / pair.nodes.area[:, None],
         "friction_traction": -pair.history.traction / pair.nodes.area[:, None],
     }
     for name, values in surface.items():
@@ -85,7 +86,7 @@ def nodal_fields(stepper):
         here[name][:] = np.nan if name == "gap" else 0.0
         here[name][pair.nodes.nodes] = values if values.ndim == 2 else values[:, None]
     fields = {name: gathered(V, values) for name, values in here.items()}
-    vectors = ("displacement", "velocity", "friction_traction")
+    vectors = ("displacement", "velocity", "contact_traction", "friction_traction")
     return {name: values if name in vectors else values[:, 0] for name, values in fields.items()}
 
 
