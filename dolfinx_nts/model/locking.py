@@ -14,6 +14,11 @@ _logger = logging.getLogger("dolfinx_nts")
 # Poisson's ratio of small strains [-], rounded, from which on tetrahedra and triangles of degree
 # 1 are useless.
 _NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
+# What is told of cells of degree 1, and which would not lock.
+_LOCKED = {
+    "tetrahedron": ("tetrahedra of degree 1 lock", "degree 2, or hexahedra"),
+    "triangle": ("triangles of degree 1 lock", "quadrilaterals"),
+}
 
 
 def warn_of_locking(bodies: Sequence[Body]) -> None:
@@ -26,15 +31,16 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     element = Element.of(V)
-    if not (element.is_simplex and element.degree == 1) or V.mesh.comm.rank > 0:
+    if element.cell not in _LOCKED or element.degree > 1 or V.mesh.comm.rank > 0:
         return
+    what, instead = _LOCKED[element.cell]
     names = [b.name for b in bodies if poisson_ratio(b.material) >= _NEARLY_INCOMPRESSIBLE]
     if names:
         _logger.warning(
-            "%s of degree 1 lock at Poisson's ratios of 0.45 and more, those of %s: "
+            "%s at Poisson's ratios of 0.45 and more, those of %s: "
             "energies are right for the mesh, but bodies bend and rebound as if they were far "
             "stiffer; take %s",
-            {"tetrahedron": "tetrahedra", "triangle": "triangles"}[element.cell],
+            what,
             ", ".join(names),
-            {"tetrahedron": "degree 2, or hexahedra", "triangle": "quadrilaterals"}[element.cell],
+            instead,
         )

@@ -174,7 +174,9 @@ def test_motions_that_are_none_are_refused():
     with pytest.raises(TypeError, match=r"expected a function of the time as translation, given"):
         nts.Motion((0, 0, 1))
     with pytest.raises(ValueError, match="three finite numbers for centre, given"):
-        nts.Motion(centre=(0, 1))
+        nts.Motion(centre=(0,))
+    with pytest.raises(ValueError, match="three finite numbers for centre, given"):
+        nts.RigidPlane((0, 0, 0), (0, 0, 1)).moving(nts.Motion(centre=(0, 1)))
     for value in ((0, 1), (0, 0, np.nan), 1.0):
         with pytest.raises(ValueError, match=r"three finite numbers for a translation at t = 0"):
             nts.Motion(lambda t, v=value: v).frame(0, 1)
