@@ -144,9 +144,8 @@ class _Sweep:
         X = facets.V.tabulate_dof_coordinates()
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
-        wall = thinnest_wall(
-            self._comm, triangles_at(X, outward_triangles(facets.segments, facets.orientation))
-        )
+        triangles = outward_triangles(facets.segments, facets.orientation)
+        wall = thinnest_wall(self._comm, triangles_at(self._comm, X, triangles))
         cell = float(reductions.least(self._comm, float(shortest)))
         self.shortest = max(cell, _STRAIGHT * wall)
 

@@ -6,6 +6,8 @@ In the plane a boundary is made of edges, which stand for the walls that they sw
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 import numpy as np
 from basix import CellType, topology
 from dolfinx import fem, la
@@ -117,12 +119,14 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
     return triangles.reshape(-1, triangles.shape[-1])
 
 
-def triangles_at(x: Floats, triangles: Ints) -> Floats:
-    """Positions of triangles, those of the walls that edges in the plane sweep out of it. Local.
+def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
+    """Positions of triangles, those of the walls that edges in the plane sweep out of it.
 
-    Walls are so high that rays and solid angles do not see their ends.
+    Walls are so high that rays and solid angles do not see their ends, and those of one boundary
+    as high on all ranks. Collective.
 
     Args:
+        comm: Communicator.
         x: Positions of the nodes, shape ``(l, 3)`` [m].
         triangles: As of a `ClosedBoundary`.
 
@@ -130,14 +134,16 @@ def triangles_at(x: Floats, triangles: Ints) -> Floats:
         Shape ``(t, 3, 3)`` [m], two triangles an edge.
     """
     if triangles.shape[1] == 2:
-        x, triangles = raised(x, wall_height(x[triangles])), walls(triangles, len(x))
+        height = wall_height(comm, x[triangles])
+        x, triangles = raised(x, height), walls(triangles, len(x))
     corners: Floats = x.take(triangles, axis=0)
     return corners
 
 
-def wall_height(x: Floats) -> float:
-    """Height of walls around positions, shape ``(..., 3)`` [m]. Local."""
-    return float(_HEIGHT * np.ptp(x.reshape(-1, 3), axis=0).max()) if x.size else 0.0
+def wall_height(comm: MPI.Comm, x: Floats) -> float:
+    """Height of walls around positions, shape ``(..., 3)`` [m]. Collective."""
+    extent = float(np.ptp(x.reshape(-1, 3), axis=0).max()) if x.size else 0.0
+    return _HEIGHT * reductions.largest(comm, extent)
 
 
 def raised(x: Floats, height: float) -> Floats:

@@ -40,8 +40,7 @@ class Insides:
         self._height = 0.0
         if triangles[0].shape[1] == 2:
             X = boundaries[0].bodies[0].V.tabulate_dof_coordinates()
-            height = max(wall_height(X[some]) for some in nodes)
-            self._height = float(reductions.largest(comm, height))
+            self._height = max(wall_height(comm, X[some]) for some in nodes)
             nodes = [np.concatenate([some, some + np.int32(len(X))]) for some in nodes]
             triangles = [walls(edges, len(X)) for edges in triangles]
         self._kernels = _kernels.Boundaries(nodes, triangles)

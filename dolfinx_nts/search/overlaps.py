@@ -95,9 +95,8 @@ class OverlapSearch:
     def walls(self) -> Floats:
         """Thickness of the thinnest part of each boundary at rest, ``(g,)`` [m]. Collective."""
         X = self._boundaries[0].bodies[0].V.tabulate_dof_coordinates()
-        return np.array(
-            [thinnest_wall(self._comm, triangles_at(X, b.triangles)) for b in self._boundaries]
-        )
+        comm, surfaces = self._comm, (b.triangles for b in self._boundaries)
+        return np.array([thinnest_wall(comm, triangles_at(comm, X, each)) for each in surfaces])
 
     @property
     def obstacles(self) -> frozenset[str]:
