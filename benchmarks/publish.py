@@ -17,9 +17,7 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     """
     for figure in sorted(folder.glob("bench_*.png")):
         shutil.copy(figure, root / "docs" / "figures" / figure.name)
-    for name, table in {"tables": "benchmarks", "peers": "peers"}.items():
-        if (folder / f"{name}.md").exists():
-            shutil.copy(folder / f"{name}.md", root / "docs" / "tables" / f"{table}.md")
+    shutil.copy(folder / "tables.md", root / "docs" / "tables" / "benchmarks.md")
 
 
 if __name__ == "__main__":
