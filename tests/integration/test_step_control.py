@@ -117,7 +117,8 @@ def test_without_it_nodes_are_caught_further_away(comm, agree):
 
 def fast(comm, law, factor):
     """Blocks that meet a good deal faster than before. Collective."""
-    old, material = blocks(comm).stepper, law(E=1e3, nu=0.3, rho=10.0)
+    # Cells that are squashed to a small part of their height hold better with all points.
+    old, material = blocks(comm).stepper, law(E=1e3, nu=0.3, rho=10.0, one_point=())
     bodies = [of_material(body, material) for body in old.bodies]
     stepper = nts.EnergyMomentum(bodies, old.pairs, dt=0.2 / factor)
     stepper.v.x.array[:] = factor * old.v.x.array
