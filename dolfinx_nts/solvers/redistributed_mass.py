@@ -261,8 +261,8 @@ class RedistributedTangent(Tangent):
         row, column, _ = self._entries
         pattern = fem.create_sparsity_pattern(form)
         rows, begin = np.unique(row, return_index=True)
-        for number, columns in zip(rows, np.split(column, begin[1:]), strict=True):
-            pattern.insert(np.array([number]), columns)
+        for number, some in zip(rows, np.split(column, begin)[1:], strict=True):
+            pattern.insert(np.array([number]), some)
         pattern.finalize()
         return la.matrix_csr(pattern)
 
