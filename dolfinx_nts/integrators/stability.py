@@ -22,6 +22,7 @@ from dolfinx_nts.contact.explicit.penalty import ContactSprings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.strain_energy import strain_basis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.lumped_mass import nodal_parts
 from dolfinx_nts.parallel import reductions
@@ -202,7 +203,7 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    d, basis = x.shape[2], Hyperelastic.strain_basis()
+    d, basis = x.shape[2], strain_basis()
     # In the plane the strains of plane strain.
     D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)[:d, :d, :d, :d]
     squared: Floats = np.empty(len(x))
@@ -225,7 +226,7 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    basis, moduli = Hyperelastic.strain_basis(), material.moduli
+    basis, moduli = strain_basis(), material.moduli
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
     linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]

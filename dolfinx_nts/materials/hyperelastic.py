@@ -1,4 +1,4 @@
-r"""Hyperelastic materials: strain energy psi(C), its stress, and a conserving stress.
+r"""Hyperelastic materials: stress of a strain energy psi(C), and a stress that conserves it.
 
 Everything is UFL. ``C`` is the right Cauchy-Green tensor and ``psi`` the strain energy per
 reference volume; bodies turn both into forms. The numbers of a material reach the forms as
@@ -6,22 +6,17 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 `library`.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property, partial
-from itertools import combinations_with_replacement
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import ufl
-from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
-from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN, EnergyCurve
+from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN
+from dolfinx_nts.materials.strain_energy import StrainEnergy
 
-__all__ = ["Hyperelastic", "MassOnly", "PartOfEnergy", "poisson_ratio", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "right_cauchy_green"]
 
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -32,16 +27,11 @@ _SMALL_STRAIN_INCREMENT = 1e-2
 # Size of a strain [-] at which an energy is compared with the sum of its parts: so large that
 # terms of every order count.
 _LARGE_STRAIN = 0.1
-# Relative errors [-] of energies, and of eigenvalues of moduli, that are round-off.
+# Relative error [-] of energies that is round-off.
 _ROUND_OFF = 1e-10
-# Stress that should vanish, relative to the moduli [-], that comes from rounded parameters.
-_NO_STRESS = 1e-6
 # Poisson's ratios of small strains [-], rounded, from which on hexahedra lock enough to matter;
 # and at which nothing but volume has energy.
 _LOCKS, _FLUID = 0.3 - 1e-9, 0.5 - 1e-9
-# Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
-# other a logarithm of the volume doubles, a bounded energy hardly changes.
-_COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
 
 
 def right_cauchy_green(F: Any) -> Any:
@@ -49,7 +39,7 @@ def right_cauchy_green(F: Any) -> Any:
     return F.T * F
 
 
-class Hyperelastic(Declaration):
+class Hyperelastic(StrainEnergy):
     r"""A material given by its strain energy. Local.
 
     Damping, if any, is Rayleigh damping: a force :math:`-\alpha \rho_0 v` per reference volume,
@@ -117,10 +107,13 @@ class Hyperelastic(Declaration):
                 raise ValueError(f"expected {name} >= 0, given {value}")
         self.rho = float(rho)
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
-        numbers = {name: float(value) for name, value in parameters.items()}
-        self.parameters = MappingProxyType(numbers)
-        self._psi = psi
-        self._check_energy()
+        super().__init__(psi, parameters)
+        self.check()
+        if stiffness_damping > 0 and not (self.has_fields or self.is_stable):
+            raise ValueError(
+                "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
+                f"given {np.linalg.eigvalsh(self.moduli)[0]:g} Pa"
+            )
         self._has_default = one_point is None
         self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():
@@ -147,18 +140,6 @@ class Hyperelastic(Declaration):
     def is_damped(self) -> bool:
         """Whether the material has damping of either kind."""
         return self.mass_damping > 0 or self.stiffness_damping > 0
-
-    def psi(self, C: Any, **parameters: Any) -> Any:
-        """Strain energy per reference volume.
-
-        Args:
-            C: Right Cauchy-Green tensor, UFL (3, 3).
-            **parameters: Values of parameters of the energy, by name; others have their own.
-
-        Returns:
-            Energy [J/m^3], a UFL scalar.
-        """
-        return self._psi(C, **self.parameters | parameters)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress S = 2 d psi/d C.
@@ -216,95 +197,30 @@ class Hyperelastic(Declaration):
         i, j, m, n = ufl.indices(4)
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
-    def _check_energy(self) -> None:
-        """Raise unless the energy is a scalar with derivatives that fit the damping."""
-        value = ufl.as_ufl(self.psi(ufl.Identity(3), **self.parameters))
-        if (shape := value.ufl_shape) != ():
-            raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
-        if extract_domains(value):
-            return
-        try:
-            self._curve.check()
-        except (ArithmeticError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"expected psi(C) twice differentiable at C = 1, given {error}"
-            ) from error
-        self._check_stress()
-        if self.stiffness_damping > 0:
-            least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
-            if least < -_ROUND_OFF * max(most, -least):
-                raise ValueError(
-                    "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
-                    f"given {least:g} Pa"
-                )
-
-    def _check_stress(self) -> None:
-        """Raise unless bodies without deformation have no stress."""
-        basis = self.strain_basis()
-        S = sum(2 * self._curve.slope(D) * D for D in basis)
-        moduli = [4 * self._curve.curvature(D) for D in basis]
-        if np.abs(S).max() > _NO_STRESS * np.abs(moduli).max():
-            rows = [[float(f"{value:.4g}") for value in row] for row in S]
-            raise ValueError(
-                f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed "
-                "body would start to move by itself; add a term that takes this stress away, as "
-                "- mu ln J does to mu/2 tr C"
-            )
-
     def _check_parts(self) -> None:
         """Raise unless the energy is the sum of its parts for `one_point`."""
-        if not self.one_point or self._has_fields:
+        if not self.one_point or self.has_fields:
             return
         C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
-        parts = [self._number(C, without) for without in (self.one_point, names - self.one_point)]
-        total = self._number(C)
+        parts = [self.value(C, without) for without in (self.one_point, names - self.one_point)]
+        total = self.value(C)
         if not abs(total - sum(parts)) <= _ROUND_OFF * (abs(total) + np.abs(parts).sum()):
             raise ValueError(
                 "expected an energy that is linear in its parameters for one_point, "
                 f"given {total:g} J/m^3 and parts of {parts}"
             )
 
-    def _number(self, C: Any, without: Iterable[str] = ()) -> float:
-        """Energy [J/m^3] of a constant tensor with some parameters zero."""
-        return float(ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))(()))
-
-    @cached_property
-    def _curve(self) -> EnergyCurve:
-        return EnergyCurve(partial(self.psi, **self.parameters))
-
-    @staticmethod
-    def strain_basis() -> Floats:
-        """Orthonormal basis of the symmetric tensors, shape ``(6, 3, 3)``."""
-        basis = np.zeros((6, 3, 3))
-        for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
-            D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)
-        return basis
-
-    @cached_property
-    def moduli(self) -> Floats:
-        """Moduli 4 psi''(1) in the basis `strain_basis`, shape ``(6, 6)`` [Pa].
-
-        Only for energies without fields.
-        """
-        basis = self.strain_basis()
-        curvature = np.zeros((6, 6))
-        for i, j in combinations_with_replacement(range(6), 2):
-            curvature[i, j] = curvature[j, i] = self._curve.curvature(basis[i] + basis[j])
-        diagonal = np.diag(curvature) / 4
-        moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
-        return moduli
-
     def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
         """`splits_volume` and `one_point` of what was given."""
         if one_point is None:
-            splits = _LOCKS <= poisson_ratio(self) < _FLUID
+            splits = _LOCKS <= self.poisson_ratio < _FLUID
         else:
             splits = one_point == "volumetric"
         if not splits:
             return False, frozenset(one_point or ())
         names = self._volumetric_parameters()
-        if names or self._has_fields or self._volume_has_pressure_alone():
+        if names or self.has_fields or self.answers_volume_by_pressure:
             return True, names
         if one_point is None:
             return False, frozenset()
@@ -315,13 +231,6 @@ class Hyperelastic(Declaration):
             "(det C)^(-1/3) C only"
         )
 
-    def _volume_has_pressure_alone(self) -> bool:
-        """Whether the stress of a small equal change of volume is a pressure."""
-        volume = np.einsum("aii->a", self.strain_basis())
-        stress = self.moduli @ volume
-        rest = stress - stress @ volume / 3 * volume
-        return bool(np.abs(rest).max() <= _NO_STRESS * np.abs(self.moduli).max())
-
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy resist changes of volume.
 
@@ -331,8 +240,8 @@ class Hyperelastic(Declaration):
         shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
         as_large = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
         try:
-            terms = {n: [self._number(C, names - {n}) for C in (shape, as_large)] for n in names}
-            total = self._number(shape)
+            terms = {n: [self.value(C, names - {n}) for C in (shape, as_large)] for n in names}
+            total = self.value(shape)
         except ArithmeticError:
             return frozenset()
         size = sum(abs(energy) for energy, _ in terms.values())
@@ -343,90 +252,3 @@ class Hyperelastic(Declaration):
             for name, (energy, of_volume) in terms.items()
             if abs(energy - of_volume) <= _ROUND_OFF * abs(energy) != 0
         )
-
-    @property
-    def _has_fields(self) -> bool:
-        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
-
-    @property
-    def least_modulus(self) -> float:
-        """Least eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
-
-        For an isotropic material it is twice the shear modulus.
-        """
-        if self._has_fields:
-            return np.nan
-        return max(float(np.linalg.eigvalsh(self.moduli)[0]), 0.0)
-
-    @property
-    def resists_collapse(self) -> bool:
-        """Whether the energy grows without bound as the volume vanishes.
-
-        Energies with fields are not evaluated and count as such.
-        """
-        C = [ufl.as_matrix((scale * np.eye(3)).tolist()) for scale in _COLLAPSED]
-        values = [ufl.as_ufl(self.psi(each, **self.parameters)) for each in C]
-        if any(extract_domains(value) for value in values):
-            return True
-        smaller, small = (float(value(())) for value in values)
-        return smaller > _GROWTH * small
-
-
-class PartOfEnergy(Hyperelastic):
-    """Damping of a material and an energy that is a part of its own. Local.
-
-    Args:
-        material: The material, which has been checked.
-        psi: Strain energy density of the part, see `Hyperelastic`.
-    """
-
-    def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
-        """Take over all numbers."""
-        self.rho, self.parameters = material.rho, material.parameters
-        self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
-        self.mass_damping = material.mass_damping
-        self.stiffness_damping = material.stiffness_damping
-        self._psi = psi
-
-
-class MassOnly(Hyperelastic):
-    """Inertia and mass damping of a material, without its stress. Local.
-
-    Bodies need it where inertia and energy have quadratures of their own.
-
-    Args:
-        material: The material.
-    """
-
-    def __init__(self, material: Hyperelastic) -> None:
-        """Take over density and mass damping; the energy is zero."""
-        super().__init__(
-            lambda C, **parameters: ufl.zero(),
-            rho=material.rho,
-            mass_damping=material.mass_damping,
-            one_point=(),
-        )
-
-    def stress(self, *strains: Any, **parameters: Any) -> Any:
-        """Zero in the place of any stress, UFL (3, 3)."""
-        return ufl.zero(3, 3)
-
-    conserving_stress = linear_stress = stress
-
-
-def poisson_ratio(material: Hyperelastic) -> float:
-    """Poisson's ratio of small strains. Local.
-
-    Args:
-        material: The material.
-
-    Returns:
-        The ratio [-], of an anisotropic material that of the nearest isotropic one; NaN for
-        energies with fields.
-    """
-    if np.isnan(material.least_modulus):
-        return np.nan
-    volume = np.einsum("aii->a", material.strain_basis())
-    bulk = volume @ material.moduli @ volume / 9
-    shear = (np.trace(material.moduli) - 3 * bulk) / 10
-    return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))

@@ -5,12 +5,13 @@ hardly deform without change of volume. With one point for what resists that cha
 (Malkus and Hughes, 1978), while all points for the rest leave no deformation without energy.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import ufl
 
-from dolfinx_nts.materials.hyperelastic import Hyperelastic, PartOfEnergy
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.strain_energy import StrainEnergy
 
 __all__ = ["Part", "parts"]
 
@@ -25,6 +26,23 @@ class Part(NamedTuple):
 
     law: Hyperelastic
     left_out: Iterable[str]
+
+
+class _PartOfEnergy(Hyperelastic):
+    """Damping of a material and an energy that is a part of its own. Local.
+
+    Args:
+        material: The material, which has been checked.
+        psi: Strain energy density of the part, see `Hyperelastic`.
+    """
+
+    def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
+        """Take over all numbers."""
+        StrainEnergy.__init__(self, psi, material.parameters)
+        self.rho = material.rho
+        self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
+        self.mass_damping = material.mass_damping
+        self.stiffness_damping = material.stiffness_damping
 
 
 def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
@@ -52,7 +70,9 @@ def _at_equal_volume(C: Any) -> Any:
 
 def _volumetric(material: Hyperelastic) -> Hyperelastic:
     """Material with the energy that an equal change of volume alone has."""
-    return PartOfEnergy(material, lambda C, **numbers: material.psi(_at_equal_volume(C), **numbers))
+    return _PartOfEnergy(
+        material, lambda C, **numbers: material.psi(_at_equal_volume(C), **numbers)
+    )
 
 
 def _isochoric(material: Hyperelastic) -> Hyperelastic:
@@ -61,4 +81,4 @@ def _isochoric(material: Hyperelastic) -> Hyperelastic:
     def psi(C: Any, **numbers: Any) -> Any:
         return material.psi(C, **numbers) - material.psi(_at_equal_volume(C), **numbers)
 
-    return PartOfEnergy(material, psi)
+    return _PartOfEnergy(material, psi)

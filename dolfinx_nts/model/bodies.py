@@ -18,7 +18,8 @@ from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.mass_only import MassOnly
 from dolfinx_nts.materials.volumetric_split import parts
 from dolfinx_nts.parallel import reductions
 

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.materials.hyperelastic import poisson_ratio
 from dolfinx_nts.model.bodies import Body
 
 __all__ = ["warn_of_locking"]
@@ -34,7 +33,7 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     if element.cell not in _LOCKED or element.degree > 1 or V.mesh.comm.rank > 0:
         return
     what, instead = _LOCKED[element.cell]
-    names = [b.name for b in bodies if poisson_ratio(b.material) >= _NEARLY_INCOMPRESSIBLE]
+    names = [b.name for b in bodies if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
     if names:
         _logger.warning(
             "%s at Poisson's ratios of 0.45 and more, those of %s: "

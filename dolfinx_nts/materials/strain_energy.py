@@ -1,0 +1,170 @@
+"""Strain energies psi(C), and what their numbers tell where nothing is deformed."""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property, partial
+from itertools import combinations_with_replacement
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import ufl
+from ufl.domain import extract_domains
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.materials.energy_curve import EnergyCurve
+
+__all__ = ["StrainEnergy", "strain_basis"]
+
+# Relative error [-] of eigenvalues of moduli that is round-off.
+_ROUND_OFF = 1e-10
+# Stress that should vanish, relative to the moduli [-], that comes from rounded parameters.
+_NO_STRESS = 1e-6
+# Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
+# other a logarithm of the volume doubles, a bounded energy hardly changes.
+_COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
+
+
+class StrainEnergy(Declaration):
+    """A strain energy and its numbers. Local.
+
+    Args:
+        psi: Strain energy density ``psi(C, **parameters)`` [J/m^3] of the right Cauchy-Green
+            tensor, a UFL scalar.
+        parameters: Numbers that ``psi`` takes by keyword.
+
+    Attributes:
+        parameters: Numbers by name, read-only.
+    """
+
+    def __init__(self, psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
+        """Keep the function and its numbers."""
+        self.parameters = MappingProxyType({name: float(x) for name, x in parameters.items()})
+        self._psi = psi
+
+    def psi(self, C: Any, **parameters: Any) -> Any:
+        """Strain energy per reference volume.
+
+        Args:
+            C: Right Cauchy-Green tensor, UFL (3, 3).
+            **parameters: Values of parameters of the energy, by name; others have their own.
+
+        Returns:
+            Energy [J/m^3], a UFL scalar.
+        """
+        return self._psi(C, **self.parameters | parameters)
+
+    def value(self, C: Any, without: Iterable[str] = ()) -> float:
+        """Energy of a constant tensor, UFL (3, 3), with some parameters zero [J/m^3]."""
+        return float(ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))(()))
+
+    @property
+    def has_fields(self) -> bool:
+        """Whether the energy depends on fields, so that nothing else here can be evaluated."""
+        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
+
+    def check(self) -> None:
+        """Look at the energy where nothing is deformed.
+
+        Raises:
+            ValueError: It is no scalar; or has no fields, and is not twice differentiable or has
+                a stress.
+        """
+        if (shape := ufl.as_ufl(self.psi(ufl.Identity(3))).ufl_shape) != ():
+            raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
+        if self.has_fields:
+            return
+        try:
+            self._curve.check()
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"expected psi(C) twice differentiable at C = 1, given {error}"
+            ) from error
+        basis = strain_basis()
+        S = sum(2 * self._curve.slope(D) * D for D in basis)
+        moduli = [4 * self._curve.curvature(D) for D in basis]
+        if np.abs(S).max() > _NO_STRESS * np.abs(moduli).max():
+            rows = [[float(f"{value:.4g}") for value in row] for row in S]
+            raise ValueError(
+                f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed "
+                "body would start to move by itself; add a term that takes this stress away, as "
+                "- mu ln J does to mu/2 tr C"
+            )
+
+    @cached_property
+    def moduli(self) -> Floats:
+        """Moduli 4 psi''(1) in the basis `strain_basis`, shape ``(6, 6)`` [Pa].
+
+        Only for energies without fields.
+        """
+        basis = strain_basis()
+        curvature = np.zeros((6, 6))
+        for i, j in combinations_with_replacement(range(6), 2):
+            curvature[i, j] = curvature[j, i] = self._curve.curvature(basis[i] + basis[j])
+        diagonal = np.diag(curvature) / 4
+        moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
+        return moduli
+
+    @property
+    def least_modulus(self) -> float:
+        """Least eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
+
+        For an isotropic material it is twice the shear modulus.
+        """
+        if self.has_fields:
+            return np.nan
+        return max(float(np.linalg.eigvalsh(self.moduli)[0]), 0.0)
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether no small strain has a negative energy; for energies without fields."""
+        least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
+        return bool(least >= -_ROUND_OFF * max(most, -least))
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Poisson's ratio of small strains [-]; NaN for energies with fields.
+
+        Of an anisotropic material that of the nearest isotropic one.
+        """
+        if self.has_fields:
+            return np.nan
+        volume = np.einsum("aii->a", strain_basis())
+        bulk = volume @ self.moduli @ volume / 9
+        shear = (np.trace(self.moduli) - 3 * bulk) / 10
+        return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
+
+    @property
+    def answers_volume_by_pressure(self) -> bool:
+        """Whether the stress of a small equal change of volume is a pressure.
+
+        That of fibres is not. For energies without fields.
+        """
+        volume = np.einsum("aii->a", strain_basis())
+        stress = self.moduli @ volume
+        rest = stress - stress @ volume / 3 * volume
+        return bool(np.abs(rest).max() <= _NO_STRESS * np.abs(self.moduli).max())
+
+    @property
+    def resists_collapse(self) -> bool:
+        """Whether the energy grows without bound as the volume vanishes.
+
+        Energies with fields are not evaluated and count as such.
+        """
+        if self.has_fields:
+            return True
+        at = [ufl.as_matrix((scale * np.eye(3)).tolist()) for scale in _COLLAPSED]
+        smaller, small = map(self.value, at)
+        return smaller > _GROWTH * small
+
+    @cached_property
+    def _curve(self) -> EnergyCurve:
+        return EnergyCurve(partial(self.psi, **self.parameters))
+
+
+def strain_basis() -> Floats:
+    """Orthonormal basis of the symmetric tensors, shape ``(6, 3, 3)``. Local."""
+    basis = np.zeros((6, 3, 3))
+    for D, (i, j) in zip(basis, combinations_with_replacement(range(3), 2), strict=True):
+        D[i, j] = D[j, i] = 1.0 if i == j else np.sqrt(0.5)
+    return basis
