@@ -1,5 +1,6 @@
 #include "nts/search/boundary.h"
 #include "array.h"
+#include "nts/search/meetings.h"
 
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -77,38 +78,24 @@ public:
     const std::size_t n = _nodes.size();
     check("boxes", boxes, {2, n, 3});
     check("touch", touch, {n});
-    auto apart = create<double>({n, n});
-    std::vector<std::int32_t> pairs;
-    std::vector<double> depths, regions;
+    std::vector<Box> around;
     for (std::size_t i = 0; i < n; ++i)
-      for (std::size_t j = 0; j < n; ++j)
-      {
-        const Box inner = box(boxes, i), outer = box(boxes, j);
-        const double depth = std::min(touch.data()[i], touch.data()[j]);
-        // What is deep in the outer boundary is as deep in its box.
-        std::array<double, 6> region;
-        double way = -INFINITY;
-        for (std::size_t c = 0; c < 3; ++c)
-        {
-          way = std::max({way, inner.lower[c] - outer.upper[c],
-                          outer.lower[c] - inner.upper[c]});
-          region[c] = std::max(inner.lower[c], outer.lower[c] + depth);
-          region[3 + c] = std::min(inner.upper[c], outer.upper[c] - depth);
-        }
-        apart.data()[n * i + j] = i == j ? INFINITY : way;
-        if (i == j || way >= -depth)
-          continue;
-        for (const std::size_t number : {i, j})
-          pairs.push_back(static_cast<std::int32_t>(number));
-        depths.push_back(depth);
-        regions.insert(regions.end(), region.begin(), region.end());
-      }
-    auto pair = create<std::int32_t>({depths.size(), 2});
-    auto depth = create<double>({depths.size()}),
-         region = create<double>({depths.size(), 2, 3});
-    std::ranges::copy(pairs, pair.data());
-    std::ranges::copy(depths, depth.data());
-    std::ranges::copy(regions, region.data());
+      around.push_back(box(boxes, i));
+    auto apart = create<double>({n, n});
+    const std::vector<Meeting> found
+        = nts::meetings(around, view(touch), {apart.data(), n * n});
+    auto pair = create<std::int32_t>({found.size(), 2});
+    auto depth = create<double>({found.size()}),
+         region = create<double>({found.size(), 2, 3});
+    for (std::size_t p = 0; p < found.size(); ++p)
+    {
+      const Meeting& meeting = found[p];
+      std::ranges::copy(std::array{meeting.inner, meeting.outer},
+                        pair.data() + 2 * p);
+      depth.data()[p] = meeting.depth;
+      std::ranges::copy(meeting.region.lower, region.data() + 6 * p);
+      std::ranges::copy(meeting.region.upper, region.data() + 6 * p + 3);
+    }
     return std::tuple(apart, pair, depth, region);
   }
 
@@ -259,15 +246,14 @@ auto rows_in(const Doubles& x, const std::vector<Rows>& rows, const Rows& which,
   {
     const Box region{vector(view(regions), 2 * r),
                      vector(view(regions), 2 * r + 1)};
-    const auto all = view(rows[view(which)[r]]);
-    for (std::size_t i = 0; i < all.size(); i += k)
-      if (const auto row = all.subspan(i, k);
-          bounds(view(x), row).meets(region))
-      {
-        numbers.push_back(static_cast<std::int32_t>(r));
-        for (const std::int32_t node : row)
-          std::ranges::copy(vector(view(x), node), std::back_inserter(found));
-      }
+    groups_in(view(x), view(rows[view(which)[r]]), k, region,
+              [&](std::span<const std::int32_t> row)
+              {
+                numbers.push_back(static_cast<std::int32_t>(r));
+                for (const std::int32_t node : row)
+                  std::ranges::copy(vector(view(x), node),
+                                    std::back_inserter(found));
+              });
   }
   auto positions = create<double>({numbers.size(), 3 * k});
   auto number = create<std::int32_t>({numbers.size()});

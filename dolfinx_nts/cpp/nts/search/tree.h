@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/small.h"
+#include "nts/geometry/box.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -13,87 +13,6 @@
 /// @brief Bounding-volume tree over segments, for nearest-segment queries.
 namespace nts
 {
-/// @brief Axis-aligned box.
-struct Box
-{
-  Vec3 lower = {INFINITY, INFINITY, INFINITY};
-  Vec3 upper = {-INFINITY, -INFINITY, -INFINITY};
-
-  void include(const Vec3& point) noexcept
-  {
-    for (std::size_t i = 0; i < 3; ++i)
-    {
-      lower[i] = std::min(lower[i], point[i]);
-      upper[i] = std::max(upper[i], point[i]);
-    }
-  }
-
-  void include(const Box& box) noexcept
-  {
-    include(box.lower);
-    include(box.upper);
-  }
-
-  void widen(double margin) noexcept
-  {
-    for (std::size_t i = 0; i < 3; ++i)
-    {
-      lower[i] -= margin;
-      upper[i] += margin;
-    }
-  }
-
-  /// @brief Whether it meets another box.
-  bool meets(const Box& other) const noexcept
-  {
-    for (std::size_t i = 0; i < 3; ++i)
-      if (lower[i] > other.upper[i] || upper[i] < other.lower[i])
-        return false;
-    return true;
-  }
-
-  /// @brief Whether the way from one point to another meets the box.
-  bool meets(const Vec3& begin, const Vec3& end) const noexcept
-  {
-    // Some axis separates them, or some product of an axis and the way.
-    const Vec3 half = 0.5 * (end - begin);
-    const Vec3 apart = 0.5 * ((begin + end) - (lower + upper));
-    const Vec3 extent = 0.5 * (upper - lower);
-    const Vec3 turned = cross(half, apart);
-    for (std::size_t i = 0; i < 3; ++i)
-    {
-      const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
-      if (std::abs(apart[i]) > extent[i] + std::abs(half[i])
-          || std::abs(turned[i]) > extent[j] * std::abs(half[k])
-                                       + extent[k] * std::abs(half[j]))
-        return false;
-    }
-    return true;
-  }
-
-  /// @brief Squared distance of a point to the box (0 inside).
-  double squared_distance(const Vec3& point) const noexcept
-  {
-    double sum = 0;
-    for (std::size_t i = 0; i < 3; ++i)
-    {
-      const double d = std::max({lower[i] - point[i], 0., point[i] - upper[i]});
-      sum += d * d;
-    }
-    return sum;
-  }
-};
-
-/// @brief Box of some rows of x, (n, 3).
-inline Box bounds(std::span<const double> x,
-                  std::span<const std::int32_t> rows) noexcept
-{
-  Box box;
-  for (const std::int32_t row : rows)
-    box.include(vector(x, row));
-  return box;
-}
-
 /// @brief Largest distance by which points have moved [m], NaN if one is NaN.
 /// @param[in] x, before Positions now and before, (n, 3) [m].
 /// @param[in] rows Which of them count.
