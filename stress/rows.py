@@ -16,6 +16,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_nts as nts
+from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.model.obstacles import Obstacle
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Outcome",
     "Setup",
     "above",
+    "empty_row",
     "run",
 ]
 
@@ -128,6 +130,12 @@ class Outcome:
     seconds: float
 
 
+def empty_row(case: Case) -> dict[str, Any]:
+    """Values of `COLUMNS` of a case that has not run."""
+    said = {"scene": case.scene, "parameter": case.parameter, "value": case.value}
+    return dict.fromkeys(COLUMNS, "") | said | {"steps": 0, "rejected_steps": 0}
+
+
 def run(case: Case, comm: MPI.Comm) -> Outcome:
     """Run a case and judge it. Collective.
 
@@ -139,14 +147,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         Its row; every exception but the announced ones is passed on.
     """
     start = time.perf_counter()
-    row = dict.fromkeys(COLUMNS, "") | {
-        "scene": case.scene,
-        "parameter": case.parameter,
-        "value": case.value,
-        "outcome": "finished",
-        "steps": 0,
-        "rejected_steps": 0,
-    }
+    row = empty_row(case) | {"outcome": "finished"}
     folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
     table = folder / "run.csv"
     setup, error, warnings = None, "", _Warnings()
@@ -350,10 +351,11 @@ def _errors(values: dict[str, Any], setup: Setup, scales: Any) -> dict[str, Any]
 def _outer(values: dict[str, Any], setup: Setup) -> Any:
     """Force and torque (6, steps) of obstacles in each step."""
     total = np.zeros((6, len(values["step"])))
-    for number, pair in enumerate(setup.stepper.pairs, start=1):
+    pairs = setup.stepper.pairs
+    for name, pair in zip(pair_names(pairs), pairs, strict=True):
         if isinstance(pair.segments, Obstacle):
-            total[:3] += _vector(values, f"pair_{number}_force")
-            total[3:] += _vector(values, f"pair_{number}_torque")
+            total[:3] += _vector(values, f"pair_{name}_force")
+            total[3:] += _vector(values, f"pair_{name}_torque")
     return total
 
 

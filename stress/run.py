@@ -19,7 +19,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from stress import boundaries, degenerate, impact, meetings, repeated, resting, statics, variants
-from stress.rows import COLUMNS, Case, Outcome, run
+from stress.rows import COLUMNS, Case, Outcome, empty_row, run
 from stress.table import write_table
 
 __all__ = ["ALL_CASES", "CASES"]
@@ -45,7 +45,14 @@ _logger = logging.getLogger("stress")
 def _run(name: str) -> Outcome:
     """Run the case of a name."""
     logging.getLogger("dolfinx_nts").propagate = False
-    return run(next(case for case in ALL_CASES if case.name == name), MPI.COMM_SELF)
+    case = next(case for case in ALL_CASES if case.name == name)
+    try:
+        return run(case, MPI.COMM_SELF)
+    except Exception as error:
+        # The other rows run all the same.
+        logging.getLogger("stress").exception(name)
+        failed = {"outcome": "failed", "message": repr(error)}
+        return Outcome(empty_row(case) | failed, repr(error), 0.0)
 
 
 def main() -> int:
