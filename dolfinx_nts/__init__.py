@@ -28,8 +28,9 @@ from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
 from dolfinx_nts.model.motion import Motion
-from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together

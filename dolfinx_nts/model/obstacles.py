@@ -1,28 +1,25 @@
-r"""Rigid obstacles, which bodies cannot enter: planes, spheres and cylinders.
+"""Rigid obstacles, which bodies cannot enter, and what contact asks of them.
 
 An obstacle takes the place of a surface's segments in a contact pair and has no unknowns. It is
-at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`. Gap
-and normal are those of the exact surface. The contact force of the energy-momentum scheme is a
-discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form. Obstacles made
-of facets are in `rigid_surface`.
+at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`.
+Planes, spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_surface`.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from copy import copy
 from typing import TypeVar
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, real_array
+from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.motion import Motion, vector
+from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.trajectories import Trajectories
 
-__all__ = ["Obstacle", "RigidCylinder", "RigidPlane", "RigidSphere"]
+__all__ = ["Obstacle"]
 
 Self = TypeVar("Self", bound="Obstacle")
 
@@ -184,260 +181,3 @@ class Obstacle(Declaration):
             Flags, shape ``(m,)``; an exact surface has no rim.
         """
         return np.zeros(len(x), dtype=bool)
-
-
-class _Exact(Obstacle):
-    """Obstacle with an exact surface, given by the signed distance from it."""
-
-    @abstractmethod
-    def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points from the surface, and its normal. Local.
-
-        Args:
-            x: Positions, shape ``(m, 3)`` [m].
-
-        Returns:
-            Gap, shape ``(m,)`` [m], positive outside the obstacle, and unit normal out of the
-            obstacle, shape ``(m, 3)``.
-        """
-
-    @abstractmethod
-    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
-
-    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
-        gap_n, normal_n = self.distance(x_n)
-        gap, normal = self.distance(x)
-        force, tangent = self._force(scheme, x_n, x)
-        turn = np.einsum("mi,mi->m", normal_n, normal)
-        valid = np.isfinite(gap_n + gap + turn)
-        turn, status = np.where(valid, turn, np.nan), np.where(valid, 0, 1).astype(np.int8)
-        return ContactKinematics(gap_n, gap, force, normal, tangent, turn, status)
-
-    def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
-        frame_n, frame = (_frame(self.distance(y)[1]) for y in (x_n, x))
-        value = np.einsum("mij,mj->mi", frame_n, x - x_n)
-        second = np.ones((len(x), 1)), np.zeros((len(x), 2, 1))
-        orientation = np.ones(len(x))
-        frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
-        return Slip(value, frame_n, frame_n, *second, **frames)
-
-    def find(
-        self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
-    ) -> tuple[Ints, Floats]:
-        """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
-        gap, _ = self.distance(x)
-        return np.where(gap <= reach, 0, -1).astype(np.int32), gap
-
-    def depth(self, x: Floats) -> Floats:
-        """Tell how deep points are inside, see `Obstacle.depth`."""
-        return -self.distance(x)[0]
-
-    def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        """Cut straight ways with the surface, see `Obstacle.follow`."""
-        begin, end = self._part_inside(x_n, x)
-        enters = begin < end
-        (entry, n_in), (exit_, n_out) = (
-            (y, self.distance(y)[1]) for y in (x_n + s[:, None] * (x - x_n) for s in (begin, end))
-        )
-        way = np.linalg.norm(exit_ - entry, axis=1)
-        return Trajectories(
-            np.where(enters, 0, -1).astype(np.int32),
-            enters & (end < 1),
-            np.where(inside >= 0, -1.0, begin),
-            np.where(enters, way, 0.0),
-            np.einsum("mi,mi->m", n_in, n_out),
-            np.einsum("mi,mi->m", x - entry, n_in),
-        )
-
-    @abstractmethod
-    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Times, ``(m,)`` from 0 to 1, between which straight ways are inside; equal if never."""
-
-    def near(self, x: Floats, reach: float) -> Ints:
-        """Find the nodes within reach or inside, see `Obstacle.near`."""
-        return np.flatnonzero(self.distance(x)[0] <= reach).astype(np.int32)
-
-
-class RigidPlane(_Exact):
-    """A half space that bodies cannot enter, such as a floor or a wall. Local.
-
-    Args:
-        point: A point of the plane, shape ``(3,)``, or ``(2,)`` of a line in the plane [m].
-        normal: Direction out of the obstacle, of any length, of the same shape.
-
-    Raises:
-        ValueError: An argument is not three finite numbers, or two, or the normal is zero.
-
-    Example:
-        >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
-        >>> gap, normal = floor.distance(np.array([[5.0, 2.0, 1.0]]))
-        >>> gap
-        array([2.])
-    """
-
-    def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
-        """Check the arguments and normalise the direction."""
-        self.dim = _dimension("point", point)
-        self._point = vector("point", point, self.dim)
-        self._normal = _direction("normal", normal, self.dim)
-
-    def _declaration(self) -> str:
-        return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
-
-    def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points and normal, positive on the free side."""
-        return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
-
-    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        gap_n, gap = (self.distance(y)[0] for y in (x_n, x))
-        change = np.where(gap_n == gap, 1.0, gap_n - gap)
-        crossing = np.clip(gap_n / change, 0.0, 1.0)
-        return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)
-
-    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
-
-
-class _Round(_Exact):
-    """Obstacle whose surface has one distance from a point or axis, a sphere or a cylinder.
-
-    Args:
-        centre: The point, or a point of the axis, shape ``(3,)`` [m].
-        radius: The distance [m].
-        projector: Projection onto the directions in which it is measured, shape ``(3, 3)`` [-].
-        hollow: Whether bodies are inside.
-    """
-
-    def __init__(
-        self, centre: Sequence[float], radius: float, projector: Floats, hollow: bool
-    ) -> None:
-        if not (np.isfinite(radius) and radius > 0):
-            raise ValueError(f"expected a radius > 0, given {radius}")
-        self.dim = _dimension("centre", centre)
-        self._centre, self._radius = vector("centre", centre, self.dim), float(radius)
-        self._projector, self._sign = projector, -1.0 if hollow else 1.0
-        if not hollow:
-            self.shortest_passage = self._radius / 2
-
-    def _radial(self, x: Floats) -> tuple[Floats, Floats]:
-        r = (x - self._centre) @ self._projector
-        return r, np.linalg.norm(r, axis=1)
-
-    def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points and normal, positive on the free side."""
-        r, length = self._radial(x)
-        normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
-        return self._sign * (length - self._radius), normal
-
-    def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        # Zeros of |r_n + s way|^2 - radius^2.
-        (r_n, length), (r, _) = self._radial(x_n), self._radial(x)
-        way = r - r_n
-        square, half = (np.einsum("mi,mi->m", way, y) for y in (way, r_n))
-        root = np.sqrt(np.fmax(half**2 - square * (length**2 - self._radius**2), 0.0))
-        square = np.where(square > 0, square, np.inf)
-        low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))
-        if self._sign < 0:
-            # Outside of the tube: a straight way between points of its inside stays there.
-            return high, np.where(high < 1, 1.0, high)
-        return low, high
-
-    def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        if scheme == "conserving":
-            # (r_n + r)/(|r_n| + |r|), whose work is |r| - |r_n|.
-            (r_n, length_n), (r, length) = self._radial(x_n), self._radial(x)
-            total, sum_r = length_n + length, r_n + r
-            force = sum_r / total[:, None]
-            turned = r / np.where(length > 0, length, np.nan)[:, None]
-            tangent = (self._projector - force[:, :, None] * turned[:, None, :]) / total[
-                :, None, None
-            ]
-            return self._sign * force, self._sign * tangent
-        r, length = self._radial((x_n + x) / 2 if scheme == "midpoint" else x)
-        force = r / np.where(length > 0, length, np.nan)[:, None]
-        tangent = (self._projector - force[:, :, None] * force[:, None, :]) / length[:, None, None]
-        return self._sign * force, self._sign * tangent * (0.5 if scheme == "midpoint" else 1.0)
-
-
-class RigidSphere(_Round):
-    """A ball that bodies cannot enter, or a sphere that they cannot leave. Local.
-
-    Args:
-        centre: Centre, shape ``(3,)``, or ``(2,)`` of a circle in the plane [m].
-        radius: Radius [m].
-        hollow: Whether bodies are inside.
-
-    Raises:
-        ValueError: ``centre`` is not three finite numbers, or two, or ``radius`` is not positive.
-
-    Example:
-        >>> nts.RigidSphere(centre=(0, 0, 5), radius=2.0, hollow=True)
-        RigidSphere(centre=(0, 0, 5), radius=2, hollow=True)
-    """
-
-    def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
-        """Check the arguments."""
-        super().__init__(centre, radius, np.eye(3), hollow)
-
-    def _declaration(self) -> str:
-        centre = self._centre[: self.dim]
-        return as_call(self, centre=centre, radius=self._radius, hollow=self._sign < 0)
-
-
-class RigidCylinder(_Round):
-    """An infinite cylinder that bodies cannot enter, or a tube that they cannot leave. Local.
-
-    Args:
-        point: A point of the axis, shape ``(3,)`` [m].
-        axis: Direction of the axis, of any length, shape ``(3,)``.
-        radius: Radius [m].
-        hollow: Whether bodies are inside.
-
-    Raises:
-        ValueError: ``point`` or ``axis`` is not three finite numbers, the axis is zero, or
-            ``radius`` is not positive.
-
-    Example:
-        >>> nts.RigidCylinder(point=(0, 0, 0), axis=(0, 2, 0), radius=0.5)
-        RigidCylinder(point=(0, 0, 0), axis=(0, 1, 0), radius=0.5, hollow=False)
-    """
-
-    def __init__(
-        self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
-    ) -> None:
-        """Check the arguments."""
-        self._axis = a = _direction("axis", axis)
-        vector("point", point, 3)  # there are none in the plane
-        super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
-
-    def _declaration(self) -> str:
-        return as_call(
-            self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
-        )
-
-
-def _dimension(name: str, value: Sequence[float]) -> int:
-    """Number of coordinates of a point, 2 in the plane, otherwise 3."""
-    return 2 if real_array(name, value).shape == (2,) else 3
-
-
-def _direction(name: str, value: Sequence[float], dim: int = 3) -> Floats:
-    given = vector(name, value, dim)
-    length = np.linalg.norm(given)
-    if length == 0:
-        raise ValueError(f"expected a direction for {name}, given {value}")
-    direction: Floats = given / length
-    return direction
-
-
-def _frame(normal: Floats) -> Floats:
-    """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
-    # The coordinate axis that is farthest from the normal; small turns rarely change it. For
-    # normals in the plane it is z, so that the first tangent is in the plane.
-    axis = np.eye(3)[2 - np.argmin(np.abs(normal[:, ::-1]), axis=1)]
-    first = np.cross(axis, normal)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normal, first)], axis=1)
