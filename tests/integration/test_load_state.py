@@ -11,6 +11,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
 from helpers.scenes import BLOCK_STEP, blocks, gathered
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 BREAK, NUM_STEPS = 4, 8
 # Relative to lengths of about one: the starts of Newton's method differ.
 TOLERANCE = 1e-9

@@ -6,6 +6,8 @@ import pytest
 import dolfinx_nts as nts
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Relative to lengths of about one: rounding and Newton's tolerance,
 # amplified by the impacts.
 TOLERANCE = 1e-9

@@ -14,6 +14,8 @@ from stress.parts import box, rotation
 from stress.rows import Case, Setup, run
 from stress.world import Touch, World
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 HERE = np.eye(3)
 LAWS = {
     "elastic": {},

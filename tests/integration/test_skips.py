@@ -7,6 +7,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 LAWS = {
     "elastic": nts.LagrangeMultiplier(),
     "plastic": nts.LagrangeMultiplier("plastic"),

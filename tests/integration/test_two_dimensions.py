@@ -9,6 +9,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from helpers.plane import RUBBER, blocks, throw
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 STEPS = 12
 
 

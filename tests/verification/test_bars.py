@@ -20,6 +20,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import meshing
 from helpers import shapes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 # Of mean force and duration on the finest mesh; other programs are content

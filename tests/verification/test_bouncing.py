@@ -18,6 +18,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import meshing
 from helpers import shapes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 # Of both momenta, relative to the start; bodies of a scene differ in mass by 1e5.

@@ -21,6 +21,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import meshing
 from helpers import shapes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 G, MU, RHO = 10.0, 0.3, 1e3
 PLANE = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 # Energy, dissipation and work of gravity together, relative to the start.

@@ -19,6 +19,8 @@ import pytest
 import dolfinx_nts as nts
 from helpers.compressed_blocks import compress
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 COMPRESSION = 1e-4
 # Strains are of the size of the compression, the theory is linear.
 EXACT = 10 * COMPRESSION

@@ -13,6 +13,8 @@ from dolfinx_nts.diagnostics.balance import Diagnostics
 from helpers.scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
 from reference.bulk import Bulk, rotation
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Sums of some hundred products.
 TOLERANCE = 1e-12
 

@@ -10,6 +10,8 @@ from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.model.reaction import Reaction
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 CONTACT = ContactWork(
     persistent=1.0,
     activation=-2.0,

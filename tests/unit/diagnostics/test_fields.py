@@ -9,6 +9,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.functions import nodal_values
 from helpers.scenes import BLOCK_RUBBER, blocks
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 TOLERANCE = 1e-11
 
 # Displacement gradient of a large shear with stretch and rotation.

@@ -9,6 +9,8 @@ from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids, listed
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e-12
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -18,6 +18,8 @@ from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 RHO, VOLUME, CELLS = 3.0, 1.2 * 1.0 * 0.5, 24
 ROUNDING = 1e3 * np.finfo(float).eps
 

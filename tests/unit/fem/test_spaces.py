@@ -15,6 +15,8 @@ from dolfinx.mesh import (
 
 from dolfinx_nts.fem.elements import check_space, check_tag
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 def cube(comm, cell):
     return create_unit_cube(comm, 2, 2, 2, CellType[cell])

@@ -14,6 +14,8 @@ from dolfinx_nts.integrators import central_difference, stability
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 CONSERVED = 1e-12
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

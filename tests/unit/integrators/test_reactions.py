@@ -9,6 +9,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from helpers.scenes import BLOCK_RUBBER, blocks
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Relative to the largest term of a sum.
 TOLERANCE = 1e-11
 

@@ -13,6 +13,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.solvers import newton
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Of positions and velocities of order one, after Newton's tolerance.
 SOLVED = 1e-9
 ROUNDING = 1e3 * np.finfo(float).eps

@@ -12,6 +12,8 @@ from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 def lengths(cells):
     """Lengths of cells without common nodes, shape ``(c, k, 3)``."""

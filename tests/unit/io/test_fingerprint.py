@@ -9,6 +9,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.io.fingerprint import fingerprint
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, of_material, rotation
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 def other_bodies(stepper, **options):
     """The same cells of another material."""

@@ -8,6 +8,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
 from helpers.scenes import BLOCK_STEP, blocks
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 needs_adios = pytest.mark.skipif(
     not hasattr(dolfinx.io, "VTXWriter"), reason="DOLFINx has no ADIOS2"
 )

@@ -13,6 +13,8 @@ from dolfinx_nts.model.bodies import bulk_form, check_bodies
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e3, nu=0.3, rho=10.0)
 # Of sums over some hundred quadrature points.
 ROUNDING = 1e3 * np.finfo(float).eps

@@ -9,6 +9,8 @@ from dolfinx_nts.model.loads import Gravity, Pressure, Traction
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 

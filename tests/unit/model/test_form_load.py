@@ -8,6 +8,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from helpers.boxed import CLOSED, RHO, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 

@@ -11,6 +11,8 @@ from dolfinx_nts.model.loads import BodyForce, Gravity, Pressure, Traction
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 EPS = np.finfo(float).eps
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -9,6 +9,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.model.locking import warn_of_locking
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 def body(comm, cell, degree, nu):
     mesh, cells, _, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 3)], [(1.0,) * 3], cell))

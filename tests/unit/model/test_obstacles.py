@@ -12,6 +12,8 @@ import dolfinx_nts as nts
 from helpers import scenes
 from reference.bulk import taylor_order
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e3 * np.finfo(float).eps
 POINT, AXIS = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 2.0])
 
