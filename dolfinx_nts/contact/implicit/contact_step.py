@@ -16,7 +16,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints
-from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
@@ -34,7 +34,7 @@ _RESTLESS = 4
 # How contact points find their segments, by the method of the pair and absence of inertia.
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
-    ("node-to-segment", True): LocalSearch,
+    ("node-to-segment", True): StaticSearch,
     ("mortar", False): FrozenPoints,
     ("mortar", True): SettlingPoints,
 }

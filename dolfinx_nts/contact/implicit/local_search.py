@@ -14,10 +14,13 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
+# How far beyond the edge of its segment, in sizes of it [-], a node without inertia may be in
+# equilibrium: in a dent it is below the next segment there.
+_STATIC_OVERHANG = 0.05
 # Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
 # iterates overshoot.
 _WAYS = 3
@@ -61,6 +64,8 @@ class LocalSearch:
         approach: What the nodes would meet without contact.
         pairing: Evaluates nodes and what they face.
     """
+
+    _overhang: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
@@ -142,7 +147,7 @@ class LocalSearch:
 
         Returns how many changed on this rank, and whether the nodes have other contact points.
         """
-        _, moved = self._find(x, node, _kernels.OVERHANG)
+        _, moved = self._find(x, node, self._overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
 
@@ -168,3 +173,9 @@ class LocalSearch:
         """Nodes that have changed their segment too often, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
+
+
+class StaticSearch(LocalSearch):
+    """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
+
+    _overhang = _STATIC_OVERHANG
