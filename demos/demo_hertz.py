@@ -95,7 +95,10 @@ pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
 stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
 # The table gets the way, and the force of theory on a quarter of the ball.
-columns = {"way": lambda s: depth * s.t, "force_of_Hertz": lambda s: E_star / 3 * (depth * s.t) ** 1.5}
+columns = {
+    "way": lambda s: depth * s.t,
+    "force_of_Hertz": lambda s: E_star / 3 * (depth * s.t) ** 1.5,
+}
 with nts.Recorder("hertz", stepper, own_columns=columns) as record:
     for step in stepper.run(until=num_steps / full):
         record.write(step)
@@ -124,7 +127,9 @@ assert abs(pressure / p_0 - 1) < 0.04
 #
 # The force over the way; then the pressure over the radius.
 
-plotting.force_displacement("hertz.csv", "way", ["contact_force_z", "force_of_Hertz"], "hertz_force.png")
+plotting.force_displacement(
+    "hertz.csv", "way", ["contact_force_z", "force_of_Hertz"], "hertz_force.png"
+)
 
 # +
 points = mesh.comm.gather(np.column_stack([r, p]))

@@ -127,12 +127,14 @@ def paper() -> None:
         for name, style in (("linear", "-"), ("angular", "--")):
             for axis, colour in zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True):
                 label = f"{name} {axis}"
-                column[3].plot(t, table[f"{name}_momentum_{axis}"], style, color=colour, label=label)
-        column[3].set(xlabel="time [s]", ylabel="momentum [kg m/s], [kg m²/s]")
+                column[3].plot(
+                    t, table[f"{name}_momentum_{axis}"], style, color=colour, label=label
+                )
+        column[3].set(xlabel="time [s]", ylabel="momentum [kg m/s], [kg m²/s]", ylim=(-2500, 4500))
         for panel in column[1:]:
             panel.grid(alpha=0.3)
         column[1].legend(ncols=3, loc="upper center")
-        column[3].legend(ncols=2, loc="center right", fontsize="small")
+        column[3].legend(ncols=2, loc="upper center", fontsize="small")
     figure.savefig(FIGURES / "paper.png")
 
 
@@ -195,7 +197,7 @@ def laws() -> None:
         axes.grid(alpha=0.3)
     grid[0, 0].legend()
     for axes in grid[:, 0]:
-        axes.set_ylabel("force / (ρ c v A)")
+        axes.set_ylabel(r"force / ($\rho$ c v A)")
     for axes in grid[1]:
         axes.set_xlabel("time [L / c]")
     figure.savefig(FIGURES / "laws.png")

@@ -150,7 +150,14 @@ def test_per_cents_in_the_text_are_those_of_a_table():
     """Tables are written by commands, and what a sentence says is in one of them."""
     tables = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "tables").glob("*.md"))
     measured = {token.lstrip("+-") for token in re.findall(r"[-+]?\d+(?:\.\d+)?", tables)}
-    names = ("limitations", "benchmarks", "scaling", "verification", "howto/choose", "start/install")
+    names = (
+        "limitations",
+        "benchmarks",
+        "scaling",
+        "verification",
+        "howto/choose",
+        "start/install",
+    )
     for text in (README, *((DOCS / f"{name}.md").read_text(encoding="utf-8") for name in names)):
         for number in re.findall(r"(\d+(?:\.\d+)?) (?:to \d+(?:\.\d+)? )?%", text):
             assert number in measured, f"{number} %"

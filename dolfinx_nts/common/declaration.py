@@ -20,9 +20,10 @@ class _Completing(ABCMeta):
     @property
     def __signature__(cls) -> Signature:
         """Arguments of ``__init__``, as ``help`` and editors tell them, instead of `__call__`'s."""
-        if cls.__init__ is object.__init__:
+        make = type.__getattribute__(cls, "__init__")
+        if make is object.__init__:
             return Signature()
-        return Signature(list(signature(cls.__init__).parameters.values())[1:])
+        return Signature(list(signature(make).parameters.values())[1:])
 
 
 class Declaration(metaclass=_Completing):

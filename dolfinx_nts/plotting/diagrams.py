@@ -186,10 +186,13 @@ def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
     layers |= {f"taken by {name}": -rows[f"energy_{name}"] for name in ("friction", "damping")}
     layers = {name: layer for name, layer in layers.items() if np.any(layer)}
     given = rows["total_energy"][0] + rows["external_work"]
+    joule, prefix = prefixed(given.max())
     figure, axes = _figure(1, 1)
-    axes[0, 0].stackplot(rows["time"], *layers.values(), labels=layers, alpha=0.8)
-    axes[0, 0].plot(rows["time"], given, "k--", label="start and work from outside")
-    axes[0, 0].set(xlabel="time [s]", ylabel="energy [J]", ylim=(0, 1.3 * max(given.max(), 1e-300)))
+    heights = [layer / joule for layer in layers.values()]
+    axes[0, 0].stackplot(rows["time"], *heights, labels=layers, alpha=0.8)
+    axes[0, 0].plot(rows["time"], given / joule, "k--", label="start and work from outside")
+    top = 1.3 * max(given.max() / joule, 1e-300)
+    axes[0, 0].set(xlabel="time [s]", ylabel=f"energy [{prefix}J]", ylim=(0, top))
     axes[0, 0].legend(loc="upper center", ncols=3, fontsize="small")
     return _finished(figure, filename)
 

@@ -88,8 +88,8 @@ CASES = {
     "Norma.jl, slender": Case(1e-3, 1.25e-5, (1e9, 0.25, 1e3), 100.0, 0.0, True, False),
 }
 PUBLISHED = {
-    "wall": "Cirak and West 2005: stress ρcv = 0.1, contact for 20, energy 0.2",
-    "two bars": "Cirak and West 2005: stress ρcv = 0.1, contact for 20, energy 0.2 a bar",
+    "wall": "Cirak and West 2005: stress rho c v = 0.1, contact for 20, energy 0.2",
+    "two bars": "Cirak and West 2005: stress rho c v = 0.1, contact for 20, energy 0.2 a bar",
     "SDNV100": "code_aster V5.03.100: touch at 2.0e-5 s, contact for 6.895e-5 s, 1.856e6 N",
 }
 # One-dimensional theory is exact.

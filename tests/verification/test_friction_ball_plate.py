@@ -172,7 +172,8 @@ def test_variant_of_the_paper_agrees_with_the_reference_program(told):
     assert missing == pytest.approx(PAPER_DISSIPATION, rel=REFERENCE_TOLERANCE)
     told(
         "midpoint rule, springs, friction of the paper",
-        f"independent NumPy program: {PAPER_ENERGY:.2f} J at the end, loss {PAPER_DISSIPATION:.2f} J",
+        f"independent NumPy program: {PAPER_ENERGY:.2f} J at the end, "
+        f"loss {PAPER_DISSIPATION:.2f} J",
         f"{result.history.energy[-1]:.2f}, {missing:.2f} J",
     )
     # Neither penalty nor friction works half-way exactly as their springs store.

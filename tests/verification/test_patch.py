@@ -128,7 +128,7 @@ def test_one_point_passes_the_patch_test_only_nearly_on_distorted_cells(told):
 
     errors = [error(nu=nu) for nu in (0.3, 0.45)]
     told(
-        "inner nodes moved at random by up to a fifth of an edge, ν = 0.3 and 0.45",
+        "inner nodes moved at random by up to a fifth of an edge, nu = 0.3 and 0.45",
         "uniform stress, which one point a cell does not quite transmit",
         f"largest error {100 * errors[0]:.1f} and {100 * errors[1]:.1f} %",
     )
