@@ -22,6 +22,9 @@ bench-peers: ## the first impact in CalculiX, GetFEM and by IPC, judged by one r
 bench-publish: ## put figures and tables of the last bench into the documentation
 	$(RUN) python3 -m benchmarks.publish
 
+verification: ## closed forms, other programs, published data: table of the page (10 minutes)
+	$(RUN) $(PYTEST) --publish
+
 test: ## all tests, on 1, 2 and 3 ranks
 	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone"
 	$(RUN) $(PYTEST) -m alone
@@ -60,4 +63,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo docs bench bench-peers bench-publish test test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs bench bench-peers bench-publish verification test test-latest stress sanitize traps lint shell clean

@@ -39,7 +39,7 @@ def _selected(rows: Rows, **values: Any) -> list[Mapping[str, Any]]:
 
 def _save(figure: Any, path: Path) -> None:
     figure.tight_layout()
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=250)
     plt.close(figure)
 
 

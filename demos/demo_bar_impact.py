@@ -87,7 +87,7 @@ plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 
 # +
 if mesh.comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     mean = np.convolve(force, [0.5, 0.5], mode="valid") / 1e3
     axes.plot((np.array(t[1:]) - dt / 2) * 1e3, mean, label="computed")
     exact = rho * c * v * width**2 / 1e3

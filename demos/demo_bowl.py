@@ -77,8 +77,7 @@ with nts.Recorder("bowl", stepper, every=5) as record:
 # ## Picture
 
 # +
-camera = [(0, -4.2, 2.6), (0, 0, -0.5), (0, 0, 1)]
-plotting.snapshot(stepper, "bowl.png", camera=camera)
+plotting.snapshot(stepper, "bowl.png", camera=(0, -0.8, 0.6))
 # -
 
 # ## Checks

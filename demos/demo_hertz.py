@@ -38,6 +38,7 @@ from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary
 
 import dolfinx_nts as nts
+from dolfinx_nts import plotting
 
 full, depth, E, nu = 4, 1e-4, 1.0, 0.3  # -, m, Pa, -
 num_steps = min(int(os.environ.get("NTS_DEMO_STEPS", str(full))), full)
@@ -93,7 +94,12 @@ surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 
 pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
 stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
-with nts.Recorder("hertz", stepper) as record:
+# The table gets the way, and the force of theory on a quarter of the ball.
+columns = {
+    "way": lambda s: depth * s.t,
+    "force_of_Hertz": lambda s: E_star / 3 * (depth * s.t) ** 1.5,
+}
+with nts.Recorder("hertz", stepper, own_columns=columns) as record:
     for step in stepper.run(until=num_steps / full):
         record.write(step)
 # -
@@ -117,12 +123,18 @@ assert abs(radius / a - 1) < 0.02
 assert abs(pressure / p_0 - 1) < 0.04
 # -
 
-# ## Picture
+# ## Pictures
+#
+# The force over the way; then the pressure over the radius.
+
+plotting.force_displacement(
+    "hertz.csv", "way", ["contact_force_z", "force_of_Hertz"], "hertz_force.png"
+)
 
 # +
 points = mesh.comm.gather(np.column_stack([r, p]))
 if mesh.comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     axes.plot(*(np.concatenate(points).T / [[a], [p_0]]), ".", label="nodes")
     line = np.linspace(0, 1, 200)
     axes.plot(line, np.sqrt(1 - line**2), label="Hertz")

@@ -111,7 +111,7 @@ plotting.snapshot(ironed, "ironing.png")
 
 # +
 if mesh.comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     for name, t, force in (("iron", iron_times, iron_force), ("roll", roll_times, roll_force)):
         axes.plot(t, force[:, 2], label=f"{name}: press N")
         axes.plot(t, -force[:, 0], "--", label=f"{name}: drag H")

@@ -89,13 +89,12 @@ for bar in bars:
 diagnostics = nts.Diagnostics(stepper)
 start = diagnostics.balance().total_energy
 touching = []
-camera = [(0.5, -1.3, 1.0), (0.5, 0.04, 0), (0, 0, 1)]
 with nts.Recorder("own_energy", stepper, every=10) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         touching.append([mesh.comm.allreduce(p.history.active.sum()) > 0 for p in pairs])
         if step.step == min(num_cells, num_steps):
-            picture = plotting.snapshot(stepper, "own_energy.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_energy.png", camera=(0.4, -1, 0.6))
 # -
 
 picture

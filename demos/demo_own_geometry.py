@@ -84,13 +84,12 @@ for body in (bracket, pad):
     stepper.set_velocity(body, (0, 0, -1.0))
 diagnostics = nts.Diagnostics(stepper)
 before, impulse = diagnostics.balance(), np.zeros(3)
-camera = [(0.33, -0.28, 0.16), (0.045, 0.025, 0.03), (0, 0, 1)]
 with nts.Recorder("own_geometry", stepper, every=5) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         impulse += dt * diagnostics.contact_force()
         if step.step == min(12, num_steps):
-            picture = plotting.snapshot(stepper, "own_geometry.png", camera=camera)
+            picture = plotting.snapshot(stepper, "own_geometry.png", camera=(1, -1.1, 0.5))
 after = diagnostics.balance()
 # -
 

@@ -89,7 +89,6 @@ gravity = nts.Gravity(balls, (0, 0, -g))
 stepper = nts.CentralDifference(balls, pairs, dt=1.2e-3, loads=[gravity])  # s
 diagnostics = nts.Diagnostics(stepper)
 until = num_steps * stepper.dt or end
-camera = [(1.5, -1.2, 0.9), (0, 0, 0.25), (0, 0, 1)]
 kinetic, impulse, drag = [], 0.0, 0.0
 with nts.Recorder("pile", stepper, every=100) as record:
     for step in stepper.run(until=until):
@@ -102,7 +101,7 @@ with nts.Recorder("pile", stepper, every=100) as record:
 
 # The balls at rest.
 
-plotting.snapshot(stepper, "pile.png", camera=camera)
+plotting.snapshot(stepper, "pile.png", camera=(1.5, -1.2, 0.7))
 
 # ## Checks
 #

@@ -67,21 +67,20 @@ before = nts.Diagnostics(stepper).balance()
 
 # +
 dissipation, active = 0.0, []
-camera = [(1, 8, 75), (1, 8, 0), (0, 1, 0)]
 with nts.Recorder("rings", stepper, every=10) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         active.append(step.num_active)
         dissipation += mesh.comm.allreduce(contact.history.dissipation.sum())
         if step.step == min(50, num_steps):
-            picture = plotting.snapshot(stepper, "rings.png", camera=camera)
+            picture = plotting.snapshot(stepper, "rings.png", camera=(0, 0, 1))
 # -
 
-# The rings in contact; then energies and momenta of the whole run.
+# The rings in contact; then where the energy is, with what friction took, and the momenta.
 
 picture
 
-plotting.energies("rings.csv", "rings_energies.png")
+plotting.ledger("rings.csv", "rings_ledger.png")
 
 plotting.momenta("rings.csv", "rings_momenta.png")
 

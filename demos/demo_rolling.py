@@ -92,7 +92,7 @@ plotting.snapshot(stepper, "rolling.png", colour="displacement")
 
 # +
 if mesh.comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     axes.plot(np.array(t) * 1e3, v, label="computed")
     exact = np.maximum(speed - mu * g * np.maximum(np.array(t) - rise / 2, 0), 5 / 7 * speed)
     axes.plot(np.array(t) * 1e3, exact, "--", label="rigid ball")

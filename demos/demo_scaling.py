@@ -110,7 +110,7 @@ if comm.rank == 0:
 
 # +
 if comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     speed = rows["seconds"][0] / rows["seconds"]
     axes.plot(rows["ranks"], speed, "o", label="measured")
     axes.plot(ranks := np.unique(rows["ranks"]), ranks / rows["ranks"][0], "--", label="ideal")

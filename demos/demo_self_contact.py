@@ -110,8 +110,7 @@ with nts.Recorder("self_contact", stepper, every=4) as record:
 # ## Picture
 
 # +
-camera = [(0, 0, 5), (0, 0, 0), (0, 1, 0)]
-plotting.snapshot(stepper, "self_contact.png", camera=camera)
+plotting.snapshot(stepper, "self_contact.png", camera=(0, 0, 1))
 # -
 
 # ## Checks

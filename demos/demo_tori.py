@@ -60,14 +60,13 @@ before = nts.Diagnostics(stepper).balance()
 # ## Run
 
 # +
-camera = [(420, -260, 200), (0, 0, 25), (0, 0, 1)]
 active = []
 with nts.Recorder("tori", stepper, every=6) as record:
     for step in stepper.run(until=num_steps * dt):
         record.write(step)
         active.append(step.num_active)
         if step.step == min(60, num_steps):
-            picture = plotting.snapshot(stepper, "tori.png", camera=camera)
+            picture = plotting.snapshot(stepper, "tori.png", camera=(1, -0.6, 0.45))
 # -
 
 # ## Pictures

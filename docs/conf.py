@@ -49,6 +49,11 @@ nb_merge_streams = True
 nb_output_stderr = "remove"
 # Of tqdm, which misses widgets in notebooks.
 os.environ["PYTHONWARNINGS"] = "ignore"
+# Kernels warn that they talk to us without encryption, on one machine.
+_PROFILE = _ROOT / "build" / "docs" / "ipython" / "profile_default"
+_PROFILE.mkdir(parents=True, exist_ok=True)
+(_PROFILE / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 'ERROR'\n")
+os.environ["IPYTHONDIR"] = str(_PROFILE.parent)
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]

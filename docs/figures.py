@@ -3,10 +3,13 @@
     python3 docs/figures.py [NAME...]
 
 runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``impact``
-is the animation of the README, ``methods`` the pressure by both methods of contact. Takes a few
-minutes.
+is the animation of the README, ``paper`` the same impact after the figures of the paper,
+``schemes`` what scheme and law of impact do to the energy, ``laws`` the force by all laws,
+``methods`` the pressure by both methods of contact. Takes a few minutes.
 """
 
+import csv
+import io
 import os
 import runpy
 import shutil
@@ -23,7 +26,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import meshing
+from dolfinx_nts import parts, plotting
 from dolfinx_nts.plotting.movie import Movie
 
 ROOT = Path(__file__).parents[1]
@@ -34,13 +37,13 @@ DEMOS = {
     "ball_plate": ["ball_plate.png", "ball_plate_pressure.png"],
     "bar_impact": ["bar_impact_force.png"],
     "bowl": ["bowl.png"],
-    "hertz": ["hertz_pressure.png"],
+    "hertz": ["hertz_force.png", "hertz_pressure.png"],
     "ironing": ["ironing.png", "ironing_force.png"],
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
     "pile": ["pile.png"],
     "resume": ["resume_forces.png"],
-    "rings": ["rings.png"],
+    "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
     "self_contact": ["self_contact.png"],
     "tori": ["tori.png"],
@@ -84,9 +87,125 @@ def impact() -> None:
             movie.write(frame(pair, t[t <= now + 1e-9], lost))
 
 
+def rows(table: Path) -> dict[str, npt.NDArray[np.float64]]:
+    """Columns of a table by name."""
+    with table.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
+
+
+def recorded(stepper: nts.EnergyMomentum, until: float, halfway: Any = None) -> Any:
+    """Run; columns of the table, and a picture that ``halfway`` draws in the middle."""
+    picture = None
+    with tempfile.TemporaryDirectory() as folder:
+        with nts.Recorder(Path(folder) / "run", stepper, every=10**6) as record:
+            for step in stepper.run(until):
+                record.write(step)
+                if halfway and picture is None and step.t >= until / 2 - 1e-9:
+                    picture = plt.imread(io.BytesIO(halfway(stepper).data))
+        return rows(Path(folder) / "run.csv"), picture
+
+
+def paper() -> None:
+    """The impact by both schemes side by side: state, energies, energy error, momenta."""
+    figure, axes = plt.subplots(4, 2, figsize=(10, 13), dpi=160, layout="constrained")
+
+    def draw(stepper: Any) -> Any:
+        return plotting.snapshot(stepper, cut=(1, 0, 0), limits=(0.0, 1e4))
+
+    for column, (title, scheme, law, _) in zip(axes.T, RUNS, strict=True):
+        table, picture = recorded(scene(scheme, law), 1.0, draw)
+        t = table["time"]
+        column[0].imshow(picture)
+        column[0].set_title(title)
+        column[0].axis("off")
+        for name in ("total", "kinetic", "strain"):
+            column[1].plot(t, table[f"{name}_energy"], label=name)
+        column[1].set(ylabel="energy [J]", ylim=(0, 2300))
+        column[2].plot(t, table["total_energy"] - table["total_energy"][0], color="black")
+        column[2].set(ylabel="E(t) - E(0) [J]", ylim=(-3, 0.5))
+        for name, style in (("linear", "-"), ("angular", "--")):
+            for axis, colour in zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True):
+                label = f"{name} {axis}"
+                column[3].plot(
+                    t, table[f"{name}_momentum_{axis}"], style, color=colour, label=label
+                )
+        column[3].set(xlabel="time [s]", ylabel="momentum [kg m/s], [kg m²/s]", ylim=(-2500, 4500))
+        for panel in column[1:]:
+            panel.grid(alpha=0.3)
+        column[1].legend(ncols=3, loc="upper center")
+        column[3].legend(ncols=2, loc="upper center", fontsize="small")
+    figure.savefig(FIGURES / "paper.png")
+
+
+def schemes() -> None:
+    """What changes the energy of the impact, by scheme and law of impact."""
+    figure, grid = plt.subplots(
+        2, 2, figsize=(10, 6), dpi=160, sharex=True, sharey=True, layout="constrained"
+    )
+    causes = {
+        "bulk": "stress of the scheme",
+        "persistent_contact": "nodes that stay in contact",
+        "activation": "nodes that become active or part",
+        "facet_change": "nodes that change to another facet",
+    }
+    for line, scheme in zip(grid, (nts.Midpoint, nts.EnergyMomentum), strict=True):
+        for axes, law in zip(line, ("plastic", "elastic"), strict=True):
+            table, _ = recorded(scene(scheme, law), 1.0)
+            for name, label in causes.items():
+                axes.plot(table["time"], table[f"energy_{name}"], label=label)
+            total = table["total_energy"] - table["total_energy"][0]
+            axes.plot(table["time"], total, "k--", label="total energy")
+            axes.set_title(f"{scheme.__name__}, {law} impact")
+            axes.grid(alpha=0.3)
+        line[0].set_ylabel("change of the energy [J]")
+    for axes in grid[1]:
+        axes.set_xlabel("time [s]")
+    grid[0, 1].legend(loc="lower left")
+    figure.savefig(FIGURES / "schemes.png")
+
+
+def laws() -> None:
+    """Force of a bar that strikes a wall, by all laws of impact, against wave theory."""
+    choices = {
+        "LagrangeMultiplier()": nts.LagrangeMultiplier(),
+        'LagrangeMultiplier("plastic")': nts.LagrangeMultiplier("plastic"),
+        'LagrangeMultiplier("resolved")': nts.LagrangeMultiplier("resolved"),
+        "Penalty()": nts.Penalty(),
+    }
+    figure, grid = plt.subplots(
+        2, 2, figsize=(10, 6), dpi=160, sharex=True, sharey=True, layout="constrained"
+    )
+    cells, gap = 20, 0.01
+    for axes, (title, law) in zip(grid.flat, choices.items(), strict=True):
+        shape = {"corner": (gap, 0, 0), "size": (1, 0.05, 0.05), "cells": (cells, 1, 1)}
+        mesh, tags, facets, tag = nts.read_mesh(
+            lambda model, shape=shape: parts.add_box(model, "bar", **shape), MPI.COMM_SELF
+        )
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        # Waves have the speed 1 and no lateral contraction; a step is half of one through a cell.
+        bar = nts.Body(V, tags, tag["bar"], nts.SaintVenantKirchhoff(1.0, 0.0, 1.0))
+        wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
+        pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall, law)
+        stepper = nts.EnergyMomentum([bar], [pair], dt=0.5 / cells)
+        stepper.set_velocity(bar, (-gap, 0, 0))
+        table, _ = recorded(stepper, 3.5)
+        force = table["contact_force_x"] / (gap * 0.05**2)
+        axes.plot([0, 1, 1, 3, 3, 3.5], [0, 0, 1, 1, 0, 0], "k", lw=1, label="wave theory")
+        axes.plot(table["time"], force, label="computed")
+        axes.set_title(title)
+        axes.grid(alpha=0.3)
+    grid[0, 0].legend()
+    for axes in grid[:, 0]:
+        axes.set_ylabel(r"force / ($\rho$ c v A)")
+    for axes in grid[1]:
+        axes.set_xlabel("time [L / c]")
+    figure.savefig(FIGURES / "laws.png")
+
+
 def methods() -> None:
     """Nodal pressure below a paraboloid on a block by both methods of contact, and Hertz's."""
-    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), dpi=150, sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), dpi=200, sharey=True, layout="constrained")
     line = np.linspace(0, 1, 200)
     for ax, method in zip(axes, ("node-to-segment", "mortar"), strict=True):
         for label, marker, swapped in (("finer", ".", False), ("coarser", "x", True)):
@@ -105,7 +224,7 @@ def hertz(method: Any, swapped: bool) -> tuple[Any, Any]:
     def build(model: Any) -> None:
         for name, z, n in (("lower", -1.0, 12), ("upper", 1.0, 16)):
             box = {"corner": (0, 0, z), "size": (1, 1, 1), "cells": (n, n, n // 2)}
-            meshing.add_box(model, name, **box)
+            parts.add_box(model, name, **box)
 
     mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     # Cells grow from the origin; the bottom of the upper block is curved.
@@ -188,8 +307,9 @@ def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
     for body in pair:
         plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
         plotter.set_background("white")
-        style = {"cmap": "YlGnBu", "clim": RANGE, "show_edges": True, "edge_opacity": 0.3}
-        plotter.add_mesh(body, scalars="stress", ambient=0.45, show_scalar_bar=False, **style)
+        style = {"cmap": "viridis", "clim": RANGE, "show_edges": True, "edge_color": "white"}
+        light = {"ambient": 0.35, "diffuse": 0.65, "edge_opacity": 0.3}
+        plotter.add_mesh(body, scalars="stress", show_scalar_bar=False, **light, **style)
         plotter.camera_position = [(9.0, -2.4, 3.0), (0.0, 0.2, 0.55), (0.0, 0.0, 1.0)]
         plotter.camera.parallel_projection = True
         plotter.camera.parallel_scale = 1.8
@@ -202,7 +322,7 @@ def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
         image = axes[side].imshow(picture)
         axes[side].set_title(title, color=colour)
         axes[side].axis("off")
-    image.set(cmap="YlGnBu", clim=RANGE)
+    image.set(cmap="viridis", clim=RANGE)
     bar = figure.colorbar(image, ax=axes["right"], shrink=0.8)
     bar.set_label("von Mises stress [kPa]")
     for (title, _, _, colour), change in zip(RUNS, lost, strict=True):
@@ -216,6 +336,6 @@ def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    others = {"impact": impact, "methods": methods}
+    others = {f.__name__: f for f in (impact, paper, schemes, laws, methods)}
     for wanted in sys.argv[1:] or [*DEMOS, *others]:
         others.get(wanted, lambda name=wanted: demo(name))()

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -16,7 +17,7 @@ import basix.ufl
 import numpy as np
 import pytest
 
-from helpers import traps
+from helpers import traps, verified
 
 # Seconds that a rank on which a test failed waits for the others.
 _PATIENCE = 30.0
@@ -29,8 +30,15 @@ _cell.__set_name__(basix.ufl._ElementBase, "cell")
 basix.ufl._ElementBase.cell = _cell
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let `make verification` write its table."""
+    note = "run only what measures numbers of the page on verification, and write them to it"
+    parser.addoption("--publish", action="store_true", help=note)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Give the fixtures' own messages a communicator and a way out."""
+    config.stash[_ROWS] = []
     config.stash[_TALK] = MPI.COMM_WORLD.Dup()
     # While tests run, what they write goes to pytest.
     config.stash[_STDERR] = os.dup(2)
@@ -38,6 +46,19 @@ def pytest_configure(config: pytest.Config) -> None:
 
 _TALK: pytest.StashKey[MPI.Comm] = pytest.StashKey()
 _STDERR: pytest.StashKey[int] = pytest.StashKey()
+_ROWS: pytest.StashKey[list[verified.Row]] = pytest.StashKey()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep only tests that measure numbers of the page, if these are to be written."""
+    if config.getoption("publish"):
+        items[:] = [item for item in items if "told" in getattr(item, "fixturenames", ())]
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Write the numbers of the page, unless a test has failed."""
+    if session.config.getoption("publish") and exitstatus == pytest.ExitCode.OK:
+        verified.write(session.config.stash[_ROWS])
 
 
 def pytest_collection_finish() -> None:
@@ -134,3 +155,20 @@ def refused(comm: MPI.Comm) -> Callable[[type[Exception], str], AbstractContextM
         assert re.search(match, str(raised)), f"expected {match!r}, raised {found[0]}"
 
     return context
+
+
+@pytest.fixture
+def told(request: pytest.FixtureRequest) -> Callable[[str, str, str], None]:
+    """Function by which a test tells case, reference and result of a row of `verified.TABLE`."""
+    section = request.module.__doc__.splitlines()[0].removesuffix(".")
+    path = str(request.path.relative_to(Path(__file__).parents[1]))
+
+    def tell(case: str, reference: str, ours: str) -> None:
+        row = verified.Row(section, path, case, reference, ours)
+        request.config.stash[_ROWS].append(row)
+        if not request.config.getoption("publish"):
+            (printed,) = (other for other in verified.read() if other.case == case)
+            assert row._replace(ours=printed.ours) == printed
+            assert not verified.differs(ours, printed.ours), f"{ours}, on the page {printed.ours}"
+
+    return tell

@@ -12,7 +12,9 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks import impact
+from helpers import verified
 from helpers.scenes import blocks
+from helpers.verified import ROUND_OFF, numbers
 
 pytestmark = pytest.mark.serial
 
@@ -20,9 +22,6 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCS = ROOT / "docs"
 PAGES = sorted({*DOCS.rglob("*.md"), *ROOT.glob("*.md")} - {*DOCS.glob("api/*")})
-
-# What is as small comes from round-off, of which only the size is the same everywhere.
-ROUND_OFF = 1e-9
 
 
 def block(kind: str) -> str:
@@ -49,10 +48,6 @@ def execute(script: str, monkeypatch, folder: Path) -> dict[str, object]:
     names: dict[str, object] = {}
     exec(compile(script, "README.md", "exec"), names)
     return names
-
-
-def numbers(text: str) -> list[float]:
-    return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", text)]
 
 
 def test_readme_is_short():
@@ -151,6 +146,25 @@ def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
     assert numbers(computed) == pytest.approx(numbers(told), rel=0.02, abs=ROUND_OFF)
 
 
+def test_per_cents_in_the_text_are_those_of_a_table():
+    """Tables are written by commands, and what a sentence says is in one of them."""
+    tables = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "tables").glob("*.md"))
+    measured = {token.lstrip("+-") for token in re.findall(r"[-+]?\d+(?:\.\d+)?", tables)}
+    names = (
+        "limitations",
+        "benchmarks",
+        "scaling",
+        "verification",
+        "howto/choose",
+        "start/install",
+    )
+    for text in (README, *((DOCS / f"{name}.md").read_text(encoding="utf-8") for name in names)):
+        for number in re.findall(r"(\d+(?:\.\d+)?) (?:to \d+(?:\.\d+)? )?%", text):
+            assert number in measured, f"{number} %"
+        for number in re.findall(r"to (\d+(?:\.\d+)?) %", text):
+            assert number in measured, f"{number} %"
+
+
 def test_version_is_the_same_everywhere():
     assert f"version: {nts.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"version: {nts.__version__}" in (ROOT / "packaging/conda/recipe.yaml").read_text()
@@ -161,3 +175,35 @@ def test_shell_blocks_of_the_cluster_page_are_scripts():
     text = (DOCS / "howto" / "cluster.md").read_text(encoding="utf-8")
     (script,) = re.findall(r"```bash\n(.*?)```", text, re.DOTALL)
     subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+
+
+def test_rows_of_the_page_on_verification_are_those_that_tests_tell():
+    cases = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "told" and node.args:
+                cases.append((path.name, _pattern(node.args[0])))
+    rows = verified.read()
+    for row in rows:
+        found = [p for name, p in cases if row.path.endswith(name) and re.fullmatch(p, row.case)]
+        assert found, row.case
+    for name, pattern in cases:
+        assert any(re.fullmatch(pattern, row.case) for row in rows), (name, pattern)
+
+
+def _pattern(text: ast.expr) -> str:
+    """Regular expression of a text in the source, in which anything may be put."""
+    parts = text.values if isinstance(text, ast.JoinedStr) else [text]
+    return "".join(re.escape(p.value) if isinstance(p, ast.Constant) else ".+" for p in parts)
+
+
+def test_each_public_name_has_its_place_in_the_reference():
+    (table,) = (
+        node.value
+        for node in ast.parse((DOCS / "_extensions" / "api_pages.py").read_text()).body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "PARTS"
+    )
+    words = [n.value for n in ast.walk(table) if isinstance(n, ast.Constant)]
+    headings = [key.value for key in table.keys if isinstance(key, ast.Constant)]
+    assert sorted(set(words) - set(headings)) == sorted(nts.__all__)
+    assert len(words) == len(headings) + len(nts.__all__)

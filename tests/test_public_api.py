@@ -48,6 +48,13 @@ FOR_USERS = sorted(
 for_users = pytest.mark.parametrize("name", FOR_USERS)
 
 
+@pytest.mark.parametrize("name", [n for n in FOR_USERS if inspect.isclass(OBJECTS[n])])
+def test_class_tells_its_arguments(name):
+    """As ``help`` and editors show them."""
+    kinds = {p.kind for p in inspect.signature(OBJECTS[name]).parameters.values()}
+    assert inspect.Parameter.VAR_POSITIONAL not in kinds
+
+
 def methods(cls):
     """Public functions and properties that a class defines itself."""
     for name, value in vars(cls).items():

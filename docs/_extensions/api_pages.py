@@ -1,6 +1,7 @@
 """Pages of the API reference, one for each name in ``__all__``, before Sphinx reads them."""
 
 import inspect
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -27,9 +28,13 @@ PARTS = {
     "Loads": ["Load", "BodyForce", "Gravity", "Traction", "Pressure", "FormLoad"],
     "Steps in time": [
         *("EnergyMomentum", "Midpoint", "GeneralizedAlpha", "CentralDifference", "QuasiStatic"),
-        *("StepControl", "StepReport", "StepperStatistics", "ConvergenceError"),
+        *("StepControl", "StepReport", "Reaction", "StepperStatistics", "ConvergenceError"),
+        "load_state",
     ],
-    "Results": ["Recorder", "Diagnostics", "Balance", "Overlap", "plotting"],
+    "Results": [
+        *("Recorder", "Diagnostics", "Balance", "BodyBalance", "PairBalance", "Overlap"),
+        *("Fields", "plotting"),
+    ],
 }
 
 
@@ -38,6 +43,8 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.setup_extension("sphinx.ext.autodoc")
     app.connect("builder-inited", lambda app: write(Path(app.srcdir) / "api"), priority=400)
     app.connect("autodoc-skip-member", _skip_fields)
+    # After napoleon, which makes fields of the sections of a docstring.
+    app.connect("autodoc-process-docstring", _part_attributes, priority=900)
     return {"parallel_read_safe": True}
 
 
@@ -69,6 +76,16 @@ def write(folder: Path) -> None:
 def _skip_fields(app: Sphinx, kind: str, name: str, item: object, skip: bool, options: object):
     """Leave out fields of a named tuple, which the docstring of the tuple has."""
     return True if type(item).__name__ == "_tuplegetter" else None
+
+
+def _part_attributes(
+    app: Sphinx, kind: str, name: str, item: object, options: object, lines: list[str]
+) -> None:
+    """Make a field of each attribute where a docstring has several before one text."""
+    for number, line in reversed(list(enumerate(lines))):
+        if found := re.match(r":ivar ([^:]+, [^:]+): (.*)", line):
+            names = found[1].split(", ")
+            lines[number : number + 1] = [f":ivar {part}: {found[2]}" for part in names]
 
 
 def _page(name: str) -> str:

@@ -1,6 +1,7 @@
 """Declarations: objects that say what a user means, and never change."""
 
 from abc import ABCMeta
+from inspect import Signature, signature
 from typing import Any, Generic, TypeVar, cast
 
 __all__ = ["Declaration", "SetOnce"]
@@ -15,6 +16,14 @@ class _Completing(ABCMeta):
         item = super().__call__(*args, **kwargs)
         item._is_complete = True
         return item
+
+    @property
+    def __signature__(cls) -> Signature:
+        """Arguments of ``__init__``, as ``help`` and editors tell them, instead of `__call__`'s."""
+        make = type.__getattribute__(cls, "__init__")
+        if make is object.__init__:
+            return Signature()
+        return Signature(list(signature(make).parameters.values())[1:])
 
 
 class Declaration(metaclass=_Completing):

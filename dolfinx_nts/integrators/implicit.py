@@ -138,7 +138,7 @@ class ImplicitStepper(Stepper):
         self._inertia.serialize(archive)
 
     def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
-        """Take over another scene, see `Stepper.adopt`, with the rates of the same scheme."""
+        """Take over another scene, see ``Stepper.adopt``, with the rates of the same scheme."""
         super().adopt(archive, contacts, same_scheme=same_scheme)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)

@@ -45,7 +45,7 @@ class Recorder:
     state between steps. ``external_work`` is the work of loads, supports and obstacles,
     ``friction_dissipation`` the energy that friction has taken. Behind these come columns of
     parts of the scene, by the rule ``kind_name_quantity``: for each pair those of
-    `PairBalance`, for each obstacle those of `ObstacleBalance`, for each support those of
+    `PairBalance`, for each obstacle those of ``ObstacleBalance``, for each support those of
     `Reaction` and its work since the first row, for each load its work since then, and for each
     body those of `BodyBalance`.
 

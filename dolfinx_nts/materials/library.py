@@ -16,7 +16,7 @@ __all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 
 
 class SaintVenantKirchhoff(Hyperelastic):
-    r"""St. Venant-Kirchhoff material, for large rotations and small strains. Local.
+    r"""Saint Venant-Kirchhoff material, for large rotations and small strains. Local.
 
     :math:`\psi = \lambda/2\, (\mathrm{tr}\, E)^2 + \mu\, E : E`, so that
     :math:`S = \lambda\, \mathrm{tr}(E)\, 1 + 2 \mu E`, with the Green-Lagrange strain E. The

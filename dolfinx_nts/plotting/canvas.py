@@ -25,26 +25,30 @@ CELLS: Kinds = {4: (10, [0, 1, 2, 3]), 8: (12, [0, 1, 3, 2, 4, 5, 7, 6])}
 FACETS: Kinds = {3: (5, [0, 1, 2]), 4: (9, [0, 1, 3, 2])}
 
 _SIZE = [1600, 900]  # of pictures [pixels]
+# Heights [pixels] that pictures get where they are aimed, as what is drawn is wide or tall.
+_HEIGHTS = (480, 1200)
+# What the bodies get of the picture [-]: from the left to the bar of colours, and of the height.
+_LEFT, _RIGHT, _TALL = 0.03, 0.84, 0.88
 # From the bodies to the camera [-]: from +x, a little from above and aside.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
 # Cosine of the angle between that direction and z [-] above which z cannot point upwards.
 _STEEP = 0.9
-# Magnification [-] after the camera is set, as PyVista leaves a wide margin.
-_ZOOM = 1.35
 # Options of PyVista for bodies and for the bar of colours; places and sizes of the bar are
 # relative to the picture [-].
 _STYLE = {
-    "cmap": "YlGnBu",
-    "ambient": 0.45,
+    "cmap": "viridis",
+    "ambient": 0.35,
+    "diffuse": 0.65,
     "show_edges": True,
+    "edge_color": "white",
     "edge_opacity": 0.3,
     "nan_color": "lightgrey",
 }
 _BAR = {
     "vertical": True,
-    "position_x": 0.86,
-    "position_y": 0.15,
-    "height": 0.7,
+    "position_x": 0.87,
+    "position_y": 0.12,
+    "height": 0.72,
     "width": 0.05,
     "fmt": "%.4g",
     "color": "black",
@@ -178,7 +182,8 @@ def paint(
     t, end = time
     second, prefix = unit.seconds(end)
     text = f"t = {t / second:.3g} {prefix}".rstrip()
-    plotter.add_text(text, font_size=_TEXT, color="black", name="text")
+    place = {"position": (0.02, 0.93), "viewport": True}
+    plotter.add_text(text, font_size=_TEXT, color="black", name="text", **place)
 
 
 def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
@@ -196,26 +201,44 @@ def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
 
 
 def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = None) -> None:
-    """Set the camera of a plotter.
+    """Set the camera of a plotter, so that what is drawn fills the picture.
 
     Args:
         plotter: PyVista plotter.
         points: Positions that have to be in the picture, shape ``(n, 3)`` [m].
-        camera: Position, focus and upward direction as in PyVista, or None to look from
-            ``direction``.
-        direction: Direction from the points to the camera, shape ``(3,)``; by default +x, a
-            little from above and aside, and +z where all points have one z.
+        camera: Direction from the points to the camera, shape ``(3,)``; or position, focus and
+            upward direction as in PyVista, which stay as they are; or None.
+        direction: Direction where ``camera`` is None; by default +x, a little from above and
+            aside, and +z where all points have one z.
     """
-    if camera is not None:
+    if camera is not None and np.ndim(camera[0]):
         plotter.camera_position = camera
         return
     is_plane = np.ptp(points[:, 2]) == 0
     usual = (0.0, 0.0, 1.0) if is_plane else _TOWARDS_CAMERA
-    towards = np.array(usual) if direction is None else direction
-    steep = abs(towards[2]) > _STEEP * np.linalg.norm(towards)
-    plotter.view_vector(tuple(towards), viewup=(0.0, 1.0, 0.0) if steep else (0.0, 0.0, 1.0))
-    plotter.reset_camera(bounds=np.ravel([points.min(axis=0), points.max(axis=0)], order="F"))
-    plotter.camera.zoom(_ZOOM)
+    wanted = direction if camera is None else camera
+    towards = np.array(usual if wanted is None else wanted, dtype=np.float64)
+    towards /= np.linalg.norm(towards)
+    up = np.array((0.0, 1.0, 0.0) if abs(towards[2]) > _STEEP else (0.0, 0.0, 1.0))
+    right = np.cross(up, towards)
+    right /= np.linalg.norm(right)
+    up = np.cross(towards, right)
+    # Seen from there: across, upwards, towards the camera.
+    seen = points @ np.array([right, up, towards]).T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height, depth = np.maximum(high - low, 1e-9 * np.ptp(points, axis=0).max())
+    wide = (_RIGHT - _LEFT) * _SIZE[0]
+    pixels = int(np.clip(wide * height / width / _TALL, *_HEIGHTS)) // 16 * 16
+    plotter.window_size = [_SIZE[0], pixels]
+    scale = max(height / (_TALL * pixels), width / wide)  # metres in a pixel
+    middle = (low + high) / 2
+    middle[0] += (0.5 - (_LEFT + _RIGHT) / 2) * _SIZE[0] * scale
+    focus = middle @ np.array([right, up, towards])
+    distance = 2 * (width + height + depth)
+    plotter.camera_position = [focus + distance * towards, focus, up]
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = scale * pixels / 2
+    plotter.renderer.reset_camera_clipping_range()
 
 
 def shot(plotter: Any, filename: str | Path | None) -> Picture:

@@ -4,7 +4,7 @@ Matplotlib is imported when it is needed. Everything is local: only rank 0 draws
 ranks do nothing.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -14,8 +14,9 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.plotting.picture import Picture
+from dolfinx_nts.plotting.scales import prefixed
 
-__all__ = ["energies", "energy_error", "forces", "momenta"]
+__all__ = ["energies", "energy_error", "force_displacement", "forces", "ledger", "momenta"]
 
 # Relative error [-] below which curves are drawn flat, as they would be round-off.
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -159,6 +160,84 @@ def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
     below.step(rows["time"], rows["active_nodes"], color="black")
     below.set(xlabel="time [s]", ylabel="nodes in contact", ylim=(0, None))
     below.yaxis.get_major_locator().set_params(integer=True)
+    return _finished(figure, filename)
+
+
+@_on_first_rank
+def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
+    """Draw where the energy of a run is, layer upon layer, over time. Local.
+
+    Layers are the energies of the state and what friction and damping took; those that are always
+    zero are left out. The dashed line is the energy of the start with the work of loads, supports
+    and obstacles: what the layers lack to it, the scheme has lost.
+
+    Args:
+        table: CSV file of a `Recorder`.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
+
+    Example:
+        >>> picture = plotting.ledger("run.csv", "ledger.png")
+    """
+    rows = _read(table)
+    layers = {name: rows[f"{name}_energy"] for name in ("strain", "contact", "kinetic")}
+    layers |= {f"taken by {name}": -rows[f"energy_{name}"] for name in ("friction", "damping")}
+    layers = {name: layer for name, layer in layers.items() if np.any(layer)}
+    given = rows["total_energy"][0] + rows["external_work"]
+    joule, prefix = prefixed(given.max())
+    figure, axes = _figure(1, 1)
+    heights = [layer / joule for layer in layers.values()]
+    axes[0, 0].stackplot(rows["time"], *heights, labels=layers, alpha=0.8)
+    axes[0, 0].plot(rows["time"], given / joule, "k--", label="start and work from outside")
+    top = 1.3 * max(given.max() / joule, 1e-300)
+    axes[0, 0].set(xlabel="time [s]", ylabel=f"energy [{prefix}J]", ylim=(0, top))
+    axes[0, 0].legend(loc="upper center", ncols=3, fontsize="small")
+    return _finished(figure, filename)
+
+
+@_on_first_rank
+def force_displacement(
+    table: str | Path,
+    displacement: str,
+    forces: str | Sequence[str],
+    filename: str | Path | None = None,
+) -> Picture:
+    """Draw forces over a displacement, as for a test in statics. Local.
+
+    Args:
+        table: CSV file of a `Recorder`.
+        displacement: Column of the displacement [m], for instance one of your own.
+        forces: Column of a force [N], or several.
+        filename: Picture to write, if one is wanted.
+
+    Returns:
+        The picture, which a notebook displays.
+
+    Raises:
+        ValueError: The table has no such column.
+
+    Example:
+        >>> column = "contact_force_z"
+        >>> picture = plotting.force_displacement("run.csv", "min_gap", column, "force.png")
+    """
+    rows = _read(table)
+    names = [forces] if isinstance(forces, str) else list(forces)
+    if missing := {displacement, *names} - set(rows.dtype.names):
+        raise ValueError(
+            f"expected columns out of {list(rows.dtype.names)}, given {sorted(missing)}: "
+            "Recorder(own_columns=) adds columns of yours"
+        )
+    metre, across = prefixed(np.abs(rows[displacement]).max())
+    newton, upwards = prefixed(max(np.abs(rows[name]).max() for name in names))
+    figure, axes = _figure(1, 1)
+    for name in names:
+        label = name.replace("_", " ")
+        axes[0, 0].plot(rows[displacement] / metre, rows[name] / newton, label=label)
+    label = displacement.replace("_", " ")
+    axes[0, 0].set(xlabel=f"{label} [{across}m]", ylabel=f"force [{upwards}N]")
+    axes[0, 0].legend()
     return _finished(figure, filename)
 
 

@@ -5,7 +5,7 @@ the file of a `Recorder`, and the functions of `diagrams` its table. Only `show`
 display.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,7 +31,14 @@ from dolfinx_nts.plotting.canvas import (
     paint,
     shot,
 )
-from dolfinx_nts.plotting.diagrams import energies, energy_error, forces, momenta
+from dolfinx_nts.plotting.diagrams import (
+    energies,
+    energy_error,
+    force_displacement,
+    forces,
+    ledger,
+    momenta,
+)
 from dolfinx_nts.plotting.movie import Movie
 from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.picture import Picture
@@ -43,7 +50,9 @@ __all__ = [
     "contact",
     "energies",
     "energy_error",
+    "force_displacement",
     "forces",
+    "ledger",
     "momenta",
     "show",
     "snapshot",
@@ -68,6 +77,7 @@ def snapshot(
     limits: tuple[float, float] | None = None,
     unit: str | None = None,
     camera: Any = None,
+    cut: Sequence[float] | None = None,
 ) -> Picture:
     """Draw the deformed bodies in their present state. Collective.
 
@@ -79,8 +89,10 @@ def snapshot(
         limits: Range of the colours [Pa or m]; by default that of the state.
         unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
             By default that of SI with a prefix which suits the numbers.
-        camera: Position, focus and upward direction as in PyVista; by default from +x, with the
-            reference state in the picture as well.
+        camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
+            in PyVista; by default from +x.
+        cut: Direction in which bodies are cut open, shape ``(3,)``: cells beyond the middle of all,
+            in the reference state, are left out.
 
     Returns:
         The picture, which a notebook displays.
@@ -92,7 +104,7 @@ def snapshot(
     Example:
         >>> picture = plotting.snapshot(stepper, "start.png", colour="displacement")
     """
-    put = _bodies(stepper, colour, limits, camera, unit)
+    put = _bodies(stepper, colour, limits, camera, unit, cut)
 
     def draw() -> Picture:
         with canvas() as plotter:
@@ -109,6 +121,7 @@ def show(
     limits: tuple[float, float] | None = None,
     unit: str | None = None,
     camera: Any = None,
+    cut: Sequence[float] | None = None,
 ) -> None:
     """Show the deformed bodies, to turn and to zoom them. Collective.
 
@@ -122,6 +135,7 @@ def show(
         limits: Range of the colours [Pa or m], as for `snapshot`.
         unit: Symbol of the unit, as for `snapshot`.
         camera: Camera, as for `snapshot`.
+        cut: Direction in which bodies are cut open, as for `snapshot`.
 
     Raises:
         RuntimeError: There is neither a notebook nor a display.
@@ -130,7 +144,7 @@ def show(
     Example:
         >>> plotting.show(stepper)
     """
-    put = _bodies(stepper, colour, limits, camera, unit)
+    put = _bodies(stepper, colour, limits, camera, unit, cut)
 
     def draw() -> None:
         with canvas(interactive=True) as plotter:
@@ -163,8 +177,9 @@ def contact(
             up to the size of a segment.
         unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
             By default that of SI with a prefix which suits the numbers.
-        camera: Position, focus and upward direction as in PyVista; by default from where the
-            contact force comes, or from the side with the least gap.
+        camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
+            in PyVista; by default from where the contact force comes, or from the side with the
+            least gap.
 
     Returns:
         The picture, which a notebook displays.
@@ -235,8 +250,8 @@ def animate(
         limits: Range of the colours in the unit of the field; by default that of all states.
         unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
             By default that of SI with a prefix which suits the numbers.
-        camera: Position, focus and upward direction as in PyVista; by default from +x, with all
-            states in the picture.
+        camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
+            in PyVista; by default from +x, with all states in the picture.
         fps: States per second of the movie [1/s].
 
     Returns:
@@ -287,7 +302,12 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
 
 
 def _bodies(
-    stepper: Stepper, colour: str, limits: Any, camera: Any, unit: str | None
+    stepper: Stepper,
+    colour: str,
+    limits: Any,
+    camera: Any,
+    unit: str | None,
+    cut: Sequence[float] | None,
 ) -> Callable[[Any], None]:
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
@@ -310,11 +330,17 @@ def _bodies(
         values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
         name = "von Mises stress" if colour == "stress" else "displacement"
         grid = grid_of(CELLS, ids, x, values, name)
+        points = x.reshape(-1, 3)
+        if cut is not None:
+            middle = (x - u).mean(axis=1)
+            middle -= (middle.min(axis=0) + middle.max(axis=0)) / 2
+            grid = grid.extract_cells(np.flatnonzero(middle @ cut <= 0))
         paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
-        points = np.concatenate([x, x - u]).reshape(-1, 3)
-        for number, obstacle in enumerate(obstacles):
-            add_obstacle(plotter, surface_near(obstacle, points, stepper.t), number)
-        aim(plotter, points, camera)
+        surfaces = [surface_near(obstacle, points, stepper.t) for obstacle in obstacles]
+        for number, surface in enumerate(surfaces):
+            add_obstacle(plotter, surface, number)
+        seen = [np.asarray(surface.points) for surface in surfaces if surface.n_points]
+        aim(plotter, np.concatenate([points, *seen]), camera)
 
     return put
 

@@ -38,8 +38,11 @@ def compress(
     *,
     modulus: float = 1.0,
     compression: float = 1e-4,
+    nu: float = 0.3,
     cell: str = "hexahedron",
+    degree: int = 1,
     swirl: float = 0.0,
+    jitter: float = 0.0,
     one_point: tuple[str, ...] | None = None,
 ) -> Compressed:
     """Compress blocks with so many cells along an edge. Collective.
@@ -50,8 +53,11 @@ def compress(
         pairs: Returns the pair of two surfaces, or several.
         modulus: Young's modulus.
         compression: Displacement of the top, whose height is 1.
+        nu: Poisson's ratio.
         cell: Kind of the cells.
+        degree: Of the displacement.
         swirl: Angle by which the nodes in the middle of the interface are turned within it.
+        jitter: Edges of the upper cells by which inner nodes are moved at random, at most.
         one_point: Of the material.
     """
     comm = MPI.COMM_WORLD
@@ -68,8 +74,11 @@ def compress(
     # The faces of the blocks stay where they are.
     X[:, 0] -= way * (y - 0.5)
     X[:, 1] += way * (x - 0.5)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E=modulus, nu=0.3, rho=1.0, one_point=one_point)
+    inner = np.all(np.abs(2 * X - np.round(2 * X)) > 1e-9, axis=1)
+    moved = np.random.default_rng(1).uniform(-jitter / upper, jitter / upper, (inner.sum(), 3))
+    X[inner] += moved
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    material = nts.SaintVenantKirchhoff(E=modulus, nu=nu, rho=1.0, one_point=one_point)
     bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
     down = fem.Constant(mesh, 0.0)

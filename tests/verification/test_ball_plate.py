@@ -1,4 +1,4 @@
-"""A hollow ball strikes a plate: Franke, Hesch and Betsch (2011), ours.
+"""A hollow ball strikes a plate, a scene after Franke, Hesch and Betsch (2011).
 
 Numbers at t = 0.25, ..., 1 are those of an independent NumPy program
 with the same mesh and step (h = 0.01). Those at t = 2 were computed by
@@ -113,9 +113,16 @@ def test_elastic_impact_conserves_energy_in_every_step(elastic):
 
 
 @pytest.mark.serial
-def test_elastic_impact_conserves_both_momenta_in_every_step(elastic):
-    assert elastic.history.linear_drift <= LINEAR_TOLERANCE
-    assert elastic.history.angular_drift <= ANGULAR_TOLERANCE
+def test_elastic_impact_conserves_both_momenta_in_every_step(elastic, told):
+    history = elastic.history
+    told(
+        "`EnergyMomentum`, elastic, 100 steps of 0.01 s",
+        "energy, linear and angular momentum are conserved",
+        f"largest relative changes {history.energy_error:.0e}, {history.linear_drift:.0e}, "
+        f"{history.angular_drift:.0e}",
+    )
+    assert history.linear_drift <= LINEAR_TOLERANCE
+    assert history.angular_drift <= ANGULAR_TOLERANCE
 
 
 @pytest.mark.serial
@@ -186,7 +193,7 @@ TABLE = {
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", TABLE)
-def test_run_agrees_with_the_reference_program(name, elastic):
+def test_run_agrees_with_the_reference_program(name, elastic, told):
     if name == "EM, elastic":
         result = elastic
     else:
@@ -198,11 +205,18 @@ def test_run_agrees_with_the_reference_program(name, elastic):
     history = result.history
     if name == "EM, hold":
         assert history.energy_error <= ENERGY_TOLERANCE
+    largest = 0.0
     for quarter, (K, V, active, impulse) in enumerate(TABLE[name], start=1):
         step = 25 * quarter
         found = (history.kinetic[step], history.strain[step], result.impulse[step, 2])
-        np.testing.assert_allclose(found, (K, V, impulse), rtol=REFERENCE_TOLERANCE)
+        largest = max(largest, np.abs(np.array(found) / (K, V, impulse) - 1).max())
         assert abs(history.num_active[step - 1] - active) <= 1
+    assert largest <= REFERENCE_TOLERANCE
+    told(
+        f"energies and impulse at four times, {name}",
+        "independent NumPy program",
+        f"largest relative difference {largest:.1e}",
+    )
 
 
 @pytest.mark.serial

@@ -89,6 +89,11 @@ CASES = {
     # The same with a quarter of the width.
     "Norma.jl, slender": Case(1e-3, 1.25e-5, (1e9, 0.25, 1e3), 100.0, 0.0, True, False),
 }
+PUBLISHED = {
+    "wall": "Cirak and West 2005: stress rho c v = 0.1, contact for 20, energy 0.2",
+    "two bars": "Cirak and West 2005: stress rho c v = 0.1, contact for 20, energy 0.2 a bar",
+    "SDNV100": "code_aster V5.03.100: touch at 2.0e-5 s, contact for 6.895e-5 s, 1.856e6 N",
+}
 # One-dimensional theory is exact.
 EXACT = [name for name, case in CASES.items() if case.uniaxial_strain]
 
@@ -189,8 +194,16 @@ def test_impact_of_a_bar_conserves_energy_on_any_mesh(name):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", EXACT)
-def test_mean_force_and_duration_converge_to_wave_theory(name):
+def test_mean_force_and_duration_converge_to_wave_theory(name, told):
     """Rho c v times the section, for 2 L/c."""
+    finest = impact(name, REFINEMENT[-1])
+    told(
+        f"{name}, 100 elements",
+        PUBLISHED[name],
+        f"mean force {100 * (finest.force - 1):+.1f} %, duration "
+        f"{100 * (finest.duration - 1):+.1f} %, rebound {100 * (finest.rebound - 1):+.1f} %; "
+        f"energy {finest.energy_error:.0e}",
+    )
     forces = [abs(impact(name, cells).force - 1) for cells in REFINEMENT]
     durations = [abs(impact(name, cells).duration - 1) for cells in REFINEMENT]
     assert forces[-1] <= FORCE_TOLERANCE
@@ -223,7 +236,7 @@ def test_bar_touches_when_the_gap_is_passed(name):
 
 
 @pytest.mark.serial
-def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender():
+def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender(told):
     """Norma.jl's bars, nu = 0.25: 1e8 Pa for 2e-6 s, up to lateral inertia.
 
     The section swells behind the front. The time that this takes is that
@@ -231,6 +244,16 @@ def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender():
     one-dimensional theory, one of a quarter of the width nearly is.
     """
     thick, slender = (impact(name, 100) for name in ("Norma.jl", "Norma.jl, slender"))
+    changes = [
+        f"force {100 * (run.force - 1):+.1f} %, duration {100 * (run.duration - 1):+.1f} %"
+        for run in (thick, slender)
+    ]
+    told(
+        "two bars with Poisson's ratio 0.25",
+        "Norma.jl: 1e8 Pa for 2e-6 s, by theory in one dimension",
+        f"{changes[0]} with the given width, which has lateral inertia, "
+        f"{changes[1]} with a quarter of it",
+    )
     assert abs(thick.force - 1) <= 0.05  # half of the error that Norma.jl accepts
     assert abs(thick.duration - 1) <= 0.05
     assert abs(slender.force - 1) <= FORCE_TOLERANCE
@@ -329,8 +352,15 @@ def oscillation(cells: int) -> Oscillation:
 
 
 @pytest.mark.serial
-def test_clamped_bar_touches_and_parts_as_in_wave_theory():
+def test_clamped_bar_touches_and_parts_as_in_wave_theory(told):
     """GetFEM's demo: contact from 1 to 2 with the stress -1/2, energy 1/8."""
+    finest = oscillation(REFINEMENT[-1])
+    told(
+        "clamped unit bar, 100 elements",
+        "GetFEM's demo: energy 1/8, stress -0.5 from 1 to 2",
+        f"stress {finest.stress:.4f} from {finest.touch:.2f} to {finest.release:.2f}; "
+        f"energy {finest.energy_error:.0e}",
+    )
     for cells in REFINEMENT:
         result = oscillation(cells)
         assert result.energy == pytest.approx(1 / 8, rel=1e-12)

@@ -118,7 +118,7 @@ def first(times: list[float]) -> tuple[float, ...]:
 
 
 @pytest.mark.serial
-def test_bouncing_bar_turns_in_the_period_of_theory():
+def test_bouncing_bar_turns_in_the_period_of_theory(told):
     """Period 16/3, touch at 1 and 11/3.
 
     The contact stress is rho c (v + g t) in the first contact, so that
@@ -133,13 +133,18 @@ def test_bouncing_bar_turns_in_the_period_of_theory():
         assert abs(run.touch[0] - 1) <= 1.01 * dt
         assert abs(run.touch[1] - 11 / 3) <= 2 * dt
         assert abs(run.turn[0] - (1 + (np.sqrt(10) - 2) / 3)) <= dt
+    told(
+        "bouncing bar, multiplier, first period with 20, 40, 80 elements",
+        "Doyen, Ern and Piperno 2011: 16/3",
+        ", ".join(f"{100 * (run.period(1) - 1):+.2f}" for run in runs) + " %",
+    )
     errors = [abs(run.period(1) - 1) for run in runs]
     assert errors[-1] <= 0.005
     assert np.log2(errors[0] / errors[-1]) / 2 >= JUMP_ORDER
 
 
 @pytest.mark.serial
-def test_bouncing_bar_keeps_its_energy_for_ten_periods():
+def test_bouncing_bar_keeps_its_energy_for_ten_periods(told):
     """With a multiplier only the energy lasts, the pace does not.
 
     Each time the wall stops the node that it meets, and the energy of
@@ -147,6 +152,11 @@ def test_bouncing_bar_keeps_its_energy_for_ten_periods():
     bar bounces lower and sooner, and the README says so.
     """
     run = bouncing(10, 10.5)
+    told(
+        "the same for ten periods, 10 elements",
+        "energy is conserved; the pace does not last, as each impact makes a node vibrate",
+        f"energy {run.energy_error:.0e}, mean period {100 * (run.period(10) - 1):+.0f} %",
+    )
     assert run.energy_error <= ENERGY_TOLERANCE
     assert len(run.touch) >= 10
     assert abs(run.period(1) - 1) <= 0.01
@@ -173,9 +183,15 @@ def test_bar_that_bounces_twenty_times_from_a_spring_keeps_its_energy(cells):
 
 
 @pytest.mark.serial
-def test_mean_of_ten_periods_of_a_bouncing_bar_converges():
+def test_mean_of_ten_periods_of_a_bouncing_bar_converges(told):
     """Period 16/3 at first order, and as good as the first one."""
     runs = [ten_periods(cells) for cells in MESHES]
+    told(
+        "the same by springs half as stiff as an element, 12, 18, 24 elements",
+        "mean of ten periods 16/3",
+        ", ".join(f"{100 * (run.period(10) - 1):+.1f}" for run in runs)
+        + f" %; energy {max(run.energy_error for run in runs):.0e}",
+    )
     errors = [run.period(10) - 1 for run in runs]
     for run, cells, error in zip(runs, MESHES, errors, strict=True):
         assert 0 < error <= 0.5 / cells
@@ -274,7 +290,7 @@ def test_ball_comes_back_from_a_plate():
 
 
 @pytest.mark.serial
-def test_ball_bounces_between_two_plates_without_any_drift():
+def test_ball_bounces_between_two_plates_without_any_drift(told):
     """Twenty impacts, counted where the ball touches the other plate.
 
     A plate of much greater mass returns the ball with the speed with
@@ -283,5 +299,11 @@ def test_ball_bounces_between_two_plates_without_any_drift():
     result = caught(50.0)
     check(result)
     speed = np.array(result.speed[:-1])  # the last impact may not be over
+    told(
+        "ball between two free plates",
+        "energy and momenta are conserved; the ball comes back as fast as it came",
+        f"{len(speed)} impacts: energy {result.energy_error:.0e}, momenta "
+        f"{max(result.linear_drift, result.angular_drift):.0e}, first return {speed[0]:.3f}",
+    )
     assert len(speed) >= 20
     assert np.all(-speed[1:] / speed[:-1] >= 0.9)

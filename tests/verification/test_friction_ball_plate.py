@@ -51,6 +51,13 @@ def variants():
     }
 
 
+LABELS = {
+    "multiplier": "multipliers, tangential spring",
+    "penalty": "springs, tangential spring",
+    "exact": "multipliers, exact friction",
+}
+
+
 @dataclass
 class Run:
     """A run with friction, one entry for each step."""
@@ -124,15 +131,27 @@ def test_friction_never_gives_energy_at_any_node_in_any_step(runs, name):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", variants())
-def test_friction_conserves_both_momenta(runs, name):
+def test_friction_conserves_both_momenta(runs, name, told):
+    told(
+        f"{LABELS[name]}: ledger and momenta",
+        "energy and dissipation together, and both momenta, are conserved",
+        f"{runs[name].ledger_error:.0e}, {runs[name].history.linear_drift:.0e}, "
+        f"{runs[name].history.angular_drift:.0e}",
+    )
     assert runs[name].history.linear_drift <= LINEAR_TOLERANCE
     assert runs[name].history.angular_drift <= ANGULAR_TOLERANCE
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", REFERENCE)
-def test_end_agrees_with_the_reference_program(runs, name):
+def test_end_agrees_with_the_reference_program(runs, name, told):
     energy, dissipation = REFERENCE[name]
+    told(
+        LABELS[name],
+        f"independent NumPy program: {energy:.2f} J at the end, dissipation {dissipation:.2f} J",
+        f"{runs[name].history.energy[-1]:.2f}, {runs[name].dissipation.sum():.2f} J; "
+        f"ledger {runs[name].ledger_error:.0e}",
+    )
     assert runs[name].history.energy[-1] == pytest.approx(energy, rel=REFERENCE_TOLERANCE)
     assert runs[name].dissipation.sum() == pytest.approx(dissipation, rel=REFERENCE_TOLERANCE)
 
@@ -146,11 +165,17 @@ def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
 
 
 @pytest.mark.serial
-def test_variant_of_the_paper_agrees_with_the_reference_program():
+def test_variant_of_the_paper_agrees_with_the_reference_program(told):
     result = run("paper", END)
     assert result.history.energy[-1] == pytest.approx(PAPER_ENERGY, rel=REFERENCE_TOLERANCE)
     missing = result.energy[0] - result.energy[-1]
     assert missing == pytest.approx(PAPER_DISSIPATION, rel=REFERENCE_TOLERANCE)
+    told(
+        "midpoint rule, springs, friction of the paper",
+        f"independent NumPy program: {PAPER_ENERGY:.2f} J at the end, "
+        f"loss {PAPER_DISSIPATION:.2f} J",
+        f"{result.history.energy[-1]:.2f}, {missing:.2f} J",
+    )
     # Neither penalty nor friction works half-way exactly as their springs store.
     assert 1e-4 < result.ledger_error < 1e-2
     assert result.history.linear_drift <= LINEAR_TOLERANCE

@@ -108,9 +108,14 @@ def stop(dt: float) -> Stop:
 
 
 @pytest.mark.serial
-def test_block_slides_the_distance_of_a_rigid_one():
+def test_block_slides_the_distance_of_a_rigid_one(told):
     """Distance v^2/(2 mu g), time v/(mu g), friction work m v^2/2."""
     result = stop(0.01)
+    told(
+        "block sliding to rest",
+        "distance v²/(2μg), time v/(μg)",
+        f"{100 * (result.distance - 1):+.2f} %, {100 * (result.time - 1):+.2f} %",
+    )
     assert abs(result.distance - 1) <= DISTANCE_TOLERANCE
     assert abs(result.time - 1) <= PACE_TOLERANCE
     # What is left of the energy is vibration.
@@ -149,10 +154,16 @@ def slide(part: float) -> tuple[float, float]:
 
 
 @pytest.mark.serial
-def test_block_slides_down_a_slope_just_steeper_than_friction_allows():
+def test_block_slides_down_a_slope_just_steeper_than_friction_allows(told):
     """Acceleration g (sin - mu cos) for mu 1 % below tan."""
     expected = G * np.cos(np.arctan(MU)) * 0.01 * MU
-    assert slide(0.99)[0] == pytest.approx(expected, rel=PACE_TOLERANCE)
+    acceleration, _ = slide(0.99)
+    told(
+        "block on a slope, μ = 0.99 tan θ",
+        "acceleration g (sin θ - μ cos θ)",
+        f"{100 * (acceleration / expected - 1):+.3f} %",
+    )
+    assert acceleration == pytest.approx(expected, rel=PACE_TOLERANCE)
 
 
 @pytest.mark.serial
@@ -241,7 +252,7 @@ def roll(kind: str, cells: int) -> Roll:
 
 @pytest.mark.serial
 @pytest.mark.parametrize("kind", BETA)
-def test_sliding_ball_begins_to_roll(kind):
+def test_sliding_ball_begins_to_roll(kind, told):
     """v/(1 + beta) at t = beta v/((1 + beta) mu g), beta = 2/5 or 0.551.
 
     The polyhedra of two meshes with their own beta, and that of the
@@ -252,10 +263,16 @@ def test_sliding_ball_begins_to_roll(kind):
         result = roll(kind, cells)
         for beta in (result.beta, BETA[kind]):
             speed, time = SPEED / (1 + beta), beta * SPEED / ((1 + beta) * MU * G)
-            errors.append((abs(result.speed / speed - 1), abs(result.time / time - 1)))
+            changes = result.speed / speed - 1, result.time / time - 1
+            errors.append(tuple(map(abs, changes)))
         assert max(errors[-2]) <= BALL_TOLERANCE
         # Rolling without slip, up to vibration.
         assert abs(result.slip) <= 0.02
+    told(
+        f"{kind} ball that slides until it rolls, 12 cells an edge",
+        "speed v/(1 + β), time β v/((1 + β) μ g)",
+        f"{100 * changes[0]:+.1f} %, {100 * changes[1]:+.1f} %",
+    )
     assert max(errors[-1]) <= BALL_TOLERANCE
     assert max(errors[-1]) < max(errors[1])
 
@@ -306,9 +323,14 @@ def bounce(kind: str, cells: int, mu: float) -> Bounce:
 
 
 @pytest.mark.parametrize("kind", BETA)
-def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind):
+def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind, told):
     """Full slip: dv_t = -mu (1 + e) v_n, omega = mu (1 + e) v_n / (beta R)."""
     result = bounce(kind, 8, 0.2)
+    told(
+        f"oblique impact of a {kind} ball, full slip",
+        "Δv = μ (1 + e) v_n, ω = μ (1 + e) v_n/(β R)",
+        f"{abs(result.tangential - 1):.0e}, {abs(result.spin - 1):.0e}",
+    )
     assert 0 < result.restitution <= 1
     assert abs(result.tangential - 1) <= SLIP_TOLERANCE
     assert abs(result.spin - 1) <= SPIN_TOLERANCE

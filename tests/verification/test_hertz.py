@@ -24,6 +24,11 @@ ENERGY_TOLERANCE = 1e-10
 PLANE = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 
 
+def changes(results: list, name: str, digits: int = 1) -> str:
+    """Differences from theory of an attribute in per cent."""
+    return ", ".join(f"{100 * (getattr(r, name) - 1):+.{digits}f}" for r in results) + " %"
+
+
 def support(V: fem.FunctionSpace, facets, tag: int, axis: int, value=0.0) -> fem.DirichletBC:
     """Give a component of the displacement on a surface. Collective."""
     dofs = fem.locate_dofs_topological(V.sub(axis), 2, facets.find(tag))
@@ -94,12 +99,17 @@ MESHES = ((3, 0.5, 0.3, 40), (5, 0.3, 0.2, 60), (8, 0.2, 0.13, 80))
 
 
 @pytest.mark.serial
-def test_impact_of_a_ball_converges_to_hertz():
+def test_impact_of_a_ball_converges_to_hertz(told):
     """Greatest force 4/3 E* sqrt(R) d^(3/2), d = (15 m v^2/(16 E* sqrt R))^(2/5).
 
     Duration 2.868 (m^2/(R E*^2 v))^(1/5), twice the time to rest.
     """
     results = [impact(*mesh) for mesh in MESHES]
+    told(
+        "impact of a ball, 3, 5, 8 cells in a",
+        "Johnson, chapter 11: greatest force, duration",
+        f"force {changes(results, 'force')}, duration {changes(results, 'duration')}",
+    )
     forces = [abs(result.force - 1) for result in results]
     durations = [abs(result.duration - 1) for result in results]
     assert max(forces[-1], durations[-1]) <= IMPACT_TOLERANCE
@@ -172,13 +182,18 @@ def press(fine: int, growth: float, coarse: float) -> Press:
 
 
 @pytest.mark.serial
-def test_pressed_ball_converges_to_hertz():
+def test_pressed_ball_converges_to_hertz(told):
     """Radius (3 F R/(4 E*))^(1/3), greatest pressure (6 F E*^2/(pi^3 R^2))^(1/3).
 
     The ball flattens by 1e-4 of its radius: at 2e-3 the strain of 3 %
     already softens a St. Venant-Kirchhoff material by more than 1 %.
     """
     results = [press(fine, 0.3, 0.2) for fine in (4, 8, 12)]
+    told(
+        "ball pressed on a plane, 4, 8, 12 cells in a",
+        "Johnson, chapter 4: a, p₀",
+        f"a {changes(results, 'radius', 2)}, p₀ {changes(results, 'pressure')}",
+    )
     radii = [abs(result.radius - 1) for result in results]
     pressures = [abs(result.pressure - 1) for result in results]
     assert radii[-1] <= STATIC_TOLERANCE
@@ -272,9 +287,15 @@ def crush(way: float, fine: int, growth: float, coarse: float, material: str) ->
 
 
 @pytest.mark.serial
-def test_two_balls_pressed_together_converge_to_hertz():
+def test_two_balls_pressed_together_converge_to_hertz(told):
     """Flattened by 1e-3 of the radius, meshes that do not match."""
     results = [crush(0.04, *mesh, "NeoHookean") for mesh in TWO_BALLS]
+    told(
+        "two equal balls, meshes that do not match, 5, 8, 10 cells in a",
+        "linear theory, from an approach of 1e-3 R: a, p₀, force",
+        f"a {changes(results, 'radius', 2)}, p₀ {changes(results, 'pressure')}, "
+        f"force {changes(results, 'force')}",
+    )
     assert abs(results[-1].radius - 1) <= STATIC_TOLERANCE
     assert abs(results[-1].pressure - 1) <= 0.035
     assert abs(results[-1].force - 1) <= 0.03
@@ -296,13 +317,18 @@ def test_two_balls_leave_hertz_with_the_strain():
 
 @pytest.mark.serial
 @pytest.mark.parametrize("material", MATERIALS)
-def test_two_balls_at_published_data_differ_from_hertz_by_their_material(material):
+def test_two_balls_at_published_data_differ_from_hertz_by_their_material(material, told):
     """code_aster V6.04.104: h = 4 mm, a = 10 mm, p0 = 2798.3 MPa.
 
     That is linear theory at a strain of p0/E = 14 %, where materials
     differ: St. Venant-Kirchhoff gets softer, neo-Hooke hardly.
     """
     result = crush(4.0, *TWO_BALLS[1], material)
+    told(
+        f"the same with strains of 14 %, {material}",
+        "code_aster V6.04.104, linear theory: p₀ = 2798.3 MPa, a = 10 mm",
+        f"p₀ {100 * (result.pressure - 1):+.1f} %, a {100 * (result.radius - 1):+.1f} %",
+    )
     if material == "NeoHookean":
         assert abs(result.pressure - 1) <= 0.05
         assert abs(result.radius - 1) <= 0.02
@@ -397,10 +423,16 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
 
 
 @pytest.mark.serial
-def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin():
+def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin(told):
     """Radius c/a = (1 - Q/(mu P))^(1/3); an annulus around it slides."""
     results = [shift(fine) for fine in (4, 6, 8)]
-    errors = [abs(r.stick / (1 - r.load) ** (1 / 3) - 1) for r in results]
+    changes = [r.stick / (1 - r.load) ** (1 / 3) - 1 for r in results]
+    told(
+        "ball pressed and pushed aside, 4, 6, 8 cells in a",
+        "Cattaneo and Mindlin: c/a = (1 - Q/(μP))^(1/3)",
+        ", ".join(f"{100 * change:+.1f}" for change in changes) + " %",
+    )
+    errors = np.abs(changes)
     for result in results:
         assert result.load == pytest.approx(0.5, abs=0.05)
         assert result.sticking < result.stick < result.sliding < 1

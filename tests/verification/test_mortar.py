@@ -23,9 +23,14 @@ EXACT = 1e-9
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_is_passed_whichever_side_is_finer(cell, cells):
+def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, told):
     blocks = compress(*cells, MORTAR, cell=cell)
     pressure = blocks.stepper.contacts[0].pressure
+    told(
+        f"patch test, {cell}, {cells[0]}:{cells[1]} cells",
+        "uniform stress and pressure",
+        f"spread {np.ptp(blocks.stress):.0e}, {np.ptp(pressure) / pressure.mean():.0e}",
+    )
     assert np.ptp(blocks.stress) <= EXACT
     assert np.ptp(pressure) <= EXACT * pressure.mean()
     # The difference between the two stress measures is of the size of the strain.
@@ -45,9 +50,15 @@ def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells):
     assert np.ptp(pressure) <= EXACT * pressure.mean()
 
 
-def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms():
+def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(told):
     blocks = compress(6, 4, MORTAR, swirl=0.5, one_point=())
-    assert np.abs(blocks.stress - blocks.stress.mean()).max() <= 2e-3
+    error = np.abs(blocks.stress - blocks.stress.mean()).max()
+    told(
+        "the same, facets that are no parallelograms, `one_point=()`",
+        "uniform stress",
+        f"largest error {error:.0e}",
+    )
+    assert error <= 2e-3
 
 
 def test_blocks_that_are_compressed_in_large_steps_still_pass():
@@ -73,8 +84,13 @@ def impact(method: str) -> tuple[scenes.Scene, scenes.History]:
     return scene, scene.run(40)
 
 
-def test_impact_conserves_energy_and_momenta_to_round_off():
+def test_impact_conserves_energy_and_momenta_to_round_off(told):
     _, history = impact("mortar")
+    told(
+        "ball on plate",
+        "energy and momenta are conserved",
+        f"{history.energy_error:.0e}, {max(history.linear_drift, history.angular_drift):.0e}",
+    )
     assert max(history.num_active) >= 9
     assert history.energy_error <= 1e-12
     assert max(history.linear_drift, history.angular_drift) <= 1e-12
@@ -138,12 +154,18 @@ def tilted_impact(method: str, swapped: bool) -> tuple[float, float]:
     return diagnostics.body_velocity(bodies[1])[2] - before, error
 
 
-def test_impulse_hardly_depends_on_which_side_has_the_nodes():
+def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
     (one, first), (other, second) = (tilted_impact("mortar", swapped) for swapped in (False, True))
     assert max(first, second) <= 1e-11
     assert abs(other / one - 1) <= 0.01
     nodes = [tilted_impact("node-to-segment", swapped)[0] for swapped in (False, True)]
     assert abs(nodes[1] / nodes[0] - 1) >= 0.02
+    changes = [100 * abs(pair[1] / pair[0] - 1) for pair in ((one, other), nodes)]
+    told(
+        "impact of a tilted block, sides exchanged",
+        "the same impulse",
+        f"{changes[0]:.1f} %, by nodes and segments {changes[1]:.1f} %",
+    )
 
 
 def test_facets_that_pass_through_a_surface_in_one_step_are_told():

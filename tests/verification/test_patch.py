@@ -1,4 +1,4 @@
-"""Contact patch test (Taylor and Papadopoulos): an error that is to be known.
+"""Contact patch test (Taylor and Papadopoulos) by nodes and segments.
 
 Two blocks of the same section lie on each other and are compressed: the
 stress is the same everywhere. Node-to-segment contact with one pass does not
@@ -15,6 +15,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.compressed_blocks import compress
@@ -64,10 +66,15 @@ CHANGE = 0.05
 
 
 @pytest.mark.parametrize("finer_as_nodes", [True, False])
-def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes):
+def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, told):
     """4 cells along an edge against 6, 8 against 12: no convergence at the contact."""
     meshes = [(4, 6), (8, 12)] if finer_as_nodes else [(6, 4), (12, 8)]
     (coarse, coarse_mean, _), (fine, fine_mean, _) = (stress_error(*mesh) for mesh in meshes)
+    told(
+        f"{'finer' if finer_as_nodes else 'coarser'} side as nodes, 4:6 and 8:12 cells",
+        "uniform stress, which one pass does not transmit (Zavarise and De Lorenzis 2009)",
+        f"largest error {100 * coarse:.0f} and {100 * fine:.0f} %",
+    )
     expected = FINER_AS_NODES if finer_as_nodes else COARSER_AS_NODES
     assert coarse == pytest.approx(expected, rel=CHANGE)
     assert fine == pytest.approx(expected, rel=CHANGE)
@@ -80,8 +87,52 @@ BOTH = 0.0421
 
 
 @pytest.mark.parametrize("meshes", [(4, 6), (6, 4)])
-def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes):
+def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes, told):
     largest, _, pressed = stress_error(*meshes, nts.two_half_passes)
+    told(
+        f"two half passes, {meshes[0]}:{meshes[1]} cells",
+        "uniform stress",
+        f"largest error {100 * largest:.1f} %",
+    )
     assert largest == pytest.approx(BOTH, rel=CHANGE)
     # Each pass alone has 0.68 and 0.32 of the force.
     assert pressed == pytest.approx([1.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_error_of_the_patch_test_is_larger_at_degree_two(cell, told):
+    stress = compress(4, 6, cell=cell, degree=2).stress
+    largest = np.abs(stress - 1).max()
+    told(
+        f"displacements of degree 2, {cell}, middle of the cells, 4:6 cells",
+        "uniform stress",
+        f"largest error {100 * largest:.0f} %",
+    )
+    assert largest > 2 * FINER_AS_NODES
+
+
+@pytest.mark.serial
+def test_one_point_passes_the_patch_test_only_nearly_on_distorted_cells(told):
+    """All nodes inside are moved by up to a fifth of an edge; all points pass there."""
+
+    def error(**options):
+        """Largest error of any component at the points of the Gauss rule."""
+        stepper = compress(8, 8, jitter=0.2, **options).stepper
+        material = stepper.bodies[0].material
+        F = ufl.Identity(3) + ufl.grad(stepper.u)
+        S = material.stress(F.T * F, **material.parameters)
+        points = np.array(np.meshgrid(*[[0.5 - 12**-0.5, 0.5 + 12**-0.5]] * 3))
+        mesh = stepper.u.function_space.mesh
+        cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        stress = fem.Expression(S, points.reshape(3, -1).T).eval(mesh, cells).reshape(-1, 3, 3)
+        return np.abs(stress / -COMPRESSION - np.diag([0.0, 0.0, 1.0])).max()
+
+    errors = [error(nu=nu) for nu in (0.3, 0.45)]
+    told(
+        "inner nodes moved at random by up to a fifth of an edge, nu = 0.3 and 0.45",
+        "uniform stress, which one point a cell does not quite transmit",
+        f"largest error {100 * errors[0]:.1f} and {100 * errors[1]:.1f} %",
+    )
+    assert max(errors) <= 0.03
+    assert error(one_point=()) <= EXACT

@@ -68,22 +68,35 @@ def bar(law, dt, until):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("until", [1.2, 2.6], ids=["loading", "release"])
-def test_error_is_of_second_order_in_the_step_also_through_release(until):
+def test_error_is_of_second_order_in_the_step_also_through_release(until, told):
     # A wave takes 0.1 through a cell.
     *runs, finest = (bar("resolved", dt, until) for dt in (0.02, 0.01, 0.0025))
+    orders = []
     for name in ("u", "v"):
         exact = getattr(finest, name)
         coarse, fine = (np.linalg.norm(getattr(run, name) - exact) for run in runs)
-        assert np.log2(coarse / fine) >= 1.9
+        orders.append(np.log2(coarse / fine))
+    told(
+        f"bar on a wall until t = {until}",
+        "second order of displacements and velocities in the step",
+        f"{orders[0]:.2f}, {orders[1]:.2f}",
+    )
+    assert min(orders) >= 1.9
     assert max(run.energy_error for run in (*runs, finest)) <= ENERGY_TOLERANCE
 
 
 @pytest.mark.serial
-def test_force_is_that_of_waves_where_elastic_impact_hops():
+def test_force_is_that_of_waves_where_elastic_impact_hops(told):
     resolved, elastic = (bar(law, 0.02, 2.6).force for law in ("resolved", "elastic"))
     # Contact from 0.1 to 2.1 s with the force 1 of wave theory.
     impulses = [force.sum() * 0.02 / 2 for force in (resolved, elastic)]
     assert impulses == pytest.approx([1, 1], abs=0.02)
+    overshoot = [100 * (force.max() - 1) for force in (resolved, elastic)]
+    told(
+        "force of a bar on a wall, 10 elements",
+        "that of wave theory; behind a jump a mesh rings",
+        f"greatest force {overshoot[0]:+.0f} %, by elastic impact {overshoot[1]:+.0f} %",
+    )
     zigzag = [np.abs(np.diff(f, 2)).sum() / (4 * f.sum()) for f in (resolved, elastic)]
     assert zigzag[0] <= 0.01
     assert zigzag[1] >= 0.5

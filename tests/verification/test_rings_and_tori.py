@@ -165,9 +165,16 @@ def check_rebound(run: Run) -> None:
     assert not any(run.active[-5:])
 
 
+def balances(run: Run) -> str:
+    """Tell how well all is conserved."""
+    energy = run.ledger_error if run.dissipation else run.energy_error
+    return f"{energy:.0e}, {run.linear_drift:.0e}, {run.angular_drift:.0e}"
+
+
 @pytest.mark.serial
-def test_two_rings_rebound_with_exact_energy_and_momenta():
+def test_two_rings_rebound_with_exact_energy_and_momenta(told):
     run = rings(0.0, 9.0)
+    told("two soft rings", "energy, linear and angular momentum are conserved", balances(run))
     check_balances(run)
     check_rebound(run)
     assert run.dissipation == 0
@@ -175,8 +182,13 @@ def test_two_rings_rebound_with_exact_energy_and_momenta():
 
 @pytest.mark.serial
 @pytest.mark.parametrize("eps_T", [None, 1e6], ids=["exact", "spring"])
-def test_two_rings_with_friction_spin_afterwards(eps_T):
+def test_two_rings_with_friction_spin_afterwards(eps_T, told):
     run = rings(0.3, 9.0, eps_T)
+    told(
+        f"two soft rings, μ = 0.3, {'tangential spring' if eps_T else 'exact friction'}",
+        "energy with dissipation, linear and angular momentum are conserved",
+        balances(run),
+    )
     check_balances(run)
     check_rebound(run)
     assert run.dissipation > 0
@@ -187,8 +199,13 @@ def test_two_rings_with_friction_spin_afterwards(eps_T):
 
 
 @pytest.mark.serial
-def test_two_tori_rebound_with_exact_energy_and_momenta():
+def test_two_tori_rebound_with_exact_energy_and_momenta(told):
     run = tori(9.0)
+    told(
+        "two soft tori (Yang and Laursen 2008)",
+        "energy, linear and angular momentum are conserved",
+        balances(run),
+    )
     check_balances(run)
     check_rebound(run)
     assert np.linalg.norm(run.spins, axis=1).min() >= TURNS

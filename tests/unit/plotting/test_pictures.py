@@ -10,6 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import plotting
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.plotting import diagrams, pictures
+from dolfinx_nts.plotting.canvas import aim
 from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.scales import prefixed, rounded
 from dolfinx_nts.plotting.stress import von_mises
@@ -76,8 +77,52 @@ def test_diagrams_of_a_run(comm, folder, agree):
     plotting.momenta(folder / "run.csv", folder / "momenta.png")
     plotting.energy_error({"scheme": folder / "run.csv"}, folder / "error.png")
     plotting.forces(folder / "run.csv", folder / "forces.png")
-    for name in ("energies", "momenta", "error", "forces"):
+    plotting.ledger(folder / "run.csv", folder / "ledger.png")
+    plotting.force_displacement(
+        folder / "run.csv", "min_gap", "contact_force_z", folder / "force_displacement.png"
+    )
+    for name in ("energies", "momenta", "error", "forces", "ledger", "force_displacement"):
         assert agree(colours(comm, folder / f"{name}.png") > 50)
+    if comm.rank == 0:
+        with pytest.raises(ValueError, match=r"columns out of .*given \['way'\]: Recorder"):
+            plotting.force_displacement(folder / "run.csv", "way", "contact_force_z")
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("size", "pixels"), [((1, 9, 1), 480), ((1, 1, 9), 1200)])
+def test_bodies_fill_the_picture_whatever_their_shape(size, pixels):
+    """All of them are left of the bar of colours, and reach two of the ends."""
+    pyvista = pytest.importorskip("pyvista")
+    corners = np.array(np.meshgrid(*[[0, s] for s in size])).reshape(3, -1).T.astype(float)
+    plotter = pyvista.Plotter(off_screen=True)
+    aim(plotter, corners, camera=(1, 0, 0))
+    width, height = plotter.window_size
+    assert (width, height) == (1600, pixels)
+    scale = height / 2 / plotter.camera.parallel_scale  # pixels in a metre
+    y, z = (corners[:, 1:] - plotter.camera.focal_point[1:]).T * scale
+    across, up = 0.5 + y / width, 0.5 + z / height
+    assert across.min() >= 0.03 - 1e-9 and across.max() <= 0.84 + 1e-9
+    assert np.ptp(up) <= 0.88 + 1e-9 and up.mean() == pytest.approx(0.5)
+    assert np.ptp(across) == pytest.approx(0.81) or np.ptp(up) == pytest.approx(0.88)
+    plotter.close()
+
+
+@pytest.mark.serial
+def test_bodies_are_cut_open_in_the_middle_of_all(comm):
+    stepper = blocks(comm).stepper
+    drawn = []
+    for cut in (None, (1, 0, 0)):
+        with (
+            mock.patch.object(plotting.Picture, "of_pixels", return_value=plotting.Picture(b"")),
+            mock.patch("pyvista.Plotter") as plotter,
+        ):
+            plotting.snapshot(stepper, cut=cut)
+        drawn.append(plotter.return_value.add_mesh.call_args_list[0].args[0])
+    whole, half = drawn
+    middle = np.mean(whole.bounds[:2])
+    assert 0 < half.n_cells < whole.n_cells
+    assert np.all(half.cell_centers().points[:, 0] <= middle + 1e-12)
+    assert half.n_cells == np.sum(whole.cell_centers().points[:, 0] <= middle + 1e-12)
 
 
 @pytest.mark.serial

@@ -1,0 +1,82 @@
+"""Numbers of the page on verification, which the tests measure that use the fixture `told`.
+
+Every test run compares them with the page. ``make verification`` runs these tests alone and
+writes what they measure to the table of the page.
+"""
+
+import re
+from decimal import Decimal
+from pathlib import Path
+from typing import NamedTuple
+
+__all__ = ["ROUND_OFF", "TABLE", "Row", "differs", "numbers", "read", "write"]
+
+TABLE = Path(__file__).parents[2] / "docs" / "tables" / "verification.md"
+# What is as small comes from round-off, of which only the size is the same everywhere.
+ROUND_OFF = 1e-9
+# Numbers may differ by this part, and by a unit of the last digit that is printed.
+MARGIN = 0.03
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+class Row(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        section: What the file of tests is about.
+        path: Of the file of tests, from the root of the project.
+        case: What is computed.
+        reference: What should come out.
+        ours: What comes out.
+    """
+
+    section: str
+    path: str
+    case: str
+    reference: str
+    ours: str
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers in a text."""
+    return [float(number) for number in _NUMBER.findall(text)]
+
+
+def differs(computed: str, printed: str) -> bool:
+    """Whether two texts differ by more than numbers do from machine to machine."""
+    if _NUMBER.sub("#", computed) != _NUMBER.sub("#", printed):
+        return True
+    for ours, theirs in zip(_NUMBER.findall(computed), _NUMBER.findall(printed), strict=True):
+        a, b = float(ours), float(theirs)
+        digit = 10.0 ** float(Decimal(theirs).as_tuple().exponent)
+        if max(abs(a), abs(b)) > ROUND_OFF and abs(a - b) > MARGIN * abs(b) + 1.01 * digit:
+            return True
+    return False
+
+
+def write(new: list[Row]) -> None:
+    """Write the rows, a table for each file of tests; those of other files stay as they are."""
+    files = {row.path for row in new}
+    old = [row for row in read() if row.path not in files] if TABLE.exists() else []
+    lines: list[str] = []
+    path = ""
+    for row in sorted([*old, *new], key=lambda row: row.path):
+        if row.path != path:
+            path = row.path
+            lines += ["", f"## {row.section}", "", f"`{path}`", ""]
+            lines += ["| case | reference | result |", "|---|---|---|"]
+        lines.append(f"| {row.case} | {row.reference} | {row.ours} |")
+    TABLE.write_text("\n".join(lines[1:]) + "\n", encoding="utf-8")
+
+
+def read() -> list[Row]:
+    """Rows of the table."""
+    rows, section, path = [], "", ""
+    for line in TABLE.read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            section = line[3:]
+        elif line.startswith("`"):
+            path = line.strip("`")
+        elif line.startswith("| ") and not line.startswith("| case |"):
+            rows.append(Row(section, path, *line.strip("| ").split(" | ")))
+    return rows
