@@ -107,9 +107,12 @@ class Penalty(Declaration):
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]; None: ten times the stiffness of the
-            node itself, mass included, or of the stiffest vertex of the segments if that is
-            less.
+        eps_N: Stiffness of the spring at a node [N/m]; None: the static stiffness of the node
+            itself, or of the stiffest vertex of the segments if that is less, whatever the
+            length of steps, so that steps which resolve a cell are of second order in time. A
+            node then sinks in by about as much as its cell is pressed together: in an impact by
+            v/c of the height of the cell, speed over wave speed. Without inertia ten times that
+            stiffness.
 
     Attributes:
         eps_N: The argument.
