@@ -191,13 +191,6 @@ class ContactPair(Declaration):
         )
 
     @property
-    def leaves_springs_open(self) -> bool:
-        """Whether the stiffness of a spring is to be chosen by the first step. Local."""
-        normal = isinstance(self.enforcement, Penalty) and self.enforcement.eps_N is None
-        slip = self.has_slip_spring and self.friction is not None and self.friction.eps_T is None
-        return normal or slip
-
-    @property
     def is_convective(self) -> bool:
         """Whether slip is measured by convective coordinates. Local."""
         return self.friction is not None and self.friction.law == "convective"

@@ -99,8 +99,8 @@ class PairState:
         if self._ranges is not None:
             return
         pair = self.pair
-        softer = np.ones(len(pair.nodes.nodes))
-        if pair.leaves_springs_open:
+        softer: Floats = np.ones(len(pair.nodes.nodes))
+        if _leaves_springs_open(pair):
             all_nodes = stiffness()
             softer = all_nodes[pair.nodes.nodes]
             if isinstance(pair.segments, Surface):
@@ -242,6 +242,13 @@ class PairState:
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
+
+
+def _leaves_springs_open(pair: ContactPair) -> bool:
+    """Whether the stiffness of a spring is left to the first step. Local."""
+    normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
+    slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
+    return normal or slip
 
 
 def _search(pair: ContactPair) -> Search:

@@ -29,7 +29,9 @@ def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats
     dt.value = _LONG * length
     try:
         tangent.assemble_nearby()
-        return tangent.nodal_stiffness() / share
+        stiffness = tangent.nodal_stiffness()
     finally:
         dt.value = length
         tangent.forget()
+    static: Floats = stiffness / share
+    return static
