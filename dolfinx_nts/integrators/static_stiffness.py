@@ -33,5 +33,5 @@ def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats
     finally:
         dt.value = length
         tangent.forget()
-    static: Floats = stiffness / share
+    static: Floats = (1 / share) * stiffness
     return static
