@@ -156,10 +156,10 @@ inline Moments moments(const Polygon& p)
       const double sum = corner[1][a] + corner[2][a];
       m.centre[a] += part * sum / 3;
       for (std::size_t b = 0; b < 2; ++b)
-        m.second[a][b] += part / 12
-                          * (corner[1][a] * corner[1][b]
-                             + corner[2][a] * corner[2][b]
-                             + sum * (corner[1][b] + corner[2][b]));
+        m.second[a][b]
+            += part / 12
+               * (corner[1][a] * corner[1][b] + corner[2][a] * corner[2][b]
+                  + sum * (corner[1][b] + corner[2][b]));
     }
   }
   for (std::size_t a = 0; a < 2; ++a)
