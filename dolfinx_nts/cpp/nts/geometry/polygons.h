@@ -129,54 +129,10 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
   return true;
 }
 
-/// @brief Area of a polygon, its centroid, and second moments about it over the
-/// area.
-struct Moments
-{
-  double area;
-  Vec2 centre;
-  Matrix<2, 2> second;
-};
-
-/// @brief Compute the moments of a polygon.
-inline Moments moments(const Polygon& p)
-{
-  Moments m = {};
-  // Triangles at the first vertex.
-  for (std::size_t i = 1; i + 1 < p.size(); ++i)
-  {
-    const std::array<Vec2, 3> corner
-        = {Vec2{}, Vec2{p[i][0] - p[0][0], p[i][1] - p[0][1]},
-           Vec2{p[i + 1][0] - p[0][0], p[i + 1][1] - p[0][1]}};
-    const double part
-        = (corner[1][0] * corner[2][1] - corner[1][1] * corner[2][0]) / 2;
-    m.area += part;
-    for (std::size_t a = 0; a < 2; ++a)
-    {
-      const double sum = corner[1][a] + corner[2][a];
-      m.centre[a] += part * sum / 3;
-      for (std::size_t b = 0; b < 2; ++b)
-        m.second[a][b]
-            += part / 12
-               * (corner[1][a] * corner[1][b] + corner[2][a] * corner[2][b]
-                  + sum * (corner[1][b] + corner[2][b]));
-    }
-  }
-  for (std::size_t a = 0; a < 2; ++a)
-    m.centre[a] /= m.area;
-  for (std::size_t a = 0; a < 2; ++a)
-    for (std::size_t b = 0; b < 2; ++b)
-      m.second[a][b] = m.second[a][b] / m.area - m.centre[a] * m.centre[b];
-  for (std::size_t a = 0; a < 2; ++a)
-    m.centre[a] += p[0][a];
-  m.area = std::abs(m.area);
-  return m;
-}
-
 /// @brief Call add(xi, weight) for the points of a rule on a convex polygon
 /// that is exact for polynomials of degree 2.
 ///
-/// It does not matter which vertex is the first.
+/// It consists of quadrilaterals and at most one triangle at the first vertex.
 template <class Add>
 void integrate(const Polygon& p, Add&& add)
 {
@@ -210,19 +166,9 @@ void integrate(const Polygon& p, Add&& add)
       }
     return;
   }
-  // Four points about the centre with its moments C up to the second ones: with
-  // s, the root of 2 C, at +- s e_1 and +- s e_2.
-  const Moments m = moments(p);
-  const double root = std::sqrt(std::max(det(m.second), 0.));
-  const double scale
-      = std::sqrt(2 / (m.second[0][0] + m.second[1][1] + 2 * root));
-  for (std::size_t a = 0; a < 2; ++a)
-    for (const double sign : {-1., 1.})
-    {
-      Vec2 xi = m.centre;
-      for (std::size_t d = 0; d < 2; ++d)
-        xi[d] += sign * scale * (m.second[d][a] + (d == a ? root : 0));
-      add(xi, m.area / 4);
-    }
+  integrate({p[0], p[1], p[2], p[3]}, add);
+  Polygon rest(p.begin() + 3, p.end());
+  rest.push_back(p[0]);
+  integrate(rest, add);
 }
 } // namespace nts
