@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, positive
+from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration
 
@@ -40,12 +40,21 @@ class LagrangeMultiplier(Declaration):
             without mass, which nodes below the surface carry for them, so that forces follow
             the wave in the body: second order in time where steps are shorter than a wave takes
             through a cell. It is for `EnergyMomentum`, without friction, at degree 1.
+            ``"restitution"``: a node leaves with ``e`` times the speed with which it came,
+            wherever in the step it arrives, as g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0); the
+            energy-momentum scheme never gains energy by it, and with e = 1 it is elastic.
+            It is for node-to-segment contact.
+        e: Coefficient of restitution of ``"restitution"``, from 0 to 1 [-]. It is that of
+            nodes: a body that swings bounces by its waves too, the less by its nodes the finer
+            the mesh, so that ``e`` tells how a body bounces only if it is stiff.
 
     Attributes:
         impact: The argument.
+        e: The argument; 1 without.
 
     Raises:
-        ValueError: Another ``impact``.
+        ValueError: Another ``impact``; ``e`` is not from 0 to 1, missing, or given to another
+            kind of impact.
 
     Example:
         >>> law = nts.LagrangeMultiplier(impact="plastic")
@@ -53,34 +62,65 @@ class LagrangeMultiplier(Declaration):
         contact by LagrangeMultiplier
     """
 
-    def __init__(self, impact: Literal["elastic", "plastic", "resolved"] = "elastic") -> None:
-        """Check the kind of impact."""
-        if impact not in ("elastic", "plastic", "resolved"):
+    def __init__(
+        self,
+        impact: Literal["elastic", "plastic", "resolved", "restitution"] = "elastic",
+        e: float | None = None,
+    ) -> None:
+        """Check the kind of impact and the coefficient."""
+        if impact not in ("elastic", "plastic", "resolved", "restitution"):
             raise ValueError(
-                f"expected impact 'elastic', 'plastic' or 'resolved', given {impact!r}"
+                "expected impact 'elastic', 'plastic', 'resolved' or 'restitution', given "
+                f"{impact!r}"
             )
+        if (impact == "restitution") != (e is not None):
+            raise ValueError(
+                "expected a coefficient e with impact 'restitution' and with no other, given "
+                f"impact {impact!r} and e = {e!r}"
+            )
+        if e is not None and not 0 <= finite("e", e) <= 1:
+            raise ValueError(f"expected a coefficient of restitution e from 0 to 1, given {e}")
         self.impact = impact
+        self.e = 1.0 if e is None else float(e)
 
     @property
     def holds_gaps(self) -> bool:
-        """Whether an active node holds the gap with which it came, within a step. Local."""
+        """Whether the gap with which an active node came decides where it is held. Local."""
         return self.impact != "plastic"
 
     def __repr__(self) -> str:
         """Kind of impact in one line. Local."""
-        return as_call(self, impact=self.impact)
+        e = {"e": self.e} if self.impact == "restitution" else {}
+        return as_call(self, impact=self.impact, **e)
+
+    def held(self, gap_n: Floats, way: Floats) -> Floats:
+        """Gaps at the end of a step at which nodes are held, shape ``(m,)`` [m]. Local.
+
+        With a velocity that changes linearly in the step the rate is then -e times the one at
+        t_n.
+
+        Args:
+            gap_n: Gap at t_n, shape ``(m,)`` [m].
+            way: Rate of the gap at t_n times the length of the step, shape ``(m,)`` [m].
+        """
+        gap: Floats = gap_n + (1 - self.e) / 2 * np.minimum(way, 0.0)
+        return gap
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
-        """Decide once per step which nodes elastic impact may hold, shape ``(n,)``. Local.
+        """Decide once per step which nodes may be held, unless gaps close. Local.
 
         Args:
             gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
             gap_trial: Gap of the ballistic state x_n + h v_n, shape ``(n,)`` [m].
             size: Diameter of the node's segment, shape ``(n,)`` [m].
             active: Whether the node was active in the last step, shape ``(n,)``.
+
+        Returns:
+            Flags, shape ``(n,)``.
         """
-        # Such a node is nearer to the surface before the step than after it: it stops before.
-        passes = (gap_n > 0) & (gap_trial < -gap_n)
+        # Such a node is held nearer to the surface in this step than in the next one: with
+        # e = 1, where it stops at once, if it is nearer before the step than after it.
+        passes = (gap_n > 0) & (2 * gap_n < (2 - self.e) * (gap_n - gap_trial))
         # Nodes without mass have no velocity of their own that would tell if they are released.
         stays = active if self.impact == "resolved" else active & (gap_n < _NEAR * size)
         flags: Flags = (gap_n <= TOUCHES * size) | passes | stays
@@ -107,9 +147,12 @@ class Penalty(Declaration):
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]; None: ten times the stiffness of the
-            node itself, mass included, or of the stiffest vertex of the segments if that is
-            less.
+        eps_N: Stiffness of the spring at a node [N/m]; None: the static stiffness of the node
+            itself, or of the stiffest vertex of the segments if that is less, whatever the
+            length of steps, so that steps which resolve a cell are of second order in time. A
+            node then sinks in by about as much as its cell is pressed together: in an impact by
+            v/c of the height of the cell, speed over wave speed. Without inertia ten times that
+            stiffness.
 
     Attributes:
         eps_N: The argument.

@@ -47,7 +47,7 @@ class Coulomb(Declaration):
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is stored
             and given back. None: no spring, so that a sticking node does not move at all
             (multipliers); but normal contact by penalty needs a spring, which then has the
-            stiffness of the node itself.
+            static stiffness of the node itself, as `Penalty` has.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
             positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
             ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,

@@ -34,6 +34,8 @@ def check_method(pair: Any) -> None:
         wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
+    elif getattr(pair.enforcement, "impact", "") == "restitution":
+        wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
     if wrong:
         raise ValueError(
             f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"

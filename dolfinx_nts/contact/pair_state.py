@@ -30,10 +30,6 @@ __all__ = ["PairState"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Stiffness of a normal spring that is left open, relative to that of its node [-]: a
-# softer one lets nodes sink in, a stiffer one spoils Newton's method.
-_STIFFER = 10
-
 
 class PairState:
     """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
@@ -90,36 +86,44 @@ class PairState:
         """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
         self._history = history
 
-    def derive_penalty(self, stiffness: Floats) -> None:
+    def derive_penalty(self, stiffness: Callable[[], Floats], stiffer: float) -> None:
         """Choose the stiffness of springs that the user left open, once. Collective.
 
-        It is that of the softer side: a stiff node cannot press harder than soft segments, and
-        stiffer springs only spoil Newton's method. ``stiffness`` is that of all owned nodes of
-        the space, shape ``(n,)`` [N/m].
+        It is that of the softer side: a stiff node cannot press harder than soft segments.
+
+        Args:
+            stiffness: Returns the static stiffness of all owned nodes of the space, shape
+                ``(n,)`` [N/m]; called only if a spring is open.
+            stiffer: Stiffness of normal springs relative to that of their nodes [-].
         """
         if self._ranges is not None:
             return
-        softer = stiffness[self.pair.nodes.nodes]
-        if isinstance(self.pair.segments, Surface):
-            comm = self.pair.nodes.V.mesh.comm
-            stiffest = float(stiffness[self.pair.segments.nodes].max(initial=0.0))
-            softer = np.minimum(softer, reductions.largest(comm, stiffest))
-        self.choose_penalty(softer)
+        pair = self.pair
+        softer: Floats = np.ones(len(pair.nodes.nodes))
+        if _leaves_springs_open(pair):
+            all_nodes = stiffness()
+            softer = all_nodes[pair.nodes.nodes]
+            if isinstance(pair.segments, Surface):
+                stiffest = float(all_nodes[pair.segments.nodes].max(initial=0.0))
+                softer = np.minimum(softer, reductions.largest(pair.nodes.V.mesh.comm, stiffest))
+        self.choose_penalty(stiffer * softer, softer)
 
-    def choose_penalty(self, stiffness: Floats) -> None:
-        """Choose and log the stiffness of springs, once, from that of the nodes. Collective."""
+    def choose_penalty(self, normal: Floats, tangential: Floats) -> None:
+        """Choose and log the stiffness of springs, once. Collective.
+
+        ``normal`` and ``tangential`` are those of springs that the user left open, before they
+        are shared, shape ``(n,)`` [N/m].
+        """
         if self._ranges is not None:
             return
         self._ranges, share, pair = {}, 1.0, self.pair
         if isinstance(pair.enforcement, Penalty):
             given, share = pair.enforcement.eps_N, pair.enforcement.share
-            self.eps_N = share * (
-                _STIFFER * stiffness if given is None else np.full_like(stiffness, given)
-            )
+            self.eps_N = share * (normal if given is None else np.full_like(normal, given))
             self._ranges["eps_N"] = self._range(self.eps_N)
         if pair.friction is not None and pair.has_slip_spring:
             given = pair.friction.eps_T
-            self.eps_T = share * (stiffness if given is None else np.full_like(stiffness, given))
+            self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
         if pair.nodes.V.mesh.comm.rank == 0:
             _logger.info("%s", self)
@@ -238,6 +242,13 @@ class PairState:
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
+
+
+def _leaves_springs_open(pair: ContactPair) -> bool:
+    """Whether the stiffness of a spring is left to the first step. Local."""
+    normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
+    slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
+    return normal or slip
 
 
 def _search(pair: ContactPair) -> Search:

@@ -13,7 +13,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -38,6 +38,7 @@ from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.sleeping import SleepingBodies
+from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
@@ -57,6 +58,10 @@ __all__ = ["ImplicitStepper"]
 _INERTIA_PART = 1e-3
 # Relative change of the loads [-] that is none.
 _SAME_LOAD = 1e-9
+# Stiffness of normal springs that are left open, relative to that of their nodes without inertia
+# [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
+# nothing bounces, and Newton's method alone limits them.
+_RESOLVED, _STIFF = 1.0, 10.0
 
 
 @dataclass
@@ -158,6 +163,7 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
+        self._choose_springs()
         load = self._norm(self._load()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
@@ -184,6 +190,13 @@ class ImplicitStepper(Stepper):
                 break
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states)
+
+    def _choose_springs(self) -> None:
+        """Choose the stiffness of springs that the user left open, in the first step."""
+        share, is_static = self.scheme.stress_share, self._rates.acceleration is None
+        stiffness = cache(partial(static_stiffness, self._tangent, self._dt, share))
+        for contact in self.contacts:
+            contact.derive_penalty(stiffness, _STIFF if is_static else _RESOLVED)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".

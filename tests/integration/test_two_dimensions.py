@@ -80,9 +80,10 @@ def test_motion_is_that_of_one_layer_in_space_in_plane_strain():
     [
         (nts.LagrangeMultiplier(), None),
         (nts.LagrangeMultiplier("plastic"), 1e5),
+        (nts.LagrangeMultiplier("restitution", e=0.5), None),
         (nts.Penalty(), None),
     ],
-    ids=["exact stick", "tangential springs", "penalty"],
+    ids=["exact stick", "tangential springs", "restitution", "penalty"],
 )
 def test_ledger_of_friction_closes(enforcement, eps_T):
     scene = blocks("triangle", angle=-0.7)

@@ -31,8 +31,7 @@ __all__ = ["ContactSprings", "SpringForces"]
 
 # Depth, relative to the size of a segment [-], from which on a node has not merely left it.
 _SUNK = 0.1
-# Stiffness of a node by which a `PairState` derives springs, relative to the penalty [-]: the
-# state makes the normal spring ten times as stiff, and the tangential spring as stiff.
+# Stiffness of a tangential spring that is left open, relative to the normal one [-].
 _SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
@@ -180,7 +179,8 @@ class ContactSprings:
         penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        self._state.choose_penalty((_SOFTER / self._share) * penalty)
+        penalty /= self._share  # which the state takes
+        self._state.choose_penalty(penalty, _SOFTER * penalty)
 
     @property
     def num_segments(self) -> int:

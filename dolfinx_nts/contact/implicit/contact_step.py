@@ -79,7 +79,6 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
-        state.derive_penalty(stiffness)
         make = _SEARCHES[state.pair.method, is_static]
         self.search = search = make(state, x_n, x_trial)
         self.x = search.x_n

@@ -44,10 +44,9 @@ class FrozenPoints(LocalSearch):
         """Choose the points where the surfaces would be without contact."""
         super().__init__(state, x_n, x_trial)
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
-        self._trial = self.candidates.scatter.forward(x_trial)
         self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
         self._renewals = 0
-        self._choose(self._trial)
+        self._choose(self.approach.x)
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
@@ -59,11 +58,11 @@ class FrozenPoints(LocalSearch):
         ends = self.x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
-        self.segment, every = points.nearest, self._every
+        self.segment, every, trial = points.nearest, self._every, self.approach.x
         gap_n, gap_trial = (
-            self.pairing.gaps(end, every, self.segment) for end in (self.x_n, self._trial)
+            self.pairing.gaps(end, every, self.segment) for end in (self.x_n, trial)
         )
-        self.approach = Approach(self.segment, gap_n, gap_trial)
+        self.approach = Approach(self.segment, gap_n, gap_trial, trial)
         self.gap = gap_n.copy()
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

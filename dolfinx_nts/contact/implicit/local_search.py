@@ -33,11 +33,13 @@ class Approach(NamedTuple):
         segment: Segment that the ballistic state meets, or that at t_n; -1 without, ``(n,)``.
         gap_n: Gap to it at t_n, NaN without, shape ``(n,)`` [m].
         gap: Gap of the ballistic state, shape ``(n,)`` [m].
+        x: Positions in that state of the nodes that the candidates know, shape ``(l, 3)`` [m].
     """
 
     segment: Ints
     gap_n: Floats
     gap: Floats
+    x: Floats
 
 
 class LocalSearch:
@@ -94,7 +96,7 @@ class LocalSearch:
         moved = ((met >= 0) & (met != segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
             gap_n[moved] = candidates.gap(points.take(moved), self.x_n, met[moved])
-        self.approach = Approach(np.where(met >= 0, met, segment_n), gap_n, gap_trial)
+        self.approach = Approach(np.where(met >= 0, met, segment_n), gap_n, gap_trial, trial)
         self.segment, self.gap = segment_n.copy(), gap.copy()
         self._moves = np.zeros(len(self.segment), dtype=np.int32)
 

@@ -79,8 +79,19 @@ class MultiplierContact(NormalContact):
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold, shape ``(m,)`` [m]."""
-        held = self._holds | self._stays[pairs.node]
-        return np.where(held, pairs.contact.gap_n, 0.0)
+        gap_n = pairs.contact.gap_n
+        if self._holds:
+            return gap_n if self._law.e == 1 else self._law.held(gap_n, self._way(pairs))
+        return np.where(self._stays[pairs.node], gap_n, 0.0)
+
+    def _way(self, pairs: PairKinematics) -> Floats:
+        """Rates of the gaps at t_n times the length of the step, shape ``(m,)`` [m]."""
+        search, x_n = self._search, self._search.x_n
+        points = search.points.take(pairs.node)
+        gradient = search.candidates.contact("static", points, x_n, x_n, pairs.segment).gradient
+        dx = (search.approach.x - x_n).take(pairs.dofs, axis=0)
+        way: Floats = (gradient * dx.reshape(gradient.shape)).sum(axis=1)
+        return way
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int

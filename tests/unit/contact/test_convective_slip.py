@@ -111,7 +111,9 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     x_n = scene.stepper.x
     way = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
     x = x_n + way + 0.01 * rng.normal(size=x_n.shape)
-    step = ContactStep(PairState(pair), "midpoint", x_n, x_n + way, np.ones(len(x)))
+    contact, given = PairState(pair), np.ones(len(pair.nodes.nodes))
+    contact.choose_penalty(given, given)  # it has those of its laws
+    step = ContactStep(contact, "midpoint", x_n, x_n + way, np.ones(len(x)))
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)
     assert state.changed == 0

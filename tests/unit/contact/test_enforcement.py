@@ -59,8 +59,22 @@ def test_active_set_solves_the_complementarity(impact, rng):
     assert enforcement.active(np.zeros(1), np.array([-1e-9]), weight[:1]).all()
 
 
+@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
+def test_restitution_holds_nodes_within_half_a_step_of_the_surface(e, rng):
+    law, way = LagrangeMultiplier("restitution", e), -0.2
+    gap, none = rng.uniform(0.2, 0.4, 50), np.zeros(50, dtype=bool)
+    held = none
+    for _ in range(3):
+        arrives = law.eligible(gap, gap + way, np.full(50, SIZE), none) & ~held
+        gap = np.where(arrives, law.held(gap, np.full(50, way)), gap + np.where(held, 0.0, way))
+        held = held | arrives
+    assert held.all()
+    assert np.abs(gap).max() <= 0.1
+    np.testing.assert_array_equal(law.held(gap, np.full(50, 0.2)), gap)  # on its way out
+
+
 def test_other_impacts_are_refused():
-    with pytest.raises(ValueError, match="impact 'elastic', 'plastic' or 'resolved', given 'soft'"):
+    with pytest.raises(ValueError, match="'resolved' or 'restitution', given 'soft'"):
         LagrangeMultiplier("soft")
     with pytest.raises(ValueError, match="given 1"):
         LagrangeMultiplier(1)

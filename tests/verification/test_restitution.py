@@ -1,0 +1,99 @@
+"""Impact by a coefficient of restitution: rebound, losses, and what cannot have it."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers import scenes
+
+STEP, SPEED, ALONG = 0.01, 1.0, 0.5  # s, m/s to the wall and along it
+# Of the energy, and of momenta, relative.
+ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-11, 1e-11
+# Of the speed: a cube with a wave speed of 1000 m/s is not quite rigid.
+RIGID = 2e-3
+
+
+def drop(comm, e, phase, scheme):
+    """Let a stiff cube fly against a wall, which it meets at a phase of the second step.
+
+    Returns:
+        Its velocity to the wall at the end over that before, and its relative loss of energy by
+        the balance and by the ledger.
+    """
+    mesh, cells, facets, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 1)], [(0.2,) * 3]))
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    cube = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(1e9, 0.0, 1e3))
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bottom 0"]),
+        nts.RigidPlane((0, 0, -(1 + phase) * STEP * SPEED), (0, 0, 1)),
+        nts.LagrangeMultiplier("restitution", e=e),
+    )
+    stepper = scheme([cube], [pair], dt=STEP)
+    stepper.set_velocity(cube, (ALONG, 0, -SPEED))
+    diagnostics = nts.Diagnostics(stepper)
+    before = diagnostics.balance().total_energy
+    work = [sum(step.contact_work) for step in stepper.run(6 * STEP)]
+    loss = 1 - diagnostics.balance().total_energy / before
+    return diagnostics.body_velocity(cube)[2] / SPEED, loss, -sum(work) / before
+
+
+@pytest.mark.parametrize("e", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("phase", [0.05, 0.35, 0.65, 0.95])
+def test_stiff_body_leaves_with_a_part_of_its_speed_wherever_in_the_step_it_arrives(
+    comm, agree, e, phase
+):
+    rebound, loss, ledger = drop(comm, e, phase, nts.EnergyMomentum)
+    assert agree(rebound == pytest.approx(e, abs=RIGID))
+    expected = (1 - e**2) * SPEED**2 / (SPEED**2 + ALONG**2)
+    assert agree(loss == pytest.approx(expected, abs=RIGID))
+    assert agree(abs(loss - ledger) <= ENERGY_TOLERANCE)
+    assert agree(e < 1 or abs(loss) <= ENERGY_TOLERANCE)
+
+
+@pytest.mark.serial
+def test_midpoint_rebounds_alike(comm):
+    rebound, loss, _ = drop(comm, 0.5, 0.35, nts.Midpoint)
+    assert rebound == pytest.approx(0.5, abs=RIGID)
+    assert loss == pytest.approx(0.6, abs=RIGID)
+
+
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
+@pytest.mark.parametrize("e", [0.6, 0.0])
+def test_soft_bodies_lose_energy_at_contacts_only_and_keep_their_momenta(comm, agree, e, friction):
+    law = nts.LagrangeMultiplier("restitution", e=e)
+    scene = scenes.blocks(comm, enforcement=law, friction=friction)
+    diagnostics = nts.Diagnostics(scene.stepper)
+    first = before = diagnostics.balance()
+    most = 0
+    for step in scene.stepper.run(15 * scene.stepper.dt):
+        after, work = diagnostics.balance(), step.contact_work
+        change = after.total_energy - before.total_energy
+        tolerance = ENERGY_TOLERANCE * first.total_energy
+        assert agree(abs(change - sum(work)) <= tolerance)
+        assert agree(max(work) <= tolerance)
+        before, most = after, max(most, step.num_active)
+    assert agree(most > 3)
+    assert agree(after.total_energy < 0.99 * first.total_energy)
+    for name in ("linear_momentum", "angular_momentum"):
+        old, new = getattr(first, name), getattr(after, name)
+        assert agree(np.abs(new - old).max() <= MOMENTUM_TOLERANCE * np.abs(old).max()), name
+
+
+def test_what_cannot_have_a_coefficient_of_restitution_is_refused(comm, refused):
+    for impact, e in (("restitution", None), ("elastic", 0.5)):
+        with refused(ValueError, f"with no other, given impact '{impact}' and e = {e}"):
+            nts.LagrangeMultiplier(impact, e=e)
+    for e in (-0.1, 1.1):
+        with refused(ValueError, f"restitution e from 0 to 1, given {e}"):
+            nts.LagrangeMultiplier("restitution", e=e)
+    law = nts.LagrangeMultiplier("restitution", e=0.5)
+    (old,) = scenes.blocks(comm).stepper.pairs
+    with refused(ValueError, "'mortar', impact 'elastic' or 'plastic', given .*restitution"):
+        nts.ContactPair(old.nodes, old.segments, law, method="mortar")
+    for scheme, reason in (
+        (nts.GeneralizedAlpha, "LagrangeMultiplier.'plastic'. for GeneralizedAlpha"),
+        (nts.CentralDifference, "contact by Penalty for an explicit step"),
+    ):
+        with refused(ValueError, reason):
+            scenes.blocks(comm, scheme, law)
