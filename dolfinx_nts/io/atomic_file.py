@@ -6,14 +6,14 @@ one, never a part of one.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import h5py
 
 from dolfinx_nts.common.arrays import Array
 
-__all__ = ["check_replaceable", "hdf5_image", "replace", "sync"]
+__all__ = ["check_replaceable", "hdf5_file_image", "hdf5_image", "replace", "sync"]
 
 
 def check_replaceable(*paths: Path) -> None:
@@ -30,7 +30,7 @@ def check_replaceable(*paths: Path) -> None:
             raise OSError(f"expected a file that can be replaced, given {path}")
 
 
-def hdf5_image(values: Mapping[str, Array], **attributes: str | float) -> bytes:
+def hdf5_image(values: Mapping[str, Array], **attributes: str | float | Sequence[float]) -> bytes:
     """Content of an HDF5 file, which is made in memory. Local.
 
     Args:
@@ -40,10 +40,26 @@ def hdf5_image(values: Mapping[str, Array], **attributes: str | float) -> bytes:
     Returns:
         The bytes of the file.
     """
-    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+
+    def fill(file: h5py.File) -> None:
         for name, array in values.items():
             file[name] = array
         file.attrs.update(attributes)
+
+    return hdf5_file_image(fill)
+
+
+def hdf5_file_image(fill: Callable[[h5py.File], None]) -> bytes:
+    """Content of an HDF5 file, which is made in memory. Local.
+
+    Args:
+        fill: Writes into the file.
+
+    Returns:
+        The bytes of the file.
+    """
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        fill(file)
         file.flush()
         image: bytes = file.id.get_file_image()
     return image

@@ -82,8 +82,9 @@ public:
                      [&]<class S>()
                      {
                        const SegmentSurface<S> segments = surface<S>(x);
-                       return [&, segments, normals = NormalBounds<S>(
-                                                segments, reach)](std::size_t i)
+                       return [&, segments,
+                               normals = NormalBounds<S>(segments, reach)](
+                                  std::size_t i)
                        {
                          return Facing<S>(around, view(numbers)[i], segments,
                                           normals, view(thickness));
