@@ -55,7 +55,7 @@ class FieldsFolder:
                 path.unlink()
         self.path.mkdir(exist_ok=True)
 
-    def replace(self, name: str, image: bytes) -> None:
+    def replace(self, name: str, image: memoryview) -> None:
         """Write a file, or give it a new content."""
         path = self.path / name
         replace(path, image)
