@@ -160,7 +160,7 @@ for record in (energy_momentum, midpoint):
         assert 1e-4 < drift < 2e-3, drift
 
 if mesh.comm.rank == 0:
-    print(f"Tables (.csv), fields (.xdmf) and pictures (.png) lie in {Path.cwd()}")
+    print(f"Tables (.csv), fields (.vtkhdf) and pictures (.png) lie in {Path.cwd()}")
 # -
 
 # ## Reference

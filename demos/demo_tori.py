@@ -75,7 +75,7 @@ with nts.Recorder("tori", stepper, every=6) as record:
 
 picture
 
-plotting.animate("tori.xdmf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
+plotting.animate("tori.vtkhdf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
 
 # Energies and momenta.
 

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("demo_*.py"))
 # Files beside pictures, movies and tables.
-FIELDS = {".h5", ".xdmf"}
+FIELDS = {".h5", ".vtkhdf"}
 
 
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)

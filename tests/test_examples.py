@@ -26,7 +26,7 @@ from helpers.scenes import BALL_PLATE
 pytestmark = pytest.mark.serial
 
 # A mesh, and table and fields of a run of three states.
-FILES = ("ball_plate.msh", "run.csv", "run.xdmf")
+FILES = ("ball_plate.msh", "run.csv", "run.vtkhdf")
 
 # Numbers may have more digits than are printed, and ... stands for anything.
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

@@ -1,6 +1,6 @@
 """Mass, energies, momenta and motion of each body of a stepper."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -58,7 +58,7 @@ class BodyBalance:
 
     def columns(self, prefix: str) -> dict[str, float]:
         """All numbers by names that begin with a prefix. Local."""
-        return flat(prefix, asdict(self))
+        return flat(prefix, vars(self))
 
 
 class BodyDiagnostics:

@@ -1,6 +1,6 @@
 """Numbers of the contact pairs of a stepper."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
@@ -48,7 +48,7 @@ class PairBalance:
 
     def columns(self, prefix: str) -> dict[str, float]:
         """All numbers by names that begin with a prefix. Local."""
-        return flat(prefix, asdict(self))
+        return flat(prefix, vars(self))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class ObstacleBalance:
 
     def columns(self, prefix: str) -> dict[str, float]:
         """All numbers by names that begin with a prefix. Local."""
-        return flat(prefix, asdict(self))
+        return flat(prefix, vars(self))
 
 
 class ContactDiagnostics:
@@ -97,6 +97,8 @@ class ContactDiagnostics:
         V = stepper.u.function_space
         self._comm: MPI.Comm = V.mesh.comm
         self._dim = dimension(V)
+        self._pair_names = pair_names(stepper.pairs)
+        self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""
@@ -130,17 +132,19 @@ class ContactDiagnostics:
 
     def pairs(self) -> dict[str, PairBalance]:
         """Contact of each pair in the last step, by names of its two sides."""
-        contacts, names = self.stepper.contacts, pair_names(self.stepper.pairs)
+        contacts = self.stepper.contacts
         area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
         pressures = [float(contact.pressure.max(initial=0.0)) for contact in contacts]
         pressures = reductions.largest(self._comm, pressures) if contacts else []
         vectors = [self._parts(resultants) for resultants in self.pair_resultants()]
-        numbers = zip(names, vectors, area.tolist(), pressures, strict=True)
+        numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
         return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
 
     def obstacles(self) -> dict[str, ObstacleBalance]:
         """Contact of each rigid obstacle in the last step, by its name."""
         stepper, totals = self.stepper, dict[Obstacle, Floats]()
+        if not self._has_obstacles:
+            return {}
         resultants = self.pair_resultants()
         for number, pair in enumerate(stepper.pairs):
             obstacle = pair.segments
@@ -208,8 +212,10 @@ class ContactDiagnostics:
         for box, pair in zip(least, pairs, strict=True):
             for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
                 if isinstance(surface, Surface):
-                    some = x[surface.nodes]
-                    part[:] = [(s * some).min(axis=0, initial=np.inf) for s in (1, -1)]
+                    # In rows, which numpy reduces faster than columns.
+                    some = x.T.take(surface.nodes, axis=1)
+                    part[0] = some.min(axis=1, initial=np.inf)
+                    part[1] = -some.max(axis=1, initial=-np.inf)
         least = reductions.least(self._comm, least)
         lower, upper = least[:, :, 0], -least[:, :, 1]
         has_box = np.isfinite(least).all(axis=(1, 2, 3))

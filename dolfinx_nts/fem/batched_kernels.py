@@ -1,5 +1,9 @@
-"""Compiles and loads kernels for batches of cells."""
+"""Compiles and loads kernels for batches of cells.
 
+A compiler works while the program goes on, until the kernels are asked for.
+"""
+
+import atexit
 import ctypes
 import logging
 import os
@@ -7,8 +11,11 @@ import shlex
 import subprocess
 import sysconfig
 import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 
 from dolfinx import fem
 
@@ -17,11 +24,101 @@ from dolfinx_nts.fem.batched_source import batched_source
 from dolfinx_nts.fem.jit import OPTIMISED
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["batched_kernels"]
+__all__ = ["batched_kernels", "begin_batched_kernels"]
 
 _LOG = logging.getLogger(__name__)
 _HEADERS = [Path(__file__).with_name(name) for name in ("lanes.h", "trilinear.h")]
 _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
+
+
+class _Library(NamedTuple):
+    """A library: what it is made of, how, and where it lies."""
+
+    source: str
+    command: Sequence[str]
+    path: Path
+
+    @classmethod
+    def of(cls, module: Path, *, is_single: bool) -> "_Library":
+        """Library for the form in a module of FFCx.
+
+        Raises:
+            OSError: There is no text.
+            ValueError: The text is not what is expected.
+        """
+        name = module.name.split(".")[0]
+        source = batched_source(module.with_name(f"{name}.c").read_text())
+        compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
+        flags = [*OPTIMISED, *(_SINGLE if is_single else [])]
+        command = [*shlex.split(compiler), *flags, "-std=c++17", "-fPIC", "-shared"]
+        texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
+        digest = sha256("".join(texts).encode()).hexdigest()[:16]
+        return cls(source, command, module.with_name(f"{name}-{digest}.so"))
+
+
+class _Compilation:
+    """A compiler at work on a library, which is there completely or not at all.
+
+    Raises:
+        OSError: There is no compiler, or no place for the library.
+    """
+
+    def __init__(self, library: _Library) -> None:
+        self._path, self._folder = (
+            library.path,
+            tempfile.TemporaryDirectory(dir=library.path.parent),
+        )
+        text, self._made = (Path(self._folder.name) / f"batch.{kind}" for kind in ("cpp", "so"))
+        text.write_text(library.source)
+        include = f"-I{_HEADERS[0].parent}"
+        command = [*library.command, include, str(text), "-o", str(self._made), "-lm"]
+        try:
+            self._process = subprocess.Popen(
+                command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            )
+        except OSError:
+            self._folder.cleanup()
+            raise
+
+    def finish(self) -> None:
+        """Wait for the library.
+
+        Raises:
+            subprocess.CalledProcessError: The compiler does not understand the source.
+        """
+        _, errors = self._process.communicate()
+        with self._folder:
+            if code := self._process.returncode:
+                raise subprocess.CalledProcessError(code, self._process.args, stderr=errors)
+            self._made.replace(self._path)
+
+    def stop(self) -> None:
+        """End the compiler, as nobody has asked for the library."""
+        self._process.kill()
+        self._process.communicate()
+        self._folder.cleanup()
+
+
+# Compilers at work, by the path of the library.
+_at_work: dict[Path, _Compilation] = {}
+
+
+@atexit.register
+def _stop_all() -> None:
+    while _at_work:
+        _at_work.popitem()[1].stop()
+
+
+def begin_batched_kernels(form: fem.Form, *, is_single: bool = False) -> None:
+    """Let a compiler begin on the kernels that `batched_kernels` will give. Local.
+
+    Arguments are those of `batched_kernels`, which also tells what fails.
+    """
+    if form.mesh.comm.rank == 0:
+        with suppress(OSError, ValueError):
+            library = _Library.of(Path(form.module.__file__), is_single=is_single)
+            if not library.path.exists() and library.path not in _at_work:
+                _at_work[library.path] = _Compilation(library)
 
 
 def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKernel] | None:
@@ -62,36 +159,14 @@ def _kernels(module: Path, *, is_single: bool) -> list[BatchKernel]:
         ValueError: The text is not what is expected.
         subprocess.CalledProcessError: The compiler does not understand the result.
     """
-    name = module.name.split(".")[0]
-    source = batched_source(module.with_name(f"{name}.c").read_text())
-    compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-    flags = [*OPTIMISED, *(_SINGLE if is_single else [])]
-    command = [*shlex.split(compiler), *flags, "-std=c++17", "-fPIC", "-shared"]
-    texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
-    digest = sha256("".join(texts).encode()).hexdigest()[:16]
-    path = module.with_name(f"{name}-{digest}.so")
+    source, _, path = library = _Library.of(module, is_single=is_single)
     if not path.exists():
-        _compile(command, source, path)
-    library = ctypes.CDLL(str(path))
-    lanes = ctypes.c_int.in_dll(library, "num_lanes").value
+        (_at_work.pop(path, None) or _Compilation(library)).finish()
+    loaded = ctypes.CDLL(str(path))
+    lanes = ctypes.c_int.in_dll(loaded, "num_lanes").value
     number = source.count('extern "C" void batch_')
-    functions = [getattr(library, f"batch_{i}") for i in range(number)]
+    functions = [getattr(loaded, f"batch_{i}") for i in range(number)]
     return [
         BatchKernel(ctypes.cast(function, ctypes.c_void_p).value or 0, lanes, is_single)
         for function in functions
     ]
-
-
-def _compile(command: list[str], source: str, path: Path) -> None:
-    """Compile a library, which is there completely or not at all."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        text, library = Path(folder) / "batch.cpp", Path(folder) / "batch.so"
-        text.write_text(source)
-        include = f"-I{_HEADERS[0].parent}"
-        subprocess.run(
-            [*command, include, str(text), "-o", str(library), "-lm"],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        library.replace(path)

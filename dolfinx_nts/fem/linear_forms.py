@@ -6,6 +6,7 @@ reads most functions without packing them.
 """
 
 from collections.abc import Sequence
+from functools import cached_property, partial
 from itertools import accumulate
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ from dolfinx import cpp, fem
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.fem.batched_kernels import batched_kernels
+from dolfinx_nts.fem.batched_kernels import batched_kernels, begin_batched_kernels
 from dolfinx_nts.fem.jit import compile_form, describe_form
 
 __all__ = ["CellForm", "Kernels", "PackedForm"]
@@ -93,7 +94,7 @@ class CellForm:
     unknowns waits a quarter of its time for them. This loop gathers the values of a cell's
     nodes when it comes to the cell. Only functions of other spaces than that of the argument
     are packed, when one of them has changed. Kernels compute several cells at once where
-    `batched_kernels` can make them.
+    `batched_kernels` can make them; nobody waits for them before the form is first assembled.
 
     Args:
         form: Linear form, made by `bulk_form`.
@@ -102,9 +103,46 @@ class CellForm:
     """
 
     def __init__(self, form: ufl.Form, kernels: Kernels = "double") -> None:
-        """Compile the form and prepare a kernel for each of its integrals."""
+        """Compile what tells of the form, and let a compiler begin on its kernels."""
+        self._described = describe_form(form)
+        if kernels != "slow":
+            begin_batched_kernels(self._described, is_single=kernels == "single")
+        self._loop_of = partial(_CellLoop, form, kernels, self._described)
+        self._left_out: Ints = _NO_PLACES
+
+    @cached_property
+    def _loop(self) -> "_CellLoop":
+        """The loop, which is made when it is needed. Collective at the first use."""
+        loop = self._loop_of()
+        loop.leave_out(self._left_out)
+        return loop
+
+    def leave_out(self, cells: Ints) -> None:
+        """Leave out cells from now on, until the next call of this method. Local.
+
+        Args:
+            cells: Owned cells, local indices.
+        """
+        self._left_out = cells
+        if "_loop" in self.__dict__:
+            self._loop.leave_out(cells)
+
+    def assemble(self, b: Floats, most: int | None = None) -> None:
+        """Add the form on the cells of this rank to a vector. Collective at the first use.
+
+        Args:
+            b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
+            most: Most cells of each integral, for a sample; None: all.
+        """
+        self._loop.assemble(b, most)
+
+
+class _CellLoop:
+    """Loop of a `CellForm` over the cells of this rank, with the kernels of its integrals."""
+
+    def __init__(self, form: ufl.Form, kernels: Kernels, described: fem.Form) -> None:
         V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
-        self._form, made = _compiled(form, kernels)
+        self._form, made = _compiled(form, kernels, described)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
         positions = compiled.original_coefficient_positions
@@ -140,20 +178,11 @@ class CellForm:
         self._packed: list[Floats] = [np.empty((self._num_cells, 0))] * len(self._integrals)
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells from now on, until the next call of this method. Local.
-
-        Args:
-            cells: Owned cells, local indices.
-        """
+        """Leave out cells, see `CellForm.leave_out`."""
         self._cells = [np.setdiff1d(region, cells) for region in self._regions]
 
     def assemble(self, b: Floats, most: int | None = None) -> None:
-        """Add the form on the cells of this rank to a vector. Local.
-
-        Args:
-            b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
-            most: Most cells of each integral, for a sample; None: all.
-        """
+        """Add the form to a vector, see `CellForm.assemble`."""
         if self._others is not None and self._others.update():
             by_key = self._others.packed
             # The second entry of a key is the integral's number, or its index in some releases;
@@ -172,9 +201,9 @@ class CellForm:
         return packed
 
 
-def _compiled(form: ufl.Form, kernels: Kernels) -> tuple[fem.Form, list[Any]]:
+def _compiled(form: ufl.Form, kernels: Kernels, described: fem.Form) -> tuple[fem.Form, list[Any]]:
     """The compiled form, and a kernel for each of its integrals."""
-    compiled = describe_form(form)
+    compiled = described
     if kernels != "slow":
         batched = batched_kernels(compiled, is_single=kernels == "single")
         if batched is not None:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from mpi4py import MPI
 
@@ -25,6 +25,8 @@ from dolfinx_nts.solvers.newton import ConvergenceError
 __all__ = ["Recorder"]
 
 _logger = logging.getLogger("dolfinx_nts")
+
+FieldsKind = Literal["vtkhdf", "xdmf", "vtx"]
 
 
 class Recorder:
@@ -49,8 +51,11 @@ class Recorder:
     `Reaction` and its work since the first row, for each load its work since then, and for each
     body those of `BodyBalance`.
 
-    The **fields** ``name.xdmf`` can be opened with ParaView, VTK and meshio. Their values lie
-    in the folder ``name_fields``, in one HDF5 file for each state and one for the mesh.
+    The **fields** ``name.vtkhdf`` can be opened with ParaView 5.13 and VTK 9.4 or newer. Their
+    values lie in the folder ``name_fields``, in one HDF5 file for the mesh and one for several
+    states, which are held back for about a second so that writing them costs little: a kill
+    loses them, an error does not. With ``fields="xdmf"`` the file is ``name.xdmf``, which
+    older programs and meshio read too, and each state has a file of its own, at once.
 
     A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
     ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.
@@ -85,9 +90,9 @@ class Recorder:
             the stepper that they are given, shape ``(n,)`` or ``(n, 3)`` in the order of
             ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
             itself, which the script keeps up to date.
-        fields: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``. The latter is a folder
-            ``name.bp``, which all ranks write and which cannot be resumed; it needs a DOLFINx
-            with ADIOS2.
+        fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a
+            folder ``name.bp``, which all ranks write and which cannot be resumed; it needs a
+            DOLFINx with ADIOS2.
 
     Attributes:
         diagnostics: Energies, momenta and contact forces of the stepper.
@@ -122,7 +127,7 @@ class Recorder:
         stress: bool = False,
         own_columns: Mapping[str, OwnColumn] | None = None,
         own_fields: Mapping[str, OwnField] | None = None,
-        fields: Literal["xdmf", "vtx"] = "xdmf",
+        fields: FieldsKind = "vtkhdf",
     ) -> None:
         """Check the arguments; entering the ``with`` block creates the files."""
         chosen = None if times is None else tuple(float(t) for t in times)
@@ -276,13 +281,16 @@ class _Options:
     fields: str
 
     def __post_init__(self) -> None:
-        if self.fields not in ("xdmf", "vtx"):
-            raise ValueError(f"expected fields 'xdmf' or 'vtx', given {self.fields!r}")
+        if self.fields not in get_args(FieldsKind):
+            names = ", ".join(map(repr, get_args(FieldsKind)))
+            raise ValueError(f"expected fields out of {names}, given {self.fields!r}")
         if self.fields == "vtx" and self.resume:
-            raise ValueError("expected fields='xdmf' with resume, given 'vtx', which cannot do it")
+            raise ValueError(
+                "expected fields='vtkhdf' with resume, given 'vtx', which cannot do it"
+            )
         if self.fields == "vtx" and self.stress:
             raise ValueError(
-                "expected fields='xdmf' with stress, given 'vtx', whose fields have nodes"
+                "expected fields='vtkhdf' with stress, given 'vtx', whose fields have nodes"
             )
         if self.every < 1:
             raise ValueError(f"expected fields every 1 step or more, given {self.every}")

@@ -1,6 +1,6 @@
 """Files of one run, which are opened, saved and resumed together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
@@ -12,13 +12,22 @@ from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
 from dolfinx_nts.io.fields import RunFields
+from dolfinx_nts.io.fields_file import FieldsFile
 from dolfinx_nts.io.name_lock import NameLock
 from dolfinx_nts.io.scripted_step import ScriptedStep
+from dolfinx_nts.io.vtkhdf import VtkHdfFile
 from dolfinx_nts.io.vtx import VtxFile
 from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
 
 __all__ = ["RunFiles"]
+
+# Suffix and writer by the kind of the file of fields.
+_KINDS: dict[str, tuple[str, Callable[[Path, Stepper, RunFields], FieldsFile]]] = {
+    "vtkhdf": ("vtkhdf", VtkHdfFile),
+    "xdmf": ("xdmf", XdmfFile),
+    "vtx": ("bp", VtxFile),
+}
 
 
 class RunFiles:
@@ -29,7 +38,7 @@ class RunFiles:
     Args:
         name: Path of the files without suffix.
         stepper: Stepper of the run.
-        kind: Kind of the file of fields, ``"xdmf"`` or ``"vtx"``.
+        kind: Kind of the file of fields, ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``.
         fields: What is written of each state.
 
     Attributes:
@@ -51,11 +60,8 @@ class RunFiles:
         # Step and time of the checkpoint, or of the start.
         self._saved = (0, 0.0)
         self._script: ScriptedStep
-        self.fields: XdmfFile | VtxFile = (
-            VtxFile(Path(f"{name}.bp"), stepper, fields)
-            if kind == "vtx"
-            else XdmfFile(Path(f"{name}.xdmf"), stepper, fields)
-        )
+        suffix, file = _KINDS[kind]
+        self.fields: FieldsFile = file(Path(f"{name}.{suffix}"), stepper, fields)
 
     def open(self, ledger: EnergyLedger, columns: Sequence[str], resume: bool) -> bool:
         """Create the files, or bring the run into the state of its checkpoint.
@@ -143,9 +149,16 @@ class RunFiles:
         return ledger, self._table, self.fields, self._script
 
     def close(self) -> None:
-        """Close the table and release the name. Local, as ranks may be apart after an error."""
+        """Close the files and release the name. Local, as ranks may be apart after an error.
+
+        Raises:
+            OSError: States that were held back cannot be written.
+        """
         self._table.close()
-        self._lock.release()
+        try:
+            self.fields.leave()
+        finally:
+            self._lock.release()
 
 
 def _check_name(name: str) -> None:

@@ -82,6 +82,9 @@ class VtxFile:
         """Close the file."""
         self._writer.close()
 
+    def leave(self) -> None:
+        """Do nothing: no state is held back. Local."""
+
     def _set(self) -> list[fem.Function]:
         """Give the Functions the values of the present state."""
         return [self._functions.set(name, v) for name, v in self._fields.nodal().items()]

@@ -9,9 +9,7 @@ Rank 0 collects and writes everything in the numbering of the mesh as read. The 
 depend on the partition, and a run on another number of ranks can continue them.
 """
 
-import itertools
 import logging
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,11 +23,13 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.atomic_file import check_replaceable, hdf5_image, replace, sync
+from dolfinx_nts.io.atomic_file import hdf5_image
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
-from dolfinx_nts.io.xdmf_grid import CELLS, mesh_xml, state_xml
+from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.states import States
+from dolfinx_nts.io.xdmf_grid import mesh_xml, state_xml
 from dolfinx_nts.io.xml_series import XmlSeries
-from dolfinx_nts.parallel.communication import gathered, on_root
+from dolfinx_nts.parallel.communication import on_root
 
 __all__ = ["XdmfFile"]
 
@@ -66,18 +66,17 @@ class XdmfFile:
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
-        self._stepper, self._fields = stepper, fields
+        self._stepper = stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._path = path
-        self._folder = path.with_name(f"{path.stem}_fields")
-        first = self._folder.name[0]
+        self._present = States(stepper, fields).present
+        self._folder = FieldsFolder(path, _OWN)
+        first = path.name[0]
         # VTK leaves out a space, and letters that are not ASCII, at the start.
         self._prefix = "" if first.isascii() and first != " " else "./"
         self._series = XmlSeries(path, _HEAD, _TAIL)
         self._mesh_xml = ""
         self._cell = stepper.u.function_space.mesh.topology.cell_name()
         self._steps: set[int] = set()
-        self._unsynced: list[Path] = []
 
     def check(self) -> None:
         """Refuse names under which nothing can be written. Local.
@@ -86,10 +85,7 @@ class XdmfFile:
             OSError: Something that cannot be replaced has the name of one of the files or of
                 the folder.
         """
-        folder = self._folder
-        if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-            raise OSError(f"expected a folder in which files can be replaced, given {folder}")
-        check_replaceable(self._path, *self._files(_OWN))
+        self._folder.check()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the steps whose states have been written.
@@ -124,84 +120,55 @@ class XdmfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        mesh = self._stepper.u.function_space.mesh
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        cells = mesh.topology.original_cell_index[:owned]
-        fields = {
-            name: gathered(self._comm, self._stepper.node_ids, values)[1]
-            for name, values in self._fields.nodal().items()
-        }
-        for name, values in self._fields.of_cells().items():
-            each = gathered(self._comm, cells, values)[1]
-            fields[f"{CELLS}/{name}"] = each.reshape(-1, *each.shape[2:])
+        fields = self._present()
         on_root(self._comm, lambda: self._append(f"{step:09d}.h5", fields))
         self._steps.add(step)
 
     def flush(self) -> None:
         """Wait until the disk has all states, so that they survive a power failure."""
-
-        def wait() -> None:
-            sync(*self._unsynced, self._folder, self._path, self._path.parent)
-            self._unsynced = []
-
-        on_root(self._comm, wait)
+        on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
         """Remove from the XDMF file the room for more states."""
         on_root(self._comm, self._series.close)
 
-    # --- on rank 0 --------------------------------------------------------
+    def leave(self) -> None:
+        """Do nothing: no state is held back. Local."""
 
-    def _files(self, names: re.Pattern[str]) -> list[Path]:
-        """Files with such names in the folder, if there is one."""
-        files = self._folder.iterdir() if self._folder.is_dir() else ()
-        return [path for path in files if names.fullmatch(path.name)]
+    # --- on rank 0 --------------------------------------------------------
 
     def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
         self._mesh_xml = mesh_xml(self._reference(_MESH), mesh, self._cell)
-        self._unsynced = []
         states = self._states() if resume else {}
         # Before the states are removed nothing refers to them any more.
         self._series.start(states.values())
-        for path in self._files(_OWN):
-            if path.name not in (_MESH, *states):
-                path.unlink()
-        self._folder.mkdir(exist_ok=True)
-        self._replace(_MESH, hdf5_image(mesh))
+        self._folder.begin({_MESH, *states})
+        self._folder.replace(_MESH, hdf5_image(mesh))
         return {int(Path(name).stem) for name in states}
 
     def _states(self) -> dict[str, str]:
         """XML of the states up to the present step, by the names of their files."""
-        found = {path.name for path in self._files(_STATE)}
+        found = {path.name for path in self._folder.files(_STATE)}
         names = found | {f"{step:09d}.h5" for step in self._steps}
         last, states = f"{self._stepper.step:09d}.h5", {}
         for name in sorted(name for name in names if name <= last):
-            path = self._folder / name
+            path = self._folder.path / name
             try:
                 with h5py.File(path, "r") as file:
                     states[name] = self._state_xml(name, float(file.attrs["time"]), file)
             except Exception as error:  # of many kinds
                 # Somebody has changed the files; the run itself is whole.
-                moved = self._move_aside()
+                moved = self._folder.move_aside()
                 _logger.warning(
                     "%s cannot be read: %s; the fields begin anew, %s", path, error, moved
                 )
                 return {}
         return states
 
-    def _move_aside(self) -> str:
-        """Give the folder another name, and tell which."""
-        if not self._folder.exists():
-            return f"as there is no folder {self._folder}"
-        names = (f"{self._folder.name}.damaged{n}" for n in itertools.count(1))
-        aside = next(p for p in map(self._folder.with_name, names) if not p.exists())
-        self._folder.rename(aside)
-        return f"and the earlier ones were moved to {aside}"
-
     def _append(self, name: str, fields: dict[str, Array]) -> None:
         time = self._stepper.t
-        self._replace(name, hdf5_image(fields, time=time))
+        self._folder.replace(name, hdf5_image(fields, time=time))
         self._series.append(self._state_xml(name, time, fields))
 
     def _state_xml(self, name: str, time: float, fields: Mapping[str, Any]) -> str:
@@ -209,9 +176,4 @@ class XdmfFile:
 
     def _reference(self, name: str) -> str:
         """Path by which the XDMF file refers to a file in the folder."""
-        return f"{self._prefix}{self._folder.name}/{name}"
-
-    def _replace(self, name: str, image: bytes) -> None:
-        path = self._folder / name
-        replace(path, image)
-        self._unsynced.append(path)
+        return f"{self._prefix}{self._folder.path.name}/{name}"

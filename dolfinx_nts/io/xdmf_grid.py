@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape
 
-__all__ = ["CELLS", "mesh_xml", "state_xml"]
+from dolfinx_nts.io.states import CELLS
 
-# Group of a file of a state in which the values of cells are.
-CELLS = "cells"
+__all__ = ["mesh_xml", "state_xml"]
 
 # Names in XDMF by the kind of cells.
 _CELLS = {
@@ -56,9 +55,10 @@ def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> s
     Returns:
         XML element, without the indentation of its first line.
     """
-    group = fields.get(CELLS, {})
-    every = {name: fields[name] for name in fields if name != CELLS}
-    every |= {f"{CELLS}/{name}": group[name] for name in group}
+    cells = CELLS.rstrip("/")
+    group = fields.get(cells, {})
+    every = {name: fields[name] for name in fields if name != cells}
+    every |= {f"{CELLS}{name}": group[name] for name in group}
     attributes = (_attribute(_centre(name), file, name, every[name]) for name in sorted(every))
     return (
         '<Grid Name="state" GridType="Uniform">\n'
@@ -67,12 +67,12 @@ def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> s
 
 
 def _centre(name: str) -> str:
-    return "Cell" if name.startswith(f"{CELLS}/") else "Node"
+    return "Cell" if name.startswith(CELLS) else "Node"
 
 
 def _attribute(centre: str, file: str, name: str, values: Any) -> str:
     kind = {(): "Scalar", (3,): "Vector", (9,): "Tensor"}[values.shape[1:]]
-    label = name.removeprefix(f"{CELLS}/")
+    label = name.removeprefix(CELLS)
     return (
         f'        <Attribute Name="{label}" AttributeType="{kind}" Center="{centre}">\n'
         f"{_item(file, name, values)}        </Attribute>\n"

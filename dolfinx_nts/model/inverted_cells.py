@@ -1,5 +1,7 @@
 """Search for inverted cells, in which the volume ratio det F is not positive."""
 
+from functools import cached_property, partial
+
 import basix
 import numpy as np
 import ufl
@@ -8,6 +10,7 @@ from dolfinx import fem
 from dolfinx_nts.fem.components import deformation_gradient, in_space, nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_expression, compile_form
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["VolumeRatio"]
 
@@ -22,18 +25,24 @@ class VolumeRatio:
     """
 
     def __init__(self, u: fem.Function) -> None:
-        """Compile det F at the quadrature points, and the volume of inverted cells."""
+        """Compile the volume of inverted cells."""
         mesh = u.function_space.mesh
         cell = basix.CellType[mesh.topology.cell_name()]
         degree = Element.of(u.function_space).stress_degree
         points, _ = basix.make_quadrature(cell, degree)
         ratio = ufl.det(deformation_gradient(u))
         self._u = u
-        self._expression = compile_expression(ratio, points)
+        # Few runs need it.
+        self._compile_ratio = partial(compile_expression, ratio, points)
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
         self._inverted_volume = compile_form(ufl.conditional(ufl.gt(ratio, 0), 0.0, 1.0) * dx)
         num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
         self._cells = np.arange(num_cells, dtype=np.int32)
+
+    @cached_property
+    def _expression(self) -> fem.Expression:
+        """The value of det F at the quadrature points. Collective at the first use."""
+        return self._compile_ratio()
 
     def inverted(self) -> str:
         """Describe the cell with the least det F, if it is inverted. Collective.
@@ -44,8 +53,12 @@ class VolumeRatio:
         """
         V = self._u.function_space
         mesh, worst, text = V.mesh, np.inf, ""
-        if fem.assemble_scalar(self._inverted_volume) > 0:
-            ratio = self._expression.eval(mesh, self._cells).min(axis=1)
+        is_inverted = bool(fem.assemble_scalar(self._inverted_volume) > 0)
+        if not reductions.anywhere(mesh.comm, is_inverted):
+            return ""
+        expression = self._expression
+        if is_inverted:
+            ratio = expression.eval(mesh, self._cells).min(axis=1)
             cell = int(np.argmin(ratio))
             worst = float(ratio[cell])
             if not worst > 0:

@@ -43,6 +43,7 @@ from dolfinx_nts.plotting.movie import Movie
 from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import rounded
+from dolfinx_nts.plotting.states import states
 from dolfinx_nts.plotting.stress import von_mises
 
 __all__ = [
@@ -244,7 +245,7 @@ def animate(
     """Draw all states that a `Recorder` wrote as a movie. Local: only rank 0 draws.
 
     Args:
-        fields: XDMF file of a `Recorder` that is closed.
+        fields: File ``.vtkhdf`` or ``.xdmf`` of a `Recorder` that is closed.
         filename: File to write, ``.gif``, or ``.mp4`` with the package ``imageio-ffmpeg``.
         colour: Name of a field in the file; of vectors the magnitude is drawn.
         limits: Range of the colours in the unit of the field; by default that of all states.
@@ -263,7 +264,7 @@ def animate(
         ValueError: The suffix is another, or there is no such field.
 
     Example:
-        >>> picture = plotting.animate("run.xdmf", "run.gif", colour="velocity", fps=10)
+        >>> picture = plotting.animate("run.vtkhdf", "run.gif", colour="velocity", fps=10)
     """
     if MPI.COMM_WORLD.rank != 0:
         return Picture(b"")
@@ -284,21 +285,16 @@ def animate(
 
 def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], list[Any]]:
     """Read times and deformed grids of a file, with the field ``colour`` as ``name``. Local."""
-    import pyvista
-
-    reader = pyvista.get_reader(fields)
-    grids = []
-    for t in reader.time_values:
-        reader.set_active_time_value(t)
-        # The reader writes the points of every state into the same memory.
-        grid = reader.read().copy()
+    times, grids = [], []
+    for t, grid in states(fields):
         if colour not in grid.array_names:
             raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
         grid.points = grid.points + grid["displacement"]
         values = grid[colour]
         grid[name] = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        times.append(t)
         grids.append(grid)
-    return reader.time_values, grids
+    return times, grids
 
 
 def _bodies(
@@ -350,7 +346,7 @@ def _check_space(stepper: Stepper) -> None:
     if dimension(stepper.u.function_space) != 3:
         raise ValueError(
             "expected bodies in three dimensions, given two, of which there are no pictures yet: "
-            "Recorder writes XDMF, which ParaView shows, and plotting.animate draws"
+            "Recorder writes fields, which ParaView shows, and plotting.animate draws"
         )
 
 

@@ -38,9 +38,10 @@ def folder(comm, tmp_path):
 schemes = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
 
 
-def record(stepper, path, num_steps, **options):
+def record(stepper, path, num_steps, fields="xdmf", **options):
     """Record until a step is done, counted from the start of the run. Collective."""
-    with nts.Recorder(path, stepper, checkpoint_every=2, resume=True, **options) as recorder:
+    options |= {"checkpoint_every": 2, "resume": True, "fields": fields}
+    with nts.Recorder(path, stepper, **options) as recorder:
         for step in stepper.run(until=num_steps * stepper.dt):
             recorder.write(step)
 
@@ -245,7 +246,8 @@ def test_a_full_disk_ends_a_recorded_run_that_can_be_resumed(comm, folder, agree
 
     def fill_up():
         stepper = blocks(comm).stepper
-        with nts.Recorder(folder / "run", stepper, checkpoint_every=2) as recorder:
+        options = {"checkpoint_every": 2, "fields": "xdmf"}
+        with nts.Recorder(folder / "run", stepper, **options) as recorder:
             for step in stepper.run(1.0):
                 recorder.write(step)
                 if step.step == 3:
@@ -260,7 +262,7 @@ def test_a_full_disk_ends_a_recorded_run_that_can_be_resumed(comm, folder, agree
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     comm.barrier()
     stepper = blocks(comm).stepper
-    with nts.Recorder(folder / "run", stepper, resume=True) as recorder:
+    with nts.Recorder(folder / "run", stepper, resume=True, fields="xdmf") as recorder:
         assert agree(stepper.step == 2)
         recorder.write(stepper.advance())
     comm.barrier()
@@ -317,7 +319,8 @@ for owner, name in ((os, "fsync"), (os, "replace"), (Path, "write_bytes")):
     if when == name:
         function = getattr(owner, name)
         setattr(owner, name, lambda *arguments: once(function, *arguments))
-with nts.Recorder(sys.argv[2], stepper, checkpoint_every=2, resume=True) as record:
+options = {"checkpoint_every": 2, "resume": True, "fields": sys.argv[6]}
+with nts.Recorder(sys.argv[2], stepper, **options) as record:
     for step in stepper.run(until=8 * stepper.dt):
         if when == "step":
             once(int)
@@ -325,9 +328,9 @@ with nts.Recorder(sys.argv[2], stepper, checkpoint_every=2, resume=True) as reco
 """
 
 
-def run_script(path, when="never", signum=0, call=0):
+def run_script(path, fields, when="never", signum=0, call=0):
     """Run the script, which sends itself a signal; returns how it ended."""
-    arguments = [str(Path(__file__).parents[1]), path, when, signum, call]
+    arguments = [str(Path(__file__).parents[1]), path, when, signum, call, fields]
     return subprocess.run(
         [sys.executable, "-c", SCRIPT, *map(str, arguments)], capture_output=True, text=True
     )
@@ -335,39 +338,48 @@ def run_script(path, when="never", signum=0, call=0):
 
 @pytest.mark.serial
 @pytest.mark.parametrize(
-    ("when", "signum", "call"),
+    ("when", "signum", "call", "fields"),
     [
-        ("step", signal.SIGKILL, 6),  # between checkpoints
+        ("step", signal.SIGKILL, 6, "xdmf"),  # between checkpoints
+        ("step", signal.SIGKILL, 6, "vtkhdf"),
         # The second checkpoint, of step 4, is about to reach the disk, and to get its name,
-        ("fsync", signal.SIGKILL, 17),
-        ("replace", signal.SIGKILL, 9),
-        ("write_bytes", signal.SIGKILL, 9),  # and is half written.
-        ("replace", signal.SIGKILL, 8),  # The state of step 4 is about to get its name,
-        ("write_bytes", signal.SIGKILL, 8),  # and is half written.
-        ("step", signal.SIGTERM, 5),
-        ("step", signal.SIGINT, 5),
+        ("fsync", signal.SIGKILL, 17, "xdmf"),
+        ("replace", signal.SIGKILL, 9, "xdmf"),
+        ("write_bytes", signal.SIGKILL, 9, "xdmf"),  # and is half written.
+        ("replace", signal.SIGKILL, 8, "xdmf"),  # The state of step 4 is about to get its name,
+        ("write_bytes", signal.SIGKILL, 8, "xdmf"),  # and is half written.
+        ("step", signal.SIGTERM, 5, "vtkhdf"),
+        ("step", signal.SIGINT, 5, "vtkhdf"),
     ],
 )
-def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signum, call):
-    assert run_script(folder / "whole").returncode == 0
-    killed = run_script(folder / "parts", when, signum, call)
+def test_a_script_that_was_killed_goes_on_when_started_again(folder, when, signum, call, fields):
+    assert run_script(folder / "whole", fields).returncode == 0
+    killed = run_script(folder / "parts", fields, when, signum, call)
     assert killed.returncode in (-signum, 128 + signum), killed.stderr
     rows = (folder / "parts.csv").read_text().splitlines()
     assert 3 < len(rows) < 10
     assert (folder / "parts.lock").exists() == (signum != signal.SIGINT)
-    times, _ = read_grids(folder / "parts.xdmf")
+    times, _ = read_grids(folder / f"parts.{fields}")
     assert len(rows) - 2 <= len(times) <= len(rows) - 1
     if signum != signal.SIGKILL:
         # Stopped with a checkpoint of the last step.
         stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
-        with nts.Recorder(folder / "parts", stepper, resume=True):
+        with nts.Recorder(folder / "parts", stepper, resume=True, fields=fields):
             assert stepper.step == len(rows) - 2
         told = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
         assert killed.stderr.count(told) == 1
-    again = run_script(folder / "parts")
+    again = run_script(folder / "parts", fields)
     assert again.returncode == 0, again.stderr
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert tables[0] == tables[1]
+    grids = [read_grids(folder / f"{name}.{fields}") for name in ("whole", "parts")]
+    assert np.array_equal(*(times for times, _ in grids))
+    for one, other in zip(*(states for _, states in grids), strict=True):
+        assert one.array_names == other.array_names
+        for name in one.array_names:
+            assert np.array_equal(one[name], other[name], equal_nan=True)
+    if fields == "vtkhdf":
+        return
     one, other = (read_fields(folder / f"{name}_fields") for name in ("whole", "parts"))
     assert one.keys() == other.keys()
     assert all(np.array_equal(one[key], other[key], equal_nan=True) for key in one)

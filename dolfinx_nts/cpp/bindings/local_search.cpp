@@ -81,10 +81,13 @@ public:
     return pair_with(x_node, current, slack, reach, x,
                      [&]<class S>()
                      {
-                       return [&, segments = surface<S>(x)](std::size_t i)
+                       const SegmentSurface<S> segments = surface<S>(x);
+                       return [&, segments,
+                               normals = NormalBounds<S>(segments, reach)](
+                                  std::size_t i)
                        {
                          return Facing<S>(around, view(numbers)[i], segments,
-                                          view(thickness));
+                                          normals, view(thickness));
                        };
                      });
   }

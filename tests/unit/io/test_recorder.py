@@ -59,7 +59,7 @@ def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, imp
     scene = blocks(comm, scheme, nts.LagrangeMultiplier(impact))
     record(scene.stepper, folder / "run", 6)
     table = read_table(folder / "run.csv")
-    times, grids = read_grids(folder / "run.xdmf")
+    times, grids = read_grids(folder / "run.vtkhdf")
 
     cells = grids[0].cells_dict[12][:, [0, 1, 3, 2, 4, 5, 7, 6]]
     E, nu, rho = BLOCK_RUBBER
@@ -171,7 +171,7 @@ def test_table_has_the_columns_of_the_parts_that_are_asked_for(comm, folder, ref
 
 def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
     record(blocks(comm, num_bodies=3).stepper, folder / "run", 5, every=3)
-    times, _ = read_grids(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.vtkhdf")
     assert agree(np.allclose(times, BLOCK_STEP * np.array([0, 3, 5])))
     assert agree(len(read_table(folder / "run.csv")["time"]) == 6)
 
@@ -180,8 +180,9 @@ def test_files_without_pairs_have_no_contact_fields(comm, folder, agree):
     scene = blocks(comm)
     stepper = nts.Midpoint(scene.stepper.bodies, dt=BLOCK_STEP)
     record(stepper, folder / "run", 2)
-    _, grids = read_grids(folder / "run.xdmf")
-    assert agree(set(grids[0].array_names) == {"displacement", "velocity", "body"})
+    _, grids = read_grids(folder / "run.vtkhdf")
+    assert agree(set(grids[0].point_data) == {"displacement", "velocity"})
+    assert agree(set(grids[0].cell_data) == {"body"})
     assert agree(np.isnan(read_table(folder / "run.csv")["min_gap"]).all())
 
 
@@ -194,7 +195,7 @@ def test_files_are_valid_after_an_exception_in_the_loop(comm, folder, agree):
                 raise ZeroDivisionError
     # After an error the first rank closes the files alone.
     comm.barrier()
-    times, _ = read_grids(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.vtkhdf")
     assert agree(len(times) == 3)
     assert agree(len(read_table(folder / "run.csv")["time"]) == 3)
 
@@ -206,7 +207,7 @@ def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, m
             r.write(step)
             if step.step == 3:
                 monkeypatch.setattr(newton, "_MAX_ITERATIONS", 0)
-    times, grids = read_grids(folder / "run.xdmf")
+    times, grids = read_grids(folder / "run.vtkhdf")
     largest = comm.allreduce(np.abs(stepper.u.x.array).max(), op=MPI.MAX)
     assert agree(np.allclose(times, [0, 3 * BLOCK_STEP]))
     assert agree(np.abs(grids[-1]["displacement"]).max() == largest)
@@ -215,7 +216,7 @@ def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, m
 
 def test_rows_and_states_can_be_read_at_once(comm, folder, agree):
     stepper = blocks(comm).stepper
-    with Recorder(folder / "run", stepper) as recorder:
+    with Recorder(folder / "run", stepper, fields="xdmf") as recorder:
         for step in stepper.run(until=3 * BLOCK_STEP):
             recorder.write(step)
             comm.barrier()
@@ -231,14 +232,14 @@ def test_files_of_the_same_name_are_replaced(comm, folder, agree):
     stepper = blocks(comm).stepper
     record(stepper, folder / "run", 3)
     record(stepper, folder / "run", 1)
-    times, _ = read_grids(folder / "run.xdmf")
+    times, _ = read_grids(folder / "run.vtkhdf")
     table = read_table(folder / "run.csv")
     assert agree(np.allclose(times, BLOCK_STEP * np.array([3, 4])))
     assert agree(np.array_equal(table["step"], [3, 4]) and table["energy_solver"][0] == 0)
 
 
 @pytest.mark.parametrize(
-    "name", ["run.csv", "run.xdmf", "run_fields/mesh.h5", "run_fields/000000007.h5"]
+    "name", ["run.csv", "run.vtkhdf", "run_fields/grid.h5", "run_fields/000000007-000000009.h5"]
 )
 def test_nothing_is_created_when_a_file_cannot_be(comm, folder, refused, name):
     stepper = blocks(comm).stepper
@@ -287,7 +288,7 @@ def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm
     names = ["time_twice", "place_x", "place_y", "place_z"]
     assert agree(list(table)[-4:] == names)
     assert agree(np.array_equal(table["time_twice"], 2 * table["time"]))
-    _, grids = read_grids(folder / "run.xdmf")
+    _, grids = read_grids(folder / "run.vtkhdf")
     assert agree(len(grids) == 5)
     fields = nts.Fields(stepper)
     for name, function in (
@@ -334,7 +335,7 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
     ):
         with refused(ValueError, reason):
             enter(own_fields=field)
-    with refused(ValueError, "fields='xdmf' with stress, given 'vtx'"):
+    with refused(ValueError, "fields='vtkhdf' with stress, given 'vtx'"):
         enter(stress=True, fields="vtx")
 
 
@@ -345,7 +346,7 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
         "checkpoint_every=None, resume=True, "
         "columns_of=('pairs', 'obstacles', 'supports', 'loads'), stress=False, "
-        "own_columns=(), own_fields=(), fields='xdmf')"
+        "own_columns=(), own_fields=(), fields='vtkhdf')"
     )
 
 

@@ -92,7 +92,7 @@ def test_a_folder_is_replaced_and_a_file_is_not(comm, folder, refused):
 
 @needs_adios
 def test_a_file_that_cannot_go_on_is_refused_with_resume(comm, folder, refused):
-    with refused(ValueError, "expected fields='xdmf' with resume"):
+    with refused(ValueError, "expected fields='vtkhdf' with resume"):
         record(sliding_blocks(comm), folder / "run", resume=True)
 
 
@@ -104,5 +104,5 @@ def test_without_adios_it_is_refused(comm, folder, monkeypatch, refused):
 
 
 def test_other_kinds_are_refused(comm, folder, refused):
-    with refused(ValueError, "expected fields 'xdmf' or 'vtx', given 'vtk'"):
+    with refused(ValueError, "expected fields out of 'vtkhdf', 'xdmf', 'vtx', given 'vtk'"):
         nts.Recorder(folder / "run", sliding_blocks(comm), fields="vtk")

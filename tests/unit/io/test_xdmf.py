@@ -4,40 +4,21 @@ from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
-from mpi4py import MPI
-
 import h5py
 import numpy as np
 import pytest
 
-from dolfinx_nts.io import xdmf
+from dolfinx_nts.io import fields_folder
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.xdmf import XdmfFile
 from helpers.killed import Killed, kill_at
+from helpers.numbered_run import Run
 from helpers.readers import read_grids
-from helpers.scenes import blocks
 
 pytestmark = pytest.mark.serial
 
 NUM_STATES, BREAK = 4, 1
 UNTOUCHED = ("notes.txt", "12.h5", "000000001.h5.copy", "0000000001.h5", "my_mesh.h5")
-
-
-class Run:
-    """A stepper whose displacement is the number of its step everywhere."""
-
-    def __init__(self):
-        """Start at step 0."""
-        self._stepper = blocks(MPI.COMM_SELF).stepper
-        self.go_to(0)
-
-    def __getattr__(self, name):
-        """Return what the stepper has."""
-        return getattr(self._stepper, name)
-
-    def go_to(self, step):
-        self.step, self.t = step, 0.25 * step
-        self._stepper.u.x.array[:] = step
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +168,8 @@ def test_a_damaged_mesh_is_written_again(tmp_path, run, caplog, damage):
 
 def test_flushed_files_are_on_disk_and_each_once(tmp_path, run, monkeypatch):
     synced = []
-    monkeypatch.setattr(xdmf, "sync", lambda *paths: synced.append({p.name for p in paths}))
+    keep = synced.append
+    monkeypatch.setattr(fields_folder, "sync", lambda *paths: keep({p.name for p in paths}))
     file = XdmfFile(tmp_path / "run.xdmf", run, RunFields(run))
     run.go_to(0)
     file.open(False)

@@ -199,7 +199,7 @@ def test_pictures_are_displayed_by_a_notebook_and_need_no_file(comm, folder, agr
             record.write(step)
     pictures = [plotting.snapshot(stepper), plotting.contact(stepper)]
     pictures += [draw(folder / "run.csv") for draw in (plotting.energies, plotting.energy_error)]
-    pictures.append(plotting.animate(folder / "run.xdmf", folder / "run.gif"))
+    pictures.append(plotting.animate(folder / "run.vtkhdf", folder / "run.gif"))
     if comm.rank == 0:
         kinds = [next(iter(picture._repr_mimebundle_())) for picture in pictures]
         assert kinds == ["image/png"] * 4 + ["image/gif"]
@@ -207,7 +207,7 @@ def test_pictures_are_displayed_by_a_notebook_and_need_no_file(comm, folder, agr
     assert agree(colours(comm, folder / "a.png") > 500)
     comm.barrier()
     assert {path.suffix for path in folder.iterdir() if path.is_file()} == {
-        *(".csv", ".xdmf", ".gif", ".png")
+        *(".csv", ".vtkhdf", ".gif", ".png")
     }
 
 
@@ -279,7 +279,7 @@ def recorded(comm, folder):
 
 
 def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
-    times, grids = pictures._states(folder / "run.xdmf", "velocity", "v")
+    times, grids = pictures._states(folder / "run.vtkhdf", "velocity", "v")
     assert agree(np.allclose(times, BLOCK_STEP * np.arange(3)))
     for grid, x in zip(grids, recorded, strict=True):
         assert agree(np.allclose(grid.points, x, rtol=0, atol=1e-14))
@@ -292,7 +292,7 @@ def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
 def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
     from PIL import Image
 
-    plotting.animate(folder / "run.xdmf", folder / "run.gif", colour=colour, fps=10)
+    plotting.animate(folder / "run.vtkhdf", folder / "run.gif", colour=colour, fps=10)
     comm.barrier()
     with Image.open(folder / "run.gif") as movie:
         assert agree(movie.n_frames == 3 and movie.info["duration"] == 100)
@@ -302,7 +302,7 @@ def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
 def test_a_field_that_is_not_there_is_refused(comm, folder, recorded):
     if comm.rank == 0:
         with pytest.raises(ValueError, match=r"colour out of .*given 'stress'"):
-            plotting.animate(folder / "run.xdmf", folder / "run.gif", colour="stress")
+            plotting.animate(folder / "run.vtkhdf", folder / "run.gif", colour="stress")
         assert not (folder / "run.gif").exists()
 
 

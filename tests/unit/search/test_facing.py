@@ -1,10 +1,13 @@
 """Nodes touch what faces them: not the sides of bodies next to them."""
 
+import time
+
 import numpy as np
 import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import _kernels
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from helpers import scenes
@@ -30,6 +33,14 @@ class Two:
         self.V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         stone = nts.NeoHookean(1e5, 0.3, 1e3)
         self.bodies = [nts.Body(self.V, tags, value, stone) for value in range(len(blocks))]
+
+    def look(self, x):
+        """Return a function of the reach that finds segments and gaps of all second nodes."""
+        nodes, segments = (nts.boundary_of(body) for body in reversed(self.bodies))
+        candidates, _ = GlobalSearch(nodes, segments).update(x, np.inf)
+        none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+        points, x = NodalFacets(nodes).points(x), candidates.scatter.forward(x).copy()
+        return lambda reach: candidates.pair(points, x, none, reach)
 
     def gaps(self, shift):
         """Reference positions of the second body's nodes, and gaps when it is shifted."""
@@ -76,3 +87,52 @@ def test_node_below_a_thin_plate_is_not_taken_for_one_deep_inside(comm, agree):
     assert agree(np.isnan(gap[np.isclose(X[:, 2], 0)]).all())
     X, gap = two.gaps((0.01, 0.013, -0.03))
     assert agree(np.allclose(gap[np.isclose(X[:, 2], 0)], -0.03, atol=1e-12))
+
+
+@cells
+def test_a_look_at_any_distance_finds_what_a_look_far_enough_finds(comm, agree, cell):
+    floor, stone = ((0, 0, 0), (4, 4, 1), (5, 5, 2)), ((0, 0, 0), (1, 1, 1), (4, 4, 4))
+    two, rng = Two(comm, floor, stone, cell=cell), np.random.default_rng(7)
+    X, found = two.V.tabulate_dof_coordinates(), 0
+    for _ in range(30):
+        # Both are warped, and the stone lies anywhere.
+        bend = rng.uniform(-0.5, 0.5, (3, 3))
+        x = X + np.sin(2 * X @ bend) * rng.uniform(0, 0.6)
+        x[two.bodies[1].nodes] += rng.uniform(-2, 4, 3)
+        look = two.look(x)
+        anywhere, far = look(np.inf), look(1e3)
+        same = [np.array_equal(*pair, equal_nan=True) for pair in zip(anywhere, far, strict=True)]
+        assert agree(all(same))
+        found += np.count_nonzero(far[0] >= 0)
+    assert agree(found > 0)
+
+
+@pytest.mark.serial
+def test_nodes_that_face_nothing_do_not_look_at_all_segments():
+    n, m = 40, 200
+    grid = np.arange((n + 1) ** 2, dtype=np.int32).reshape(n + 1, n + 1)
+    corners = (grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:])
+    floor = np.stack(corners, axis=-1).reshape(-1, 4)
+    x = np.zeros((grid.size, 3))
+    x[:, :2] = np.stack(np.divmod(grid.ravel(), n + 1), axis=-1) / n
+    kernel = _kernels.Segments(floor, np.ones(len(floor)), np.arange(len(floor)))
+    # A triangle around each node, which looks down or up.
+    numbers, ones = np.arange(m, dtype=np.int32), np.ones(m)
+    own = np.arange(3 * m, dtype=np.int32).reshape(m, 3)
+    nodes = np.column_stack([np.random.default_rng(1).uniform(0, 1, (m, 2)), 0.3 * ones])
+    triangles = nodes[:, None] + np.array([[0, 0, 0], [1e-3, 0, 0], [0, 1e-3, 0]])
+    seconds, found = {}, {}
+    for side in (-1.0, 1.0):
+        facets = _kernels.NodeFacets(
+            own, side * ones, np.arange(m + 1, dtype=np.int32), numbers, ones
+        )
+        around = facets, triangles.reshape(-1, 3), numbers, np.ones(len(floor))
+        times = []
+        for _ in range(5):
+            start = time.process_time()
+            found[side] = kernel.pair(nodes, np.full(m, -1, np.int32), 0.0, np.inf, x, *around)[0]
+            times.append(time.process_time() - start)
+        seconds[side] = min(times)
+    assert (found[-1.0] >= 0).all() and (found[1.0] < 0).all()
+    # All 1600 segments would take a hundred times as long as those nearby.
+    assert seconds[1.0] < 5 * seconds[-1.0]

@@ -97,6 +97,26 @@ public:
     return cosine > FacingRule::opposed;
   }
 
+  /// @brief Whether the node may face a segment whose normal is along a vector
+  /// in this box; the vectors that count are no longer than 1.
+  bool may_face(const Box& normals) const noexcept
+  {
+    constexpr double round_off = 1e-9;
+    const double shortest = std::sqrt(normals.squared_distance({}));
+    const auto meets = [&](const Vec3& direction, double cosine) noexcept
+    {
+      double most = round_off;
+      for (std::size_t i = 0; i < 3; ++i)
+        most += std::max(-direction[i] * normals.lower[i],
+                         -direction[i] * normals.upper[i]);
+      return most > cosine * shortest;
+    };
+    return are_all() || meets(_mean, FacingRule::opposed)
+           || std::ranges::any_of(
+               _normals, [&](const Vec3& n) noexcept
+               { return meets(n, FacingRule::opposed + FacingRule::single); });
+  }
+
   /// @brief Whether the node looks along a normal by more than a cosine.
   bool looks_along(const Vec3& normal, double cosine) const noexcept
   {
@@ -106,6 +126,63 @@ public:
 private:
   Vec3 _mean = {};
   std::vector<Vec3> _normals;
+};
+
+/// @brief Bounds of the normals of segments.
+///
+/// A node that faces none of them has no nearest segment by which a look at any
+/// distance could end, and would see them all.
+template <class S>
+class NormalBounds
+{
+public:
+  /// @param[in] surface The segments.
+  /// @param[in] reach Largest distance of a look [m]; bounds serve, and are
+  /// made, only where it is infinite.
+  NormalBounds(const SegmentSurface<S>& surface, double reach)
+      : _are_made(std::isinf(reach))
+  {
+    if (_are_made)
+      for (std::size_t i = 0; i < surface.key.size(); ++i)
+        include(surface, i);
+  }
+
+  /// @brief Whether there are bounds.
+  bool are_made() const noexcept { return _are_made; }
+
+  /// @brief Whether a node that looks in these directions may face a segment.
+  bool has_faced(const Directions& directions) const noexcept
+  {
+    return std::ranges::any_of(_boxes, [&](const Box& box) noexcept
+                               { return directions.may_face(box); });
+  }
+
+private:
+  /// Segments that share a bound: consecutive ones, as a rule neighbours.
+  static constexpr std::size_t _group = 16;
+
+  void include(const SegmentSurface<S>& surface, std::size_t i)
+  {
+    if (i % _group == 0)
+      _boxes.emplace_back();
+    // A node beyond the rim counts as far as this; in between, the normal is
+    // along a mean of those at the corners.
+    constexpr double begin = -LocalSearchRule::overhang, end = 1 - begin;
+    const auto x = surface.segment(i);
+    const std::array<Vec3, 2> edge = S::directions(x);
+    const Vec3 mixed = combine(S::d2phi(), x);
+    for (const Vec2& xi : {Vec2{begin, begin}, Vec2{end, begin},
+                           Vec2{begin, end}, Vec2{end, end}})
+    {
+      const Vec3 n = cross(edge[0] + xi[1] * mixed, edge[1] + xi[0] * mixed);
+      const double length = norm(n);
+      if (length > 0)
+        _boxes.back().include((surface.orientation[i] / length) * n);
+    }
+  }
+
+  bool _are_made;
+  std::vector<Box> _boxes;
 };
 
 /// @brief Says what one node may touch: what faces it, see `find_segment`.
@@ -118,24 +195,31 @@ public:
   /// @param[in] around Facets around the nodes at t_n.
   /// @param[in] node Number of the node.
   /// @param[in] surface The segments.
+  /// @param[in] normals Bounds of those of the segments.
   /// @param[in] thickness Of the cells behind the segments, (s,) [m].
   Facing(const FacetsAroundNodes& around, std::int32_t node,
-         const SegmentSurface<S>& surface, std::span<const double> thickness)
-      : _around(around), _node(node), _surface(surface), _thickness(thickness)
+         const SegmentSurface<S>& surface, const NormalBounds<S>& normals,
+         std::span<const double> thickness)
+      : _around(around), _node(node), _surface(surface), _normals(normals),
+        _thickness(thickness)
   {
   }
 
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
+  /// @brief Whether the node may face any segment.
+  bool faces_any()
+  {
+    return !_normals.are_made() || _normals.has_faced(directions());
+  }
+
   /// @brief Whether the node may touch a segment; where not, remembers whether
   /// it lies in front.
   bool touches(std::int32_t i, const Projection<S>& p)
   {
-    if (!_directions)
-      _directions.emplace(_around, _node);
     // Deeper it is nearer to the other side of the wall.
-    if (_directions->are_all()
-        || (p.gap >= -_thickness[i] && _directions->faces(p.normal)))
+    if (directions().are_all()
+        || (p.gap >= -_thickness[i] && directions().faces(p.normal)))
       return true;
     if (p.gap > 0 && p.gap < _in_front_by && S::outside(p.xi) <= 0)
     {
@@ -159,9 +243,17 @@ public:
   }
 
 private:
+  const Directions& directions()
+  {
+    if (!_directions)
+      _directions.emplace(_around, _node);
+    return *_directions;
+  }
+
   const FacetsAroundNodes& _around;
   std::int32_t _node;
   const SegmentSurface<S>& _surface;
+  const NormalBounds<S>& _normals;
   std::span<const double> _thickness;
   std::optional<Directions> _directions;
   double _in_front_by = INFINITY, _hides_from = 0;

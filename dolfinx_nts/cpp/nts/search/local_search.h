@@ -74,6 +74,9 @@ struct Anything
     return true;
   }
 
+  /// @brief Whether there may be any segment that the node may touch.
+  bool faces_any() const noexcept { return true; }
+
   /// @brief Whether the nearest segment is the right one, when all were seen.
   template <class S>
   bool confirms(const Projection<S>&, double) const noexcept
@@ -119,6 +122,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       return {current, p.xi, p.gap, p.normal};
   }
 
+  if (!may.faces_any())
+    return {};
   std::int32_t best = -1;
   Projection<S> best_projection;
   double nearest = reach;

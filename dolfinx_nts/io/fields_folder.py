@@ -1,0 +1,76 @@
+"""Folder with the values of the fields of a run, beside the file that refers to them."""
+
+import itertools
+import os
+import re
+from collections.abc import Collection
+from pathlib import Path
+
+from dolfinx_nts.io.atomic_file import check_replaceable, replace, sync
+
+__all__ = ["FieldsFolder"]
+
+
+class FieldsFolder:
+    """The folder ``run_fields`` beside ``run.xdmf`` or ``run.vtkhdf``. Local, as its methods.
+
+    Each file in it appears as a whole in one instant.
+
+    Args:
+        index: The file that refers to the folder.
+        own: Names of files that belong to the run; others stay as they are.
+
+    Attributes:
+        path: The folder.
+    """
+
+    def __init__(self, index: Path, own: re.Pattern[str]) -> None:
+        """Take the names; `replace` creates files."""
+        self.path = index.with_name(f"{index.stem}_fields")
+        self._index, self._own = index, own
+        self._unsynced: list[Path] = []
+
+    def check(self) -> None:
+        """Refuse names under which nothing can be written.
+
+        Raises:
+            OSError: Something that cannot be replaced has the name of one of the files or of
+                the folder.
+        """
+        folder = self.path
+        if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise OSError(f"expected a folder in which files can be replaced, given {folder}")
+        check_replaceable(self._index, *self.files(self._own))
+
+    def files(self, names: re.Pattern[str]) -> list[Path]:
+        """Files with such names in the folder, if there is one."""
+        files = self.path.iterdir() if self.path.is_dir() else ()
+        return [path for path in files if names.fullmatch(path.name)]
+
+    def begin(self, kept: Collection[str]) -> None:
+        """Make the folder, and remove own files but those with these names."""
+        self._unsynced = []
+        for path in self.files(self._own):
+            if path.name not in kept:
+                path.unlink()
+        self.path.mkdir(exist_ok=True)
+
+    def replace(self, name: str, image: memoryview) -> None:
+        """Write a file, or give it a new content."""
+        path = self.path / name
+        replace(path, image)
+        self._unsynced.append(path)
+
+    def sync(self) -> None:
+        """Wait until the disk has all files, so that they survive a power failure."""
+        sync(*self._unsynced, self.path, self._index, self._index.parent)
+        self._unsynced = []
+
+    def move_aside(self) -> str:
+        """Give the folder another name, and tell which."""
+        if not self.path.exists():
+            return f"as there is no folder {self.path}"
+        names = (f"{self.path.name}.damaged{n}" for n in itertools.count(1))
+        aside = next(p for p in map(self.path.with_name, names) if not p.exists())
+        self.path.rename(aside)
+        return f"and the earlier ones were moved to {aside}"

@@ -1,0 +1,198 @@
+"""VTKHDF file with the fields of a run, and the HDF5 files that hold their values.
+
+``run.vtkhdf`` is what ParaView and VTK open. The values lie in the folder ``run_fields``: the
+mesh in ``grid.h5``, and the states in files of several consecutive ones, those of steps 51 to 80
+in ``000000051-000000080.h5``. States are held back for a second at most, or until they need
+much memory, and then written together, which takes a tenth of the time. Each file appears
+as a whole in one instant, so a killed program leaves whole states.
+
+Rank 0 collects and writes everything in the numbering of the mesh as read. What readers find
+does not depend on the partition, and a run on another number of ranks can continue the files.
+"""
+
+import logging
+import re
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.io.atomic_file import hdf5_file_image, hdf5_image, replace
+from dolfinx_nts.io.fields import RunFields, mesh_arrays
+from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.states import States
+from dolfinx_nts.io.vtkhdf_index import Block, Field, grid_arrays, write_index
+from dolfinx_nts.parallel.communication import on_root
+
+__all__ = ["VtkHdfFile"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+_GRID = "grid.h5"
+_BLOCK = re.compile(r"\d{9}-\d{9}\.h5")
+# A killed program leaves ``.new`` of a file that it was about to replace.
+_OWN = re.compile(r"(\d{9}-\d{9}|grid)\.h5(\.new)?")
+# Longest time for which a state is held back [s], also relative to that of the last writing [-],
+# as the index grows, and most memory for states that are [bytes].
+_LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
+
+
+class VtkHdfFile:
+    """Writes the fields of a run and the number of the body of each cell.
+
+    Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
+    all its methods except `check` and `leave`.
+
+    Args:
+        path: The VTKHDF file. The folder beside it has its name with ``_fields`` in the place
+            of ``.vtkhdf``.
+        stepper: Stepper whose states are written.
+        fields: What is written of each state.
+    """
+
+    def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
+        """Remember the names of the files; `open` creates them."""
+        self._stepper, self._path = stepper, path
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._present = States(stepper, fields).present
+        self._folder = FieldsFolder(path, _OWN)
+        self._steps: set[int] = set()
+        self._grid: dict[str, Field] = {}
+        self._blocks: list[Block] = []
+        # States that are held back, with step and time, and when they must be written [s].
+        self._held: list[tuple[int, float, dict[str, Array]]] = []
+        self._due = 0.0
+
+    def check(self) -> None:
+        """Refuse names under which nothing can be written. Local.
+
+        Raises:
+            OSError: Something that cannot be replaced has the name of one of the files or of
+                the folder.
+        """
+        self._folder.check()
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the steps whose states have been written.
+
+        Args:
+            archive: Takes the steps, or gives those which `open` expects to find.
+        """
+        steps = np.array(sorted(self._steps), dtype=np.int64)
+        self._steps = set(map(int, archive.same("field_steps", steps)))
+
+    def open(self, resume: bool) -> None:
+        """Write the mesh, and remove the states that do not belong to the run.
+
+        Args:
+            resume: Whether to continue the states up to the present step. Otherwise all states
+                of an earlier run are removed. If one of them is damaged or missing, a warning
+                tells so, and all are moved to another folder.
+
+        Raises:
+            OSError: The files cannot be written.
+        """
+        mesh = mesh_arrays(self._stepper)
+        self._steps = on_root(self._comm, lambda: self._open(mesh, resume))
+
+    def write(self) -> None:
+        """Take the present state, unless that has been done, and write it sooner or later.
+
+        Raises:
+            OSError: States cannot be written, for instance because the disk is full. The
+                earlier ones are unchanged.
+        """
+        step = self._stepper.step
+        if step in self._steps:
+            return
+        state = self._present()
+        on_root(self._comm, lambda: self._hold(step, state))
+        self._steps.add(step)
+
+    def flush(self) -> None:
+        """Wait until the disk has all states, so that they survive a power failure."""
+
+        def wait() -> None:
+            self.leave()
+            self._folder.sync()
+
+        on_root(self._comm, wait)
+
+    def close(self) -> None:
+        """Write the states that are held back."""
+        on_root(self._comm, self.leave)
+
+    # --- on rank 0 --------------------------------------------------------
+
+    def leave(self) -> None:
+        """Write the states that are held back, also after an error. Local."""
+        held, self._held = self._held, []
+        if not held:
+            return
+        start = time.monotonic()
+        steps, times, states = zip(*held, strict=True)
+        name = f"{steps[0]:09d}-{steps[-1]:09d}.h5"
+        fields = {of: np.concatenate([state[of] for state in states]) for of in states[0]}
+        self._folder.replace(name, hdf5_image(fields, steps=steps, times=times))
+        shapes = {of: Field.of(values) for of, values in states[0].items()}
+        self._blocks.append(Block(self._reference(name), steps, times, shapes))
+        self._write_index()
+        now = time.monotonic()
+        self._due = now + max(_LATEST, _RARELY * (now - start))
+
+    def _hold(self, step: int, state: dict[str, Array]) -> None:
+        self._held.append((step, self._stepper.t, state))
+        size = len(self._held) * sum(values.nbytes for values in state.values())
+        if time.monotonic() >= self._due or size >= _MOST:
+            self.leave()
+
+    def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
+        """Steps of the states with which the run begins."""
+        cell = self._stepper.u.function_space.mesh.topology.cell_name()
+        arrays = grid_arrays(mesh, cell)
+        self._grid = {name: Field.of(values) for name, values in arrays.items()}
+        self._held, self._due = [], 0.0
+        self._blocks = self._found() if resume else []
+        # Before states are removed nothing refers to them any more.
+        if self._blocks:
+            self._write_index()
+        else:
+            self._path.unlink(missing_ok=True)
+        self._folder.begin({_GRID, *(Path(block.file).name for block in self._blocks)})
+        self._folder.replace(_GRID, hdf5_image(arrays))
+        return {step for block in self._blocks for step in block.steps}
+
+    def _found(self) -> list[Block]:
+        """Blocks of the states up to the present step; none if states are missing."""
+        blocks, last = [], self._stepper.step
+        for path in sorted(self._folder.files(_BLOCK)):
+            if int(path.name[:9]) > last:
+                continue
+            try:
+                blocks.append(Block.read(path))
+            except Exception as error:  # of many kinds
+                return self._anew(f"{path} cannot be read: {error}")
+        there = {step for block in blocks for step in block.steps}
+        if missing := {step for step in self._steps if step <= last} - there:
+            return self._anew(f"{self._folder.path} lacks the fields of step {min(missing)}")
+        return blocks
+
+    def _anew(self, reason: str) -> list[Block]:
+        # Somebody has changed the files; the run itself is whole.
+        moved = self._folder.move_aside()
+        _logger.warning("%s; the fields begin anew, %s", reason, moved)
+        return []
+
+    def _write_index(self) -> None:
+        grid = self._reference(_GRID)
+        image = hdf5_file_image(lambda file: write_index(file, grid, self._grid, self._blocks))
+        replace(self._path, image)
+
+    def _reference(self, name: str) -> str:
+        """Path by which the index refers to a file in the folder."""
+        return f"{self._folder.path.name}/{name}"

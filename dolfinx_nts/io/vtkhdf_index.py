@@ -1,0 +1,148 @@
+"""Index of a VTKHDF file: its mesh and its states, whose values lie in other HDF5 files.
+
+The format is that of VTK for an unstructured grid with time steps, with one partition and a mesh
+that stays. Arrays are virtual datasets of HDF5: readers find the values in the files of the
+folder as if they were here. The index itself is small, so it can be replaced as a whole.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.io.states import CELLS
+
+__all__ = ["Block", "Field", "grid_arrays", "write_index"]
+
+# Numbers of VTK by the kind of cells.
+_CELLS = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12}
+# Lengths of the mesh, and where it begins, the same in all steps.
+_OFFSETS = ("PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
+
+
+@dataclass(frozen=True)
+class Field:
+    """Field of one state: its shape, with a row for each node or cell, and its type."""
+
+    shape: tuple[int, ...]
+    dtype: Any
+
+    @classmethod
+    def of(cls, values: Any) -> "Field":
+        """Field of these values of a state."""
+        return cls(values.shape, values.dtype)
+
+
+@dataclass(frozen=True)
+class Block:
+    """States that share a file, in which those of each field lie one behind the other.
+
+    Attributes:
+        file: The file, relative to the index.
+        steps: Number of the step of each state.
+        times: Their times [s].
+        fields: Fields by name; those of cells have names that begin with ``cells/``.
+    """
+
+    file: str
+    steps: tuple[int, ...]
+    times: tuple[float, ...]
+    fields: Mapping[str, Field]
+
+    @classmethod
+    def read(cls, path: Path) -> "Block":
+        """Describe a file of states. Local.
+
+        Raises:
+            Exception: Of many kinds; the file is no whole file of states.
+        """
+        with h5py.File(path, "r") as file:
+            steps, times = (tuple(file.attrs[name].tolist()) for name in ("steps", "times"))
+            fields: dict[str, Field] = {}
+
+            def add(name: str, item: Any) -> None:
+                if isinstance(item, h5py.Dataset):
+                    rows, rest = divmod(len(item), len(steps))
+                    if rest:
+                        raise ValueError(f"{name} has no whole states")
+                    fields[name] = Field((rows, *item.shape[1:]), item.dtype)
+
+            file.visititems(add)
+        return cls(f"{path.parent.name}/{path.name}", steps, times, fields)
+
+
+def grid_arrays(mesh: Mapping[str, Array], cell: str) -> dict[str, Array]:
+    """Arrays of a mesh by which VTK describes it. Local.
+
+    Args:
+        mesh: Those of `fields.mesh_arrays`.
+        cell: Kind of the cells, as DOLFINx names it.
+
+    Returns:
+        Arrays by their names in VTK, and ``body``.
+    """
+    number, size = mesh["cells"].shape
+    return {
+        "Points": mesh["points"],
+        "Connectivity": mesh["cells"].astype(np.int64).ravel(),
+        "Offsets": size * np.arange(number + 1, dtype=np.int64),
+        "Types": np.full(number, _CELLS[cell], dtype=np.uint8),
+        "CellData/body": mesh["body"],
+    }
+
+
+def write_index(
+    file: h5py.File, grid: str, arrays: Mapping[str, Field], blocks: Sequence[Block]
+) -> None:
+    """Write the index of a mesh and its states. Local.
+
+    Args:
+        file: File that is written, empty.
+        grid: File with the arrays of the mesh, relative to the index.
+        arrays: What it holds, see `grid_arrays`.
+        blocks: The states, at least one, all with the same fields.
+    """
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = np.array([2, 0], dtype=np.int64)
+    root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+    for name, array in arrays.items():
+        _join(root, name, [(grid, name, array)])
+    lengths = {"Points": "Points", "Cells": "Types", "ConnectivityIds": "Connectivity"}
+    for name, of in lengths.items():
+        root[f"NumberOf{name}"] = np.array([arrays[of].shape[0]], dtype=np.int64)
+
+    times = np.concatenate([block.times for block in blocks])
+    count = len(times)
+    steps, zeros = root.create_group("Steps"), np.zeros(count, dtype=np.int64)
+    steps.attrs["NSteps"] = count
+    steps["Values"] = times
+    steps["PartOffsets"] = steps["PointOffsets"] = zeros
+    steps["NumberOfParts"] = zeros + 1
+    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = zeros[:, None]
+    steps["CellDataOffsets/body"] = zeros
+    for name, field in blocks[0].fields.items():
+        kind = "CellData" if name.startswith(CELLS) else "PointData"
+        label, rows = name.removeprefix(CELLS), field.shape[0]
+        parts = [
+            (block.file, name, Field((len(block.times) * rows, *field.shape[1:]), field.dtype))
+            for block in blocks
+        ]
+        _join(root, f"{kind}/{label}", parts)
+        steps[f"{kind}Offsets/{label}"] = rows * np.arange(count, dtype=np.int64)
+
+
+def _join(root: h5py.Group, name: str, parts: Sequence[tuple[str, str, Field]]) -> None:
+    """Make a dataset of the rows of others, given by file, name and shape."""
+    begins = list(accumulate((field.shape[0] for _, _, field in parts), initial=0))
+    first = parts[0][2]
+    layout = h5py.VirtualLayout((begins[-1], *first.shape[1:]), first.dtype)
+    for begin, end, (file, of, field) in zip(begins[:-1], begins[1:], parts, strict=True):
+        # HDF5 takes a single % for the start of a pattern.
+        source = h5py.VirtualSource(file.replace("%", "%%"), of, field.shape, field.dtype)
+        layout[begin:end] = source
+    root.create_virtual_dataset(name, layout)
