@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType
 
-from dolfinx_nts.meshing.gmsh import read_mesh
+from dolfinx_nts.meshing.gmsh import add_rectangle, read_mesh
 from helpers.gmsh_models import ROUNDING, measure
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -101,3 +101,26 @@ def test_mirrored_cells_of_the_plane_keep_their_area(comm, model):
     if model:
         add_sheet(model, NODES[:4], {QUADRILATERAL: [1, 3, 4, 2]})
     assert measure(read_mesh(model, comm), "sheet") == pytest.approx(1, rel=ROUNDING)
+
+
+@pytest.mark.parametrize(("cell", "number"), [("quadrilateral", 12), ("triangle", 24)])
+def test_rectangles_are_exact(comm, cell, number):
+    def build(model: Any) -> None:
+        for name, x in (("one", 0), ("two", 5)):
+            shape = {"corner": (x, -1), "size": (2, 0.75), "cells": (4, 3)}
+            add_rectangle(model, name, **shape, cell=cell)
+
+    data = read_mesh(build, comm)
+    assert data.mesh.topology.index_map(2).size_global == 2 * number
+    assert measure(data, "two") == pytest.approx(1.5, rel=ROUNDING)
+    assert measure(data, kind="ds") == pytest.approx(2 * 5.5, rel=ROUNDING)
+    for side, length in (("left", 0.75), ("right", 0.75), ("bottom", 2), ("top", 2)):
+        assert measure(data, f"one_{side}", "ds") == pytest.approx(length, rel=ROUNDING)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("wrong", [{"size": (1, 0)}, {"cells": (0, 1)}, {"cell": "hexahedron"}])
+def test_impossible_rectangles_are_refused(model, wrong):
+    good = {"corner": (0, 0), "size": (1, 1), "cells": (1, 1)}
+    with pytest.raises(ValueError, match="expected (positive size|cell out of)"):
+        add_rectangle(model, "a", **good | wrong)
