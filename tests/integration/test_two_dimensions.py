@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -272,6 +274,51 @@ def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
     dropped = nts.load_state(f"{name}.checkpoint.h5", static)
     assert "velocities, which QuasiStatic does not have" in dropped
     assert np.array_equal(static.u.x.array, stepper.u.x.array) and not static.v.x.array.any()
+
+
+def ring():
+    """A soft ring of triangles, outer radius 1 m, wall 0.06 m."""
+
+    def build(model):
+        whole, hole = (model.occ.addDisk(0, 0, 0, r, r) for r in (1.0, 0.94))
+        model.occ.cut([(2, whole)], [(2, hole)])
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [whole], name="ring")
+        model.mesh.setSize(model.getEntities(0), 0.06)
+        model.mesh.generate(2)
+
+    data = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
+    return nts.Body(V, data.cells, data.tag["ring"], nts.NeoHookean(**RUBBER))
+
+
+@pytest.mark.parametrize(
+    ("enforcement", "friction"),
+    [
+        (nts.LagrangeMultiplier(), None),
+        (nts.LagrangeMultiplier("plastic"), nts.Coulomb(mu=0.3)),
+        pytest.param(nts.Penalty(), nts.Coulomb(mu=0.3), marks=pytest.mark.serial),
+    ],
+    ids=["elastic", "plastic, friction", "penalty, friction"],
+)
+def test_a_ring_that_touches_itself_keeps_what_it_should(enforcement, friction):
+    body = ring()
+    pairs = nts.all_pairs([body], self_contact=[body], enforcement=enforcement, friction=friction)
+    stepper = nts.EnergyMomentum([body], pairs, dt=0.005)
+    # Top and bottom fly towards each other.
+    stepper.set_velocity(body, lambda x: np.array([0.7 + 0.4 * x[1], 0.3 * x[0] - 2.2 * x[1]]))
+    diagnostics = nts.Diagnostics(stepper)
+    first, given, most = diagnostics.balance(), 0.0, 0
+    for step in stepper.run(until=0.7):
+        given += sum(step.contact_work) - step.contact_work.springs
+        most = max(most, step.num_active)
+    last, size = diagnostics.balance(), 1e-10 * first.total_energy
+    assert most > 3 and diagnostics.min_gap() > -0.01
+    assert abs(last.total_energy - first.total_energy - given) < size
+    assert abs(given) < size if friction is None else given < -1e-3 * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        change = getattr(last, name) - getattr(first, name)
+        assert np.abs(change).max() < 1e-10 * 1e3
 
 
 def test_bodies_inside_each_other_are_found():
