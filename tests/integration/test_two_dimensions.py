@@ -25,9 +25,10 @@ def run(scene, stepper, steps=STEPS):
     return balances, reports
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_oblique_impact_conserves_energy_and_momenta(cell):
-    scene = blocks(cell, angle=0.4)
+def test_oblique_impact_conserves_energy_and_momenta(cell, degree):
+    scene = blocks(cell, angle=0.4, degree=degree)
     pair = nts.ContactPair(scene.nodes, scene.segments)
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     (first, *others), reports = run(scene, stepper)
@@ -109,9 +110,12 @@ def held_below(scene):
     return fem.dirichletbc(np.zeros(2), dofs, scene.V)
 
 
-@pytest.mark.parametrize("kind", ["Midpoint", "GeneralizedAlpha", "CentralDifference"])
-def test_other_schemes_conserve_the_linear_momentum_and_close_their_ledgers(kind):
-    scene = blocks("triangle", angle=0.9)
+@pytest.mark.parametrize(
+    ("kind", "degree"),
+    [("Midpoint", 1), ("GeneralizedAlpha", 1), ("CentralDifference", 1), ("CentralDifference", 2)],
+)
+def test_other_schemes_conserve_the_linear_momentum_and_close_their_ledgers(kind, degree):
+    scene = blocks("triangle", angle=0.9, degree=degree)
     law = nts.Penalty() if kind == "CentralDifference" else nts.LagrangeMultiplier("plastic")
     pair = nts.ContactPair(scene.nodes, scene.segments, law)
     options = {} if kind == "CentralDifference" else {"dt": 0.01}
@@ -201,9 +205,11 @@ def test_motions_out_of_the_plane_are_refused(motion, message):
     assert stepper.step == 0
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_stress_is_that_of_plane_strain(cell):
-    scene, stretch = blocks(cell), 1.2
+@pytest.mark.parametrize(
+    ("cell", "degree"), [("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 2)]
+)
+def test_stress_is_that_of_plane_strain(cell, degree):
+    scene, stretch = blocks(cell, degree=degree), 1.2
     bodies = [scene.lower, scene.upper]
     stepper = nts.EnergyMomentum(bodies, dt=0.01)
     for body in bodies:
@@ -219,8 +225,9 @@ def test_stress_is_that_of_plane_strain(cell):
     assert np.abs(density - (lmbda / 2 + mu) * strain**2).max() < 1e-10 * E
 
 
-def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
-    scene = blocks("triangle")
+@pytest.mark.parametrize("degree", [1, 2])
+def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path, degree):
+    scene = blocks("triangle", degree=degree)
     rising = nts.Motion(lambda t: (0.0, 0.05 * t))
     line = nts.RigidPlane((0.0, -0.51), (0.0, 1.0)).moving(rising)
     circle = nts.RigidSphere((1.3, 0.3), 0.72)
