@@ -42,6 +42,7 @@ DEMOS = {
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
     "pile": ["pile.png"],
+    "plane": ["plane.png"],
     "resume": ["resume_forces.png"],
     "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
@@ -280,12 +281,12 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
 
 def half(stepper: nts.EnergyMomentum) -> Any:
     """Deformed half x < 0 of the bodies with the von Mises stress [kPa]."""
-    from dolfinx_nts.plotting.canvas import CELLS, grid_of
+    from dolfinx_nts.plotting.canvas import grid_of
     from dolfinx_nts.plotting.stress import von_mises
 
     V = stepper.u.function_space
     cells = V.dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
-    grid = grid_of(CELLS, cells, stepper.x[cells], von_mises(stepper) / 1e3, "stress")
+    grid = grid_of(3, cells, stepper.x[cells], von_mises(stepper) / 1e3, "stress")
     _, first = np.unique(cells, return_index=True)
     reference = V.tabulate_dof_coordinates()[cells.ravel()[first]]
     middle = reference[grid_connections(grid)].mean(axis=1)

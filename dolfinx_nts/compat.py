@@ -117,21 +117,24 @@ def shared(index_map: IndexMap) -> Ints:
     return np.flatnonzero(np.diff(owned)).astype(np.int32)
 
 
-def model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Distribute a three-dimensional gmsh model as a DOLFINx mesh. Collective.
+def model_to_mesh(
+    model: Any, comm: MPI.Comm, rank: int, dim: int
+) -> tuple[Mesh, MeshTags, MeshTags]:
+    """Distribute a gmsh model as a DOLFINx mesh. Collective.
 
     Args:
         model: The gmsh model; only that of ``rank`` is read.
         comm: Communicator of the mesh.
         rank: Rank on which gmsh holds the model.
+        dim: Dimension of its cells and of their positions, 2 or 3.
 
     Returns:
         Mesh, cell tags and facet tags; the facet tags are empty if the
-        model has no physical surface.
+        model has no physical group of facets.
     """
     # 0.9 returns three values; 0.10 returns a longer named tuple, whose facet tags are
-    # None if there is no physical surface. Use attributes when 0.9 is dropped.
-    mesh, cells, facets = _reader.model_to_mesh(model, comm, rank, gdim=3)[:3]
+    # None if there is no physical group of facets. Use attributes when 0.9 is dropped.
+    mesh, cells, facets = _reader.model_to_mesh(model, comm, rank, gdim=dim)[:3]
     if facets is None:
         none = np.empty(0, dtype=np.int32)
         facets = meshtags(mesh, mesh.topology.dim - 1, none, none)

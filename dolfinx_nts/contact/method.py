@@ -58,8 +58,6 @@ def check_dimension(pair: Any) -> None:
     wrong = ""
     if pair.method != NODES:
         wrong = f"method {NODES!r}, given {pair.method!r}"
-    elif pair.touches_itself:
-        wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "resolved":

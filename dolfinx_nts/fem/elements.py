@@ -3,7 +3,8 @@
 Contact, output and pictures see positions of nodes only. For them a cell of degree 2 consists
 of eight cells of degree 1 on its nodes, its *pieces*: a hexahedron of 27 nodes is cut into
 eight hexahedra, each of its faces into four quadrilaterals; a tetrahedron of 10 nodes into
-eight tetrahedra, each of its faces into four triangles.
+eight tetrahedra, each of its faces into four triangles. In the plane quadrilaterals and
+triangles are cut as these faces, and each edge into two.
 """
 
 from functools import cache, cached_property
@@ -24,13 +25,16 @@ _CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
 # Distance on the reference cell [-] below which two points are the same: far above round-off,
 # far below the distance of two nodes, 1/2.
 _COINCIDENT = 1e-6
-# Pieces of a tetrahedron of degree 2: four at the corners, and four around the diagonal from
-# the middle of edge 02 to that of edge 13. Each node is given by the two vertices in whose
-# middle it lies.
-_TETRAHEDRA = (
-    *(tuple(f"{i}{j}" for j in range(4)) for i in range(4)),
-    *(("02", "13", *ring) for ring in (("01", "12"), ("12", "23"), ("23", "03"), ("03", "01"))),
-)
+# Pieces of simplices of degree 2: those at the corners; in a tetrahedron four around the
+# diagonal from the middle of edge 02 to that of edge 13, in a triangle one. Each node is given
+# by the two vertices in whose middle it lies.
+_PIECES = {
+    "tetrahedron": (
+        *(tuple(f"{i}{j}" for j in range(4)) for i in range(4)),
+        *(("02", "13", *ring) for ring in (("01", "12"), ("12", "23"), ("23", "03"), ("03", "01"))),
+    ),
+    "triangle": (*(tuple(f"{i}{j}" for j in range(3)) for i in range(3)), ("01", "12", "02")),
+}
 
 
 class Element:
@@ -38,7 +42,7 @@ class Element:
 
     Args:
         cell: ``"tetrahedron"``, ``"hexahedron"``, ``"triangle"`` or ``"quadrilateral"``.
-        degree: 1 or 2; 1 in the plane.
+        degree: 1 or 2.
 
     Attributes:
         cell: The cell.
@@ -93,13 +97,13 @@ class Element:
         if self.degree == 1:
             return np.arange(len(self.points), dtype=np.int32)[None]
         vertices = basix.geometry(basix.CellType[self.cell])
-        if self.cell == "hexahedron":
-            corners = [(vertices + shift) / 2 for shift in vertices]
-        else:
+        if self.is_simplex:
             corners = [
                 np.array([(vertices[int(ij[0])] + vertices[int(ij[1])]) / 2 for ij in piece])
-                for piece in _TETRAHEDRA
+                for piece in _PIECES[self.cell]
             ]
+        else:
+            corners = [(vertices + shift) / 2 for shift in vertices]
         distance = np.abs(np.array(corners)[:, :, None] - self.points).max(axis=-1)
         return np.asarray(distance.argmin(axis=-1), dtype=np.int32)
 
@@ -139,7 +143,7 @@ def check_space(V: fem.FunctionSpace) -> None:
         TypeError: ``V`` is no function space.
         ValueError: The mesh does not consist of straight tetrahedra or hexahedra in space, or
             triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, or the
-            element is no vector of Lagrange elements of degree 1 or 2, in the plane 1.
+            element is no vector of Lagrange elements of degree 1 or 2.
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
@@ -163,19 +167,18 @@ def check_space(V: fem.FunctionSpace) -> None:
     degree = compat.geometry_degree(mesh)
     if degree != 1:
         raise ValueError(
-            f"expected a mesh of degree 1 and straight cells, given degree {degree} in {dim}; "
-            "displacements on it may be of degree 2 in space"
+            f"expected a mesh of degree 1 and straight cells, given degree {degree}; "
+            "displacements on it may be of degree 2"
         )
     if (
         element.family_name not in ("P", "Q")
-        or element.degree not in (1, 2)[: dim - 1]
+        or element.degree not in (1, 2)
         or V.dofmap.index_map_bs != dim
         or element.discontinuous
     ):
         raise ValueError(
-            f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},)))"
-            f"{', or of degree 2' if dim == 3 else ''}, given {element} with block size "
-            f"{V.dofmap.index_map_bs}"
+            f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},))), or of degree 2, "
+            f"given {element} with block size {V.dofmap.index_map_bs}"
         )
 
 

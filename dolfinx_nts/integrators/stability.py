@@ -221,12 +221,14 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
     Args:
         material: Material of the cells.
         element: Their element.
-        x: Vertices in the reference configuration, shape ``(c, k, 3)`` [m].
+        x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
+            ``(c, k, 2)`` [m].
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    basis, moduli = strain_basis(), material.moduli
+    d, moduli = x.shape[2], material.moduli
+    basis = strain_basis()[:, :d, :d]  # in the plane the strains of plane strain
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
     linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]

@@ -1,8 +1,8 @@
 """Meshes from gmsh: of files, of live models, and of functions that fill a model.
 
 Physical volumes and surfaces of gmsh become tagged cells and facets of a distributed DOLFINx
-mesh, and the names of the physical groups lead to the tags. Simple bodies to fill a model with
-are in `parts`.
+mesh, in the plane physical surfaces and curves, and the names of the physical groups lead to
+the tags. Simple bodies to fill a model with are in `parts`.
 """
 
 import os
@@ -24,6 +24,7 @@ from dolfinx_nts.meshing.parts import (
     add_bowl,
     add_box,
     add_hollow_ball,
+    add_rectangle,
     add_ring,
     add_solid_ball,
     add_torus,
@@ -36,6 +37,7 @@ __all__ = [
     "add_bowl",
     "add_box",
     "add_hollow_ball",
+    "add_rectangle",
     "add_ring",
     "add_solid_ball",
     "add_torus",
@@ -45,10 +47,11 @@ __all__ = [
 _KINDS = ("point", "curve", "surface", "volume")  # by dimension
 # gmsh's numbers of element types: a tetrahedron, 4, has triangles, 2, as facets, a hexahedron,
 # 5, has quadrilaterals, 3. Points are 15 and lines are 1.
-_FACETS = {4: 2, 5: 3}
+_FACETS = {3: {4: 2, 5: 3}, 2: {2: 1, 3: 1}}  # by dimension of the cells
 _POINT, _LINE = 15, 1
-# det J at a corner, relative to the cube of the longest tangent of the cell [-], below which
-# the corner is flat but for round-off.
+_CELLS = {3: "hexahedra, tetrahedra or prisms", 2: "triangles or quadrilaterals"}
+# det J at a corner, relative to the power of the longest tangent of the cell [-], below which
+# the corner is flat but for round-off; and z of nodes in the plane, relative to its extent [-].
 _FLAT = 1e-12
 
 
@@ -56,13 +59,13 @@ class MeshData(NamedTuple):
     """A distributed mesh with named regions, as `read_mesh` returns it.
 
     Attributes:
-        mesh: Mesh of hexahedra or of tetrahedra [m], with the connectivities between cells and
-            facets.
-        cells: Tags of the physical volumes; every cell has one.
-        facets: Tags of the physical surfaces.
+        mesh: Mesh of hexahedra or of tetrahedra, in the plane of quadrilaterals or of triangles
+            [m], with the connectivities between cells and facets.
+        cells: Tags of the physical volumes, in the plane surfaces; every cell has one.
+        facets: Tags of the physical surfaces, in the plane curves.
         tag: Tags by name, read-only; messages use the names. A group without a name is called
-            by its tag, ``"volume 3"`` or ``"surface 3"``. An unknown name raises ``ValueError``
-            with the names that exist.
+            by its tag, ``"volume 3"``, ``"surface 3"`` or ``"curve 3"``. An unknown name raises
+            ``ValueError`` with the names that exist.
 
     Example:
         >>> mesh, cells, facets, tag = nts.read_mesh("ball_plate.msh", comm)
@@ -89,7 +92,9 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     Collective; every error is raised on all ranks. Mirrored cells are accepted, as DOLFINx
     integrates with ``|det J|``. DOLFINx has spaces on cells of one kind only, and not on
     prisms: meshes of prisms, or of several kinds, are cut into hexahedra, four of a
-    tetrahedron, six of a prism and eight of a hexahedron, and a warning is logged.
+    tetrahedron, six of a prism and eight of a hexahedron, and a warning is logged. A model
+    without volumes is a mesh of the plane z = 0, whose cells are on physical surfaces; triangles
+    next to quadrilaterals are cut into three and four quadrilaterals.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as ``gmsh.model``; or a function
@@ -108,7 +113,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         ValueError: The file is no mesh; cells are pyramids, of higher order, or not in exactly
             one physical volume; ``det J`` vanishes or changes sign between the corners of a
             cell; a name stands for two tags; a physical surface has facets that belong to no
-            cell, or shares some with another; ``rank`` does not exist.
+            cell, or shares some with another; a mesh of surfaces leaves the plane z = 0;
+            ``rank`` does not exist.
 
     Example:
         >>> def build(model):
@@ -121,29 +127,32 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     if not 0 <= rank < comm.size:
         raise ValueError(f"expected a rank below {comm.size}, given {rank}")
     with ExitStack() as stack:
-        model = None
+        model, dim = None, 3
         tags: dict[str, int] = {}
         num_facets: dict[int, int] = {}
         with agreed(comm, "read a mesh"):
             if comm.rank == rank:
                 try:
-                    model = stack.enter_context(only_one_kind(stack.enter_context(_opened(source))))
-                    tags, num_facets = _inspect(model)
+                    given = stack.enter_context(_opened(source))
+                    dim = _dimension(given)
+                    model = stack.enter_context(only_one_kind(given, dim))
+                    tags, num_facets = _inspect(model, dim)
                 except Exception as error:
                     if type(error) is not Exception:  # that of gmsh, which has no other
                         raise
                     raise ValueError(f"expected a gmsh mesh, given {source}: {error}") from error
-        tags, num_facets = comm.bcast((tags, num_facets), root=rank)
-        mesh, cells, facets = compat.model_to_mesh(model, comm, rank)
+        dim, tags, num_facets = comm.bcast((dim, tags, num_facets), root=rank)
+        mesh, cells, facets = compat.model_to_mesh(model, comm, rank, dim)
 
-    mesh.topology.create_connectivity(2, 3)
-    mesh.topology.create_connectivity(3, 2)
-    owned = facets.values[facets.indices < mesh.topology.index_map(2).size_local]
+    mesh.topology.create_connectivity(dim - 1, dim)
+    mesh.topology.create_connectivity(dim, dim - 1)
+    owned = facets.values[facets.indices < mesh.topology.index_map(dim - 1).size_local]
     for tag, expected in num_facets.items():
         given = reductions.total(comm, np.count_nonzero(owned == tag))
         if given != expected:
             raise ValueError(
-                f"physical surface {tag}: expected {expected} facets of cells, given {given}"
+                f"physical {_KINDS[dim - 1]} {tag}: expected {expected} facets of cells, "
+                f"given {given}"
             )
     named = {name: NamedTag(tag, name) for name, tag in tags.items()}
     return MeshData(mesh, cells, facets, MappingProxyType(_Tags(named)))
@@ -190,12 +199,30 @@ def _opened(source: Any) -> Iterator[Any]:
             gmsh.finalize()
 
 
-def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
+def _dimension(model: Any) -> int:
+    """Find the dimension of the cells of a gmsh model, and check that there are bodies."""
+    if not model.getPhysicalGroups(3) and (model.getEntities(3) or not model.getPhysicalGroups(2)):
+        raise ValueError(
+            "expected physical volumes (gmsh addPhysicalGroup(3, ...)), or without volumes "
+            "physical surfaces, given none"
+        )
+    if model.getPhysicalGroups(3):
+        return 3
+    x = model.mesh.getNodes()[1].reshape(-1, 3)
+    if np.abs(x[:, 2]).max(initial=0) > _FLAT * np.ptp(x[:, :2], axis=0).max(initial=0):
+        low, high = x[:, 2].min(), x[:, 2].max()
+        raise ValueError(
+            "expected physical volumes, or surfaces in the plane z = 0, given surfaces from "
+            f"z = {low:g} up to z = {high:g}"
+        )
+    return 2
+
+
+def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]:
     """Check a gmsh model; returns tags by name, and the number of facets by tag."""
-    if not model.getPhysicalGroups(3):
-        raise ValueError("expected physical volumes (gmsh addPhysicalGroup(3, ...)), given none")
     tags: dict[str, int] = {}
-    for dim, tag in model.getPhysicalGroups(3) + model.getPhysicalGroups(2):
+    groups_of = model.getPhysicalGroups
+    for dim, tag in groups_of(cell_dim) + groups_of(cell_dim - 1):
         name = model.getPhysicalName(dim, tag) or f"{_KINDS[dim]} {tag}"
         if tags.setdefault(name, tag) != tag:
             raise ValueError(f"expected one tag for {name!r}, given {tags[name]} and {tag}")
@@ -203,39 +230,46 @@ def _inspect(model: Any) -> tuple[dict[str, int], dict[int, int]]:
     def names(types: Sequence[int]) -> str:
         return ", ".join(model.mesh.getElementProperties(t)[0] for t in types) or "no elements"
 
-    types = model.mesh.getElementTypes(3)
+    types, facet_of = model.mesh.getElementTypes(cell_dim), _FACETS[cell_dim]
     if any(model.mesh.getElementProperties(t)[2] > 1 for t in types):
         hint = "set Mesh.ElementOrder to 1 or call gmsh.model.mesh.setOrder(1)"
         raise ValueError(f"expected first-order cells, given {names(types)}; {hint}")
-    if len(types) != 1 or types[0] not in _FACETS:
-        raise ValueError(f"expected hexahedra, tetrahedra or prisms, given {names(types)}")
-    expected = (_POINT, _LINE, _FACETS[types[0]], types[0])  # by dimension
+    if len(types) != 1 or types[0] not in facet_of:
+        raise ValueError(f"expected {_CELLS[cell_dim]}, given {names(types)}")
+    expected = (*(_POINT, _LINE)[: cell_dim - 1], facet_of[types[0]], types[0])  # by dimension
     num_facets: dict[int, int] = {}
     for dim, entity in model.getEntities():
         groups = model.getPhysicalGroupsForEntity(dim, entity).tolist()
         given, elements, _ = model.mesh.getElements(dim, entity)
         where = f"{_KINDS[dim]} {entity} in physical groups {groups}"
-        if (dim == 3 and len(given) and len(groups) != 1) or (dim == 2 and len(groups) > 1):
+        is_cell, is_facet = dim == cell_dim, dim == cell_dim - 1
+        if (is_cell and len(given) and len(groups) != 1) or (is_facet and len(groups) > 1):
             raise ValueError(f"expected one physical group, given {where}")
         if groups and list(given) != [expected[dim]]:
             raise ValueError(f"{where}: expected {names([expected[dim]])}, given {names(given)}")
-        if dim == 2 and groups:
+        if is_facet and groups:
             num_facets[groups[0]] = num_facets.get(groups[0], 0) + len(elements[0])
-    nodes, _, _ = model.mesh.getNodes()
-    if len(nodes) != nodes.max():
-        raise ValueError("expected nodes 1, 2, 3, ...; call gmsh.model.mesh.renumberNodes()")
-    _check_cells(model, types[0])
+    for nodes in (model.mesh.getNodes()[0], np.unique(model.mesh.getElementsByType(types[0])[1])):
+        if len(nodes) != nodes.max():  # DOLFINx would end the process
+            raise ValueError(
+                "expected nodes 1, 2, 3, ... of cells, those of no cell after them; "
+                "call gmsh.model.mesh.renumberNodes()"
+            )
+    _check_cells(model, types[0], cell_dim)
     return tags, num_facets
 
 
-def _check_cells(model: Any, cell: int) -> None:
+def _check_cells(model: Any, cell: int, dim: int) -> None:
     """Raise if the corners of a cell are flat or have different signs of det J."""
     corners = model.mesh.getElementProperties(cell)[4]
     tags, _ = model.mesh.getElementsByType(cell)
     jacobians, det, points = model.mesh.getJacobians(cell, corners)
+    tangents = jacobians.reshape(len(tags), -1, 3, 3)[:, :, :dim]
+    if dim == 2:  # of surfaces gmsh gives the absolute value
+        det = np.linalg.det(tangents[..., :2])
     det = det.reshape(len(tags), -1)
-    longest = np.linalg.norm(jacobians.reshape(len(tags), -1, 3), axis=2).max(axis=1)
-    good = det * np.sign(det[:, :1]) > _FLAT * longest[:, None] ** 3
+    longest = np.linalg.norm(tangents, axis=3).max(axis=(1, 2))
+    good = det * np.sign(det[:, :1]) > _FLAT * longest[:, None] ** dim
     bad = np.flatnonzero(~good.all(axis=1))
     if len(bad):
         midpoint = points.reshape(*det.shape, 3)[bad[0]].mean(axis=0)

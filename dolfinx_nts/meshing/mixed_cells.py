@@ -1,8 +1,9 @@
-"""Cutting of mixed cells into hexahedra, as DOLFINx has no spaces on several kinds.
+"""Cutting of mixed cells into cells of one kind, as DOLFINx has no spaces on several.
 
 Cells are cut at the midpoints of their edges and the centres of their faces: a tetrahedron
-becomes four hexahedra, a prism six, a hexahedron eight. Neighbours of any kind still share
-their nodes, and volumes stay the same.
+becomes four hexahedra, a prism six, a hexahedron eight; in the plane, a triangle becomes three
+quadrilaterals, a quadrilateral four. Neighbours of any kind still share their nodes, and
+volumes stay the same.
 """
 
 import logging
@@ -10,18 +11,40 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 __all__ = ["gmsh_options", "only_one_kind"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_TETRAHEDRON, _HEXAHEDRON, _PRISM = 4, 5, 6  # gmsh element types
+_TRIANGLE, _QUADRILATERAL, _TETRAHEDRON, _HEXAHEDRON, _PRISM = 2, 3, 4, 5, 6  # gmsh element types
+
+
+class _Cut(NamedTuple):
+    """How cells of one dimension are cut.
+
+    Attributes:
+        kinds: Element types that can be cut.
+        into: Element type of the pieces.
+        name: What the pieces are called.
+        algorithm: gmsh's number of the subdivision.
+    """
+
+    kinds: frozenset[int]
+    into: int
+    name: str
+    algorithm: int
+
+
+_CUTS = {
+    2: _Cut(frozenset({_TRIANGLE, _QUADRILATERAL}), _QUADRILATERAL, "quadrilaterals", 1),
+    3: _Cut(frozenset({_TETRAHEDRON, _HEXAHEDRON, _PRISM}), _HEXAHEDRON, "hexahedra", 2),
+}
 
 
 @contextmanager
-def only_one_kind(model: Any) -> Iterator[Any]:
-    """Context with a gmsh model, or with a copy that is cut into hexahedra. Local.
+def only_one_kind(model: Any, dim: int) -> Iterator[Any]:
+    """Context with a gmsh model, or with a copy that is cut into cells of one kind. Local.
 
     A model is cut if its cells are prisms or of several kinds, and a warning is logged; the
     model itself stays as it is. Cells that cannot be cut, pyramids and those of higher order,
@@ -29,13 +52,14 @@ def only_one_kind(model: Any) -> Iterator[Any]:
 
     Args:
         model: The current gmsh model.
+        dim: Dimension of its cells, 2 or 3.
 
     Yields:
         The model or the copy, which is removed at the end.
     """
-    kinds = set(model.mesh.getElementTypes(3))
+    kinds, cut = set(model.mesh.getElementTypes(dim)), _CUTS[dim]
     mixed = len(kinds) > 1 or _PRISM in kinds
-    if not mixed or not kinds <= {_TETRAHEDRON, _HEXAHEDRON, _PRISM}:
+    if not mixed or not kinds <= cut.kinds:
         yield model
         return
     import gmsh
@@ -49,18 +73,21 @@ def only_one_kind(model: Any) -> Iterator[Any]:
         file = Path(folder) / "mixed.msh"
         with gmsh_options(gmsh, Mesh_SaveAll=1, Mesh_MshFileVersion=4.1, Mesh_Binary=1):
             gmsh.write(str(file))
-        model.add("dolfinx_nts hexahedra")
+        model.add(f"dolfinx_nts {cut.name}")
         try:
             gmsh.merge(str(file))
-            with gmsh_options(gmsh, Mesh_SubdivisionAlgorithm=2, Mesh_SecondOrderLinear=1):
+            with gmsh_options(
+                gmsh, Mesh_SubdivisionAlgorithm=cut.algorithm, Mesh_SecondOrderLinear=1
+            ):
                 model.mesh.refine()
             model.mesh.renumberNodes()
-            count = len(model.mesh.getElementsByType(_HEXAHEDRON)[0])
+            count = len(model.mesh.getElementsByType(cut.into)[0])
             _logger.warning(
                 "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-                "hexahedra, which is harmless but for their number",
+                "%s, which is harmless but for their number",
                 given,
                 count,
+                cut.name,
             )
             yield model
         finally:

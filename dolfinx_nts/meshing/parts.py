@@ -1,4 +1,4 @@
-"""Simple bodies of hexahedra or tetrahedra for a gmsh model.
+"""Simple bodies for a gmsh model, of hexahedra or tetrahedra, in the plane rectangles.
 
 There are boxes (also bars and plates), hollow and solid balls, bowls, rings and tori. Each
 function adds one body with named surfaces to a live model, and `read_mesh` makes the mesh of
@@ -21,11 +21,22 @@ from dolfinx_nts.meshing.structured_blocks import (
     quadrangles,
 )
 
-__all__ = ["add_bowl", "add_box", "add_hollow_ball", "add_ring", "add_solid_ball", "add_torus"]
+__all__ = [
+    "add_bowl",
+    "add_box",
+    "add_hollow_ball",
+    "add_rectangle",
+    "add_ring",
+    "add_solid_ball",
+    "add_torus",
+]
 
 # The cube in the middle of a solid ball: half of its edge relative to the radius [-], and how
 # round its faces are, from 0, a cube, to 1, a sphere; chosen for well-shaped cells.
 _CORE, _BULGE = 0.5, 0.6
+# gmsh's types of lines and of cells of the plane, and these as corners of quadrilaterals.
+_LINE = 1
+_PLANE_CELLS = {"triangle": (2, [[0, 1, 2], [0, 2, 3]]), "quadrilateral": (3, [[0, 1, 2, 3]])}
 
 
 def add_box(
@@ -60,12 +71,63 @@ def add_box(
         >>> data.cells.values.size
         32
     """
-    if min(size) <= 0 or min(cells) < 1:
-        raise ValueError(f"expected positive size and cells, given {size} and {cells}")
+    _check_sizes(size, cells)
     ids = np.arange(np.prod(np.add(cells, 1))).reshape(np.add(cells, 1))
     x = corner + np.argwhere(ids >= 0) / cells * size
     grid = hexahedra(ids)
     add_body(model, name, x, grid, {side: quadrangles(grid, side) for side in SIDES}, cell)
+
+
+def add_rectangle(
+    model: Any,
+    name: str,
+    *,
+    corner: Sequence[float],
+    size: Sequence[float],
+    cells: Sequence[int],
+    cell: str = "quadrilateral",
+) -> None:
+    """Add a rectangle of equal cells to a gmsh model of the plane z = 0. Local.
+
+    The physical surface is called ``name``. The physical curves are ``name_left`` and
+    ``name_right`` at the lowest and highest x, ``name_bottom`` and ``name_top`` for y.
+
+    Args:
+        model: Live gmsh model.
+        name: Name of the body.
+        corner: Corner with the lowest coordinates, shape ``(2,)`` [m].
+        size: Lengths of the edges, shape ``(2,)`` [m].
+        cells: Numbers of quadrilaterals along the edges, shape ``(2,)``.
+        cell: ``"quadrilateral"``; ``"triangle"`` cuts each of them into two.
+
+    Raises:
+        ValueError: A size or number is not positive, or ``cell`` is unknown.
+
+    Example:
+        >>> bar = {"corner": (0, 0), "size": (4, 1), "cells": (8, 2)}
+        >>> data = nts.read_mesh(lambda model: parts.add_rectangle(model, "bar", **bar), comm)
+        >>> sorted(data.tag)
+        ['bar', 'bar_bottom', 'bar_left', 'bar_right', 'bar_top']
+    """
+    _check_sizes(size, cells)
+    if cell not in _PLANE_CELLS:
+        raise ValueError(f"expected cell out of {sorted(_PLANE_CELLS)}, given {cell!r}")
+    kind, corners = _PLANE_CELLS[cell]
+    first = int(model.mesh.getMaxNodeTag()) + 1
+    ids = first + np.arange(np.prod(np.add(cells, 1))).reshape(np.add(cells, 1))
+    x = np.zeros((ids.size, 3))
+    x[:, :2] = corner + np.argwhere(ids) / cells * size
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
+    sides = {"left": ids[0], "right": ids[-1], "bottom": ids[:, 0], "top": ids[:, -1]}
+    curves = [model.addDiscreteEntity(1) for _ in sides]
+    surface = model.addDiscreteEntity(2, boundary=curves)
+    model.mesh.addNodes(2, surface, ids.ravel(), x.ravel())
+    model.mesh.addElementsByType(surface, kind, [], quads[..., corners].ravel())
+    model.addPhysicalGroup(2, [surface], name=name)
+    for curve, (side, nodes) in zip(curves, sides.items(), strict=True):
+        lines = np.stack([nodes[:-1], nodes[1:]], axis=-1)
+        model.mesh.addElementsByType(curve, _LINE, [], lines.ravel())
+        model.addPhysicalGroup(1, [curve], name=f"{name}_{side}")
 
 
 def add_hollow_ball(
@@ -353,6 +415,11 @@ def _turned(x: Floats, axis: Sequence[float]) -> Floats:
     K = np.array([[0, 0, a], [0, 0, b], [-a, -b, 0]])
     Q = np.eye(3) + K + K @ K / (1 + c)
     return np.asarray(x @ Q.T * flip)
+
+
+def _check_sizes(size: Sequence[float], cells: Sequence[int]) -> None:
+    if min(size) <= 0 or min(cells) < 1:
+        raise ValueError(f"expected positive size and cells, given {size} and {cells}")
 
 
 def _check_radii(inner: float, outer: float) -> None:

@@ -16,7 +16,7 @@ _NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
 # What is told of cells of degree 1, and which would not lock.
 _LOCKED = {
     "tetrahedron": ("tetrahedra of degree 1 lock", "degree 2, or hexahedra"),
-    "triangle": ("triangles of degree 1 lock", "quadrilaterals"),
+    "triangle": ("triangles of degree 1 lock", "degree 2, or quadrilaterals"),
 }
 
 

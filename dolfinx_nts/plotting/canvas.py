@@ -16,13 +16,26 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import prefixed, rounded
 
-__all__ = ["CELLS", "FACETS", "Unit", "add_obstacle", "aim", "canvas", "grid_of", "paint", "shot"]
+__all__ = [
+    "Unit",
+    "add_arrows",
+    "add_obstacle",
+    "add_outline",
+    "aim",
+    "canvas",
+    "grid_of",
+    "paint",
+    "shot",
+]
 
-Kinds = dict[int, tuple[int, list[int]]]
-
-# VTK's number of a cell type and its order of the vertices, by number of vertices.
-CELLS: Kinds = {4: (10, [0, 1, 2, 3]), 8: (12, [0, 1, 3, 2, 4, 5, 7, 6])}
-FACETS: Kinds = {3: (5, [0, 1, 2]), 4: (9, [0, 1, 3, 2])}
+# VTK's number of a cell type and its order of the vertices, by dimension and number of vertices.
+_KINDS: dict[tuple[int, int], tuple[int, list[int]]] = {
+    (1, 2): (3, [0, 1]),
+    (2, 3): (5, [0, 1, 2]),
+    (2, 4): (9, [0, 1, 3, 2]),
+    (3, 4): (10, [0, 1, 2, 3]),
+    (3, 8): (12, [0, 1, 3, 2, 4, 5, 7, 6]),
+}
 
 _SIZE = [1600, 900]  # of pictures [pixels]
 # Heights [pixels] that pictures get where they are aimed, as what is drawn is wide or tall.
@@ -58,6 +71,9 @@ _BAR = {
 _TEXT = 14  # size of the text in a corner
 _LABELS = 5  # of the bar, where the range is given
 _ABOVE = "magenta"  # colour of what is above the range
+_LINE = 24  # width of coloured lines [pixels]
+_BEHIND = 1e-3  # from lines to what is behind them, relative to its size [-]
+_ARROW = 0.1  # length of the longest arrow, relative to the picture [-]
 
 
 class Unit(NamedTuple):
@@ -116,11 +132,11 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
                 plotter.close()
 
 
-def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
+def grid_of(dim: int, ids: Any, x: Any, values: Any, name: str) -> Any:
     """Make a PyVista grid of cells or facets, with values to colour it.
 
     Args:
-        kinds: `CELLS` or `FACETS`.
+        dim: Their dimension, from 1 for edges to 3.
         ids: Numbers of the vertices in DOLFINx's order, shape ``(c, k)``.
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
         values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, of which
@@ -133,7 +149,7 @@ def grid_of(kinds: Kinds, ids: Any, x: Any, values: Any, name: str) -> Any:
     import pyvista
 
     _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
-    kind, order = kinds[ids.shape[1]]
+    kind, order = _KINDS[dim, ids.shape[1]]
     cells = inverse.reshape(ids.shape)[:, order]
     grid = pyvista.UnstructuredGrid({kind: cells}, x.reshape(-1, 3)[first])
     if values.ndim == 1:
@@ -177,6 +193,7 @@ def paint(
         above_color=_ABOVE if limits and largest > high else None,
         scalar_bar_args=_BAR | {"title": f"{title}\n", "n_labels": ticks[2]},
         reset_camera=False,
+        line_width=_LINE if grid.distinct_cell_types == {_KINDS[1, 2][0]} else None,
         **_STYLE,
     )
     t, end = time
@@ -184,6 +201,35 @@ def paint(
     text = f"t = {t / second:.3g} {prefix}".rstrip()
     place = {"position": (0.02, 0.93), "viewport": True}
     plotter.add_text(text, font_size=_TEXT, color="black", name="text", **place)
+
+
+def add_outline(plotter: Any, grid: Any) -> None:
+    """Draw cells of the plane without colours, behind what is coloured.
+
+    Args:
+        plotter: PyVista plotter.
+        grid: The cells.
+    """
+    style = {name: _STYLE[name] for name in ("ambient", "show_edges", "edge_opacity")}
+    behind = grid.translate((0.0, 0.0, -_BEHIND * grid.length), inplace=False)
+    plotter.add_mesh(behind, name="outline", color="gainsboro", reset_camera=False, **style)
+
+
+def add_arrows(plotter: Any, x: Floats, vectors: Floats, size: float) -> None:
+    """Draw vectors of the plane as arrows.
+
+    Args:
+        plotter: PyVista plotter.
+        x: Where they begin, shape ``(n, 3)`` [m].
+        vectors: The vectors, of any unit, shape ``(n, 3)``; zeros are left out.
+        size: Size of the picture, of which the longest arrow takes a tenth [m].
+    """
+    length = np.linalg.norm(vectors, axis=1)
+    if (some := length > 0).any():
+        longest = _ARROW * size / length.max()
+        plotter.add_arrows(
+            x[some], vectors[some], longest, color="black", name="arrows", reset_camera=False
+        )
 
 
 def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
@@ -209,14 +255,16 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
         camera: Direction from the points to the camera, shape ``(3,)``; or position, focus and
             upward direction as in PyVista, which stay as they are; or None.
         direction: Direction where ``camera`` is None; by default +x, a little from above and
-            aside, and +z where all points have one z.
+            aside. It is +z where all points have one z.
     """
     if camera is not None and np.ndim(camera[0]):
         plotter.camera_position = camera
         return
     is_plane = np.ptp(points[:, 2]) == 0
     usual = (0.0, 0.0, 1.0) if is_plane else _TOWARDS_CAMERA
-    wanted = direction if camera is None else camera
+    wanted = camera
+    if camera is None and not is_plane:
+        wanted = direction
     towards = np.array(usual if wanted is None else wanted, dtype=np.float64)
     towards /= np.linalg.norm(towards)
     up = np.array((0.0, 1.0, 0.0) if abs(towards[2]) > _STEEP else (0.0, 0.0, 1.0))

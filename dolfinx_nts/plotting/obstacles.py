@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_surface import RigidSurface
-from dolfinx_nts.plotting.canvas import FACETS, grid_of
+from dolfinx_nts.plotting.canvas import grid_of
 
 __all__ = ["surface_near"]
 
@@ -20,7 +20,8 @@ _WALL, _TOOL = 0.03, 0.2
 def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
     """Find the surface of an obstacle in the box around some points. Local.
 
-    It is where the depth of the obstacle is zero. A `RigidSurface` is drawn as a whole.
+    It is where the depth of the obstacle is zero. A `RigidSurface` is drawn as a whole. In the
+    plane it is the area inside the obstacle, where the depth is above zero.
 
     Args:
         obstacle: The obstacle.
@@ -44,10 +45,15 @@ def _surface(obstacle: Obstacle, points: Floats) -> Any:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = (_WALL if obstacle.motion.is_rest else _TOOL) * (high - low).max()
     low, high = low - margin, high + margin
+    if obstacle.dim == 2:
+        low[2] = high[2] = 0.0
     spacing = (high - low).max() / _POINTS
-    cells = np.maximum(np.ceil((high - low) / spacing), 1).astype(int)
-    grid = pyvista.ImageData(dimensions=cells + 1, spacing=(high - low) / cells, origin=low)
+    cells = np.ceil((high - low) / spacing).astype(int)
+    step = (high - low) / np.maximum(cells, 1)
+    grid = pyvista.ImageData(dimensions=cells + 1, spacing=step, origin=low)
     grid["depth"] = obstacle.depth(np.asarray(grid.points))
+    if obstacle.dim == 2:
+        return grid.clip_scalar(scalars="depth", value=0.0, invert=False)
     return grid.contour([0.0], scalars="depth")
 
 
@@ -55,4 +61,4 @@ def _surface(obstacle: Obstacle, points: Floats) -> Any:
 def _(obstacle: RigidSurface, points: Floats) -> Any:
     x = obstacle.corners
     ids = np.arange(x.shape[0] * x.shape[1]).reshape(x.shape[:2])
-    return grid_of(FACETS, ids, x, np.zeros(ids.shape), "depth")
+    return grid_of(2, ids, x, np.zeros(ids.shape), "depth")

@@ -14,17 +14,19 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.common.arrays import GlobalInts, Ints
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.plotting.canvas import (
-    CELLS,
-    FACETS,
     Unit,
+    add_arrows,
     add_obstacle,
+    add_outline,
     aim,
     canvas,
     grid_of,
@@ -167,7 +169,8 @@ def contact(
 ) -> Picture:
     """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
 
-    A gap is grey where a node faces no segment.
+    A gap is grey where a node faces no segment. In the plane the surface is a line along the
+    bodies, and arrows are the forces on its nodes.
 
     Args:
         stepper: Stepper with the state.
@@ -180,7 +183,7 @@ def contact(
             By default that of SI with a prefix which suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
             in PyVista; by default from where the contact force comes, or from the side with the
-            least gap.
+            least gap; in the plane from +z.
 
     Returns:
         The picture, which a notebook displays.
@@ -195,19 +198,17 @@ def contact(
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
-    _check_space(stepper)
     touching = stepper.contacts[pair]
     surface, V = touching.nodes, stepper.u.function_space
     comm: MPI.Comm = V.mesh.comm
     gap = touching.gap(stepper.x)
-    nodal = fem.Function(V)
-    nodal.x.array.reshape(-1, 3)[surface.nodes, 0] = (
-        touching.pressure if colour == "pressure" else gap
-    )
-    nodal.x.scatter_forward()
-    values = nodal.x.array.reshape(-1, 3)[surface.segments, 0]
+    field = fem.Function(V)
+    nodal(field)[surface.nodes, 0] = touching.pressure if colour == "pressure" else gap
+    field.x.scatter_forward()
+    values = nodal(field)[surface.segments, 0]
     ids = V.dofmap.index_map.local_to_global(surface.segments.ravel())
     parts = comm.gather((ids.reshape(values.shape), stepper.x[surface.segments], values))
+    add_surroundings = _surroundings(stepper, touching)
     force = reductions.total(comm, touching.history.force.sum(axis=0))
     least = float(np.nanmin(gap, initial=np.inf))
     closest = reductions.least(comm, least)
@@ -222,10 +223,11 @@ def contact(
         assert parts is not None
         ids, x, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         name = "contact pressure" if colour == "pressure" else "gap"
-        grid = grid_of(FACETS, ids, x, values, name)
+        grid = grid_of(dimension(V) - 1, ids, x, values, name)
         direction = -force if force.any() else np.array(nearest) - grid.points.mean(axis=0)
         with canvas() as plotter:
             paint(plotter, grid, name, shown, (stepper.t, stepper.t), limits)
+            add_surroundings(plotter, grid.length)
             aim(plotter, grid.points, camera, direction)
             return shot(plotter, filename)
 
@@ -308,13 +310,8 @@ def _bodies(
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
-    _check_space(stepper)
-    V = stepper.u.function_space
-    dofmap, comm, pieces = V.dofmap, V.mesh.comm, Element.of(V).pieces
-    cells = dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
-    cells = cells[:, pieces].reshape(-1, pieces.shape[1])
-    ids = dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape)
-    u = stepper.u.x.array.reshape(-1, 3)
+    comm, u = stepper.u.function_space.mesh.comm, in_space(nodal(stepper.u))
+    ids, cells = _pieces(stepper)
     parts = comm.gather((ids, stepper.x[cells], u[cells], von_mises(stepper)))
     shown = _unit("Pa" if colour == "stress" else "m", unit)
     sides = dict.fromkeys(pair.segments for pair in stepper.pairs)
@@ -325,7 +322,7 @@ def _bodies(
         ids, x, u, stress = (np.concatenate(part) for part in zip(*parts, strict=True))
         values = stress if colour == "stress" else np.linalg.norm(u, axis=2)
         name = "von Mises stress" if colour == "stress" else "displacement"
-        grid = grid_of(CELLS, ids, x, values, name)
+        grid = grid_of(dimension(stepper.u.function_space), ids, x, values, name)
         points = x.reshape(-1, 3)
         if cut is not None:
             middle = (x - u).mean(axis=1)
@@ -341,13 +338,32 @@ def _bodies(
     return put
 
 
-def _check_space(stepper: Stepper) -> None:
-    """Raise unless bodies are in space. Local."""
-    if dimension(stepper.u.function_space) != 3:
-        raise ValueError(
-            "expected bodies in three dimensions, given two, of which there are no pictures yet: "
-            "Recorder writes fields, which ParaView shows, and plotting.animate draws"
-        )
+def _pieces(stepper: Stepper) -> tuple[GlobalInts, Ints]:
+    """Global and local numbers of the nodes of the owned cells, body by body. Local."""
+    V = stepper.u.function_space
+    pieces = Element.of(V).pieces
+    cells = V.dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
+    cells = cells[:, pieces].reshape(-1, pieces.shape[1])
+    return V.dofmap.index_map.local_to_global(cells.ravel()).reshape(cells.shape), cells
+
+
+def _surroundings(stepper: Stepper, touching: PairState) -> Callable[[Any, float], None]:
+    """Make a function that draws bodies and contact forces of the plane. Collective."""
+    V = stepper.u.function_space
+    if dimension(V) == 3:
+        return lambda plotter, size: None
+    ids, cells = _pieces(stepper)
+    parts = V.mesh.comm.gather((ids, stepper.x[cells]))
+    forces = V.mesh.comm.gather((stepper.x[touching.nodes.nodes], touching.history.force))
+
+    def put(plotter: Any, size: float) -> None:
+        assert parts is not None and forces is not None
+        ids, x = (np.concatenate(part) for part in zip(*parts, strict=True))
+        add_outline(plotter, grid_of(2, ids, x, np.zeros(ids.shape), "none"))
+        at, force = (np.concatenate(part) for part in zip(*forces, strict=True))
+        add_arrows(plotter, at, force, size)
+
+    return put
 
 
 def _unit(symbol: str, given: str | None) -> Unit:

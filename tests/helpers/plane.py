@@ -42,7 +42,11 @@ def block(corner: tuple[float, float], size: tuple[float, float], cells: tuple[i
 
 
 def blocks(
-    cell: str = "quadrilateral", angle: float = 0.0, width: int = 8, depth: float = 0.0
+    cell: str = "quadrilateral",
+    angle: float = 0.0,
+    width: int = 8,
+    depth: float = 0.0,
+    degree: int = 1,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m]."""
     comm, turn = MPI.COMM_WORLD, turning(angle)
@@ -72,7 +76,7 @@ def blocks(
         ufl.Mesh(element),
         partitioner=compat.cell_partitioner(mesh.GhostMode.none),
     )
-    V = fem.functionspace(domain, ("Lagrange", 1, (gdim,)))
+    V = fem.functionspace(domain, ("Lagrange", degree, (gdim,)))
     cells = domain.topology.index_map(gdim)
     every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
     back = turn.T if gdim == 3 else turning(-angle)

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -26,9 +28,10 @@ def run(scene, stepper, steps=STEPS):
     return balances, reports
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_oblique_impact_conserves_energy_and_momenta(cell):
-    scene = blocks(cell, angle=0.4)
+def test_oblique_impact_conserves_energy_and_momenta(cell, degree):
+    scene = blocks(cell, angle=0.4, degree=degree)
     pair = nts.ContactPair(scene.nodes, scene.segments)
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     (first, *others), reports = run(scene, stepper)
@@ -111,9 +114,12 @@ def held_below(scene):
     return fem.dirichletbc(np.zeros(2), dofs, scene.V)
 
 
-@pytest.mark.parametrize("kind", ["Midpoint", "GeneralizedAlpha", "CentralDifference"])
-def test_other_schemes_conserve_the_linear_momentum_and_close_their_ledgers(kind):
-    scene = blocks("triangle", angle=0.9)
+@pytest.mark.parametrize(
+    ("kind", "degree"),
+    [("Midpoint", 1), ("GeneralizedAlpha", 1), ("CentralDifference", 1), ("CentralDifference", 2)],
+)
+def test_other_schemes_conserve_the_linear_momentum_and_close_their_ledgers(kind, degree):
+    scene = blocks("triangle", angle=0.9, degree=degree)
     law = nts.Penalty() if kind == "CentralDifference" else nts.LagrangeMultiplier("plastic")
     pair = nts.ContactPair(scene.nodes, scene.segments, law)
     options = {} if kind == "CentralDifference" else {"dt": 0.01}
@@ -203,9 +209,11 @@ def test_motions_out_of_the_plane_are_refused(motion, message):
     assert stepper.step == 0
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_stress_is_that_of_plane_strain(cell):
-    scene, stretch = blocks(cell), 1.2
+@pytest.mark.parametrize(
+    ("cell", "degree"), [("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 2)]
+)
+def test_stress_is_that_of_plane_strain(cell, degree):
+    scene, stretch = blocks(cell, degree=degree), 1.2
     bodies = [scene.lower, scene.upper]
     stepper = nts.EnergyMomentum(bodies, dt=0.01)
     for body in bodies:
@@ -221,8 +229,9 @@ def test_stress_is_that_of_plane_strain(cell):
     assert np.abs(density - (lmbda / 2 + mu) * strain**2).max() < 1e-10 * E
 
 
-def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
-    scene = blocks("triangle")
+@pytest.mark.parametrize("degree", [1, 2])
+def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path, degree):
+    scene = blocks("triangle", degree=degree)
     rising = nts.Motion(lambda t: (0.0, 0.05 * t))
     line = nts.RigidPlane((0.0, -0.51), (0.0, 1.0)).moving(rising)
     circle = nts.RigidSphere((1.3, 0.3), 0.72)
@@ -277,6 +286,51 @@ def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path):
     dropped = nts.load_state(f"{name}.checkpoint.h5", static)
     assert "velocities, which QuasiStatic does not have" in dropped
     assert np.array_equal(static.u.x.array, stepper.u.x.array) and not static.v.x.array.any()
+
+
+def ring():
+    """A soft ring of triangles, outer radius 1 m, wall 0.06 m."""
+
+    def build(model):
+        whole, hole = (model.occ.addDisk(0, 0, 0, r, r) for r in (1.0, 0.94))
+        model.occ.cut([(2, whole)], [(2, hole)])
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [whole], name="ring")
+        model.mesh.setSize(model.getEntities(0), 0.06)
+        model.mesh.generate(2)
+
+    data = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
+    return nts.Body(V, data.cells, data.tag["ring"], nts.NeoHookean(**RUBBER))
+
+
+@pytest.mark.parametrize(
+    ("enforcement", "friction"),
+    [
+        (nts.LagrangeMultiplier(), None),
+        (nts.LagrangeMultiplier("plastic"), nts.Coulomb(mu=0.3)),
+        pytest.param(nts.Penalty(), nts.Coulomb(mu=0.3), marks=pytest.mark.serial),
+    ],
+    ids=["elastic", "plastic, friction", "penalty, friction"],
+)
+def test_a_ring_that_touches_itself_keeps_what_it_should(enforcement, friction):
+    body = ring()
+    pairs = nts.all_pairs([body], self_contact=[body], enforcement=enforcement, friction=friction)
+    stepper = nts.EnergyMomentum([body], pairs, dt=0.005)
+    # Top and bottom fly towards each other.
+    stepper.set_velocity(body, lambda x: np.array([0.7 + 0.4 * x[1], 0.3 * x[0] - 2.2 * x[1]]))
+    diagnostics = nts.Diagnostics(stepper)
+    first, given, most = diagnostics.balance(), 0.0, 0
+    for step in stepper.run(until=0.7):
+        given += sum(step.contact_work) - step.contact_work.springs
+        most = max(most, step.num_active)
+    last, size = diagnostics.balance(), 1e-10 * first.total_energy
+    assert most > 3 and diagnostics.min_gap() > -0.01
+    assert abs(last.total_energy - first.total_energy - given) < size
+    assert abs(given) < size if friction is None else given < -1e-3 * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        change = getattr(last, name) - getattr(first, name)
+        assert np.abs(change).max() < 1e-10 * 1e3
 
 
 def test_bodies_inside_each_other_are_found():

@@ -89,3 +89,23 @@ def test_nodes_are_called_by_the_vertices_around_them():
     middle = ((12 + 1) << 31) + 15
     assert listed(np.array([3, middle])) == "3, 12-15"
     assert listed(np.arange(7)) == "0, 1, 2, 3, 4, ..."
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@degrees
+def test_pieces_and_sides_fill_cells_of_the_plane_and_their_edges(cell, degree):
+    element = Element(cell, degree)
+    x = element.points[element.pieces]
+    area = np.linalg.det(x[:, 1:3] - x[:, :1])
+    np.testing.assert_allclose(area, 1 / 4 ** (degree - 1), rtol=ROUNDING)
+    assert set(element.pieces.ravel()) == set(range(len(element.points)))
+    kind = basix.CellType[cell]
+    corners, closures = basix.geometry(kind), element.basix.entity_closure_dofs[1]
+    for edge, closure, (sides, pieces) in zip(
+        basix.topology(kind)[1], closures, element.sides, strict=True
+    ):
+        way = element.points[sides[:, 1]] - element.points[sides[:, 0]]
+        expected = np.linalg.norm(corners[edge[1]] - corners[edge[0]]) / degree
+        np.testing.assert_allclose(np.linalg.norm(way, axis=1), expected, rtol=ROUNDING)
+        assert set(sides.ravel()) == set(closure) and len(sides) == degree
+        assert all(set(side) <= set(piece) for side, piece in zip(sides, pieces, strict=True))
