@@ -18,6 +18,7 @@ from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, MassOnly
 from dolfinx_nts.materials.volumetric_split import parts
 from dolfinx_nts.parallel import reductions
@@ -123,6 +124,8 @@ def bulk_form(
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
             if value != 0:
+                if degree == 1:
+                    value = with_mean_gradients(value, bodies[0].V)
                 terms.append((value, np.sort(cells), degree))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.
