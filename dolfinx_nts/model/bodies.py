@@ -2,7 +2,7 @@
 
 Bodies of one material share their forms. Inertia and strain energy have quadratures of their
 own, which `Element` tells; terms of the energy that make cells lock have one with a single
-point, see `volumetric_split`.
+point, see `volumetric_split`, and the mean gradients of cells.
 """
 
 from collections.abc import Callable, Iterable, Sequence

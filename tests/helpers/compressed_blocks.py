@@ -40,7 +40,6 @@ def compress(
     compression: float = 1e-4,
     cell: str = "hexahedron",
     swirl: float = 0.0,
-    one_point: tuple[str, ...] | None = None,
 ) -> Compressed:
     """Compress blocks with so many cells along an edge. Collective.
 
@@ -52,7 +51,6 @@ def compress(
         compression: Displacement of the top, whose height is 1.
         cell: Kind of the cells.
         swirl: Angle by which the nodes in the middle of the interface are turned within it.
-        one_point: Of the material.
     """
     comm = MPI.COMM_WORLD
 
@@ -69,7 +67,7 @@ def compress(
     X[:, 0] -= way * (y - 0.5)
     X[:, 1] += way * (x - 0.5)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E=modulus, nu=0.3, rho=1.0, one_point=one_point)
+    material = nts.SaintVenantKirchhoff(E=modulus, nu=0.3, rho=1.0)
     bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
     down = fem.Constant(mesh, 0.0)
