@@ -16,7 +16,7 @@ from dolfinx import cpp, fem
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.batched_kernels import batched_kernels
-from dolfinx_nts.fem.cell_constant import CellConstant
+from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.jit import compile_form, describe_form
 
 __all__ = ["CellForm", "Kernels", "PackedForm"]
@@ -119,21 +119,13 @@ class CellForm:
         }
         ours = [f for f in functions if f.function_space == V]
         others = [f for f in functions if f.function_space != V]
-        changing = [f for f in others if not isinstance(f, CellConstant)]
-        self._others = _Coefficients(self._form, changing) if others else None
+        self._others = _Coefficients(self._form, changing(others)) if others else None
         self._places = np.concatenate([_NO_PLACES, *(ranges[f] for f in others)])
         regions = dict(form.integrals()[0].subdomain_data())
-        ids = compiled.form_integral_ids[0 : len(made)]
+        by_integral = [regions[i] for i in compiled.form_integral_ids[0 : len(made)]]
         # Numbers of the integrals over the same cells.
-        self._groups: list[list[int]] = []
-        for i, number in enumerate(ids):
-            for group in self._groups:
-                if np.array_equal(regions[ids[group[0]]], regions[number]):
-                    group.append(i)
-                    break
-            else:
-                self._groups.append([i])
-        self._regions: list[Ints] = [regions[ids[group[0]]] for group in self._groups]
+        self._groups = _grouped(by_integral)
+        self._regions: list[Ints] = [by_integral[group[0]] for group in self._groups]
         self._cells = self._regions
         self._integrals = [
             _kernels.CellIntegral(
@@ -188,6 +180,14 @@ class CellForm:
             values = some[:, self._places]
             packed[cells] = np.where(values == 0, packed[cells], values)
         return packed
+
+
+def _grouped(regions: Sequence[Ints]) -> list[list[int]]:
+    """Numbers of the regions that are the same."""
+    groups: dict[bytes, list[int]] = {}
+    for number, cells in enumerate(regions):
+        groups.setdefault(cells.tobytes(), []).append(number)
+    return list(groups.values())
 
 
 def _compiled(form: ufl.Form, kernels: Kernels) -> tuple[fem.Form, list[Any]]:

@@ -27,6 +27,7 @@ from ufl.corealg.multifunction import MultiFunction
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.cell_constant import CellConstant
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["with_mean_gradients"]
 
@@ -34,7 +35,12 @@ __all__ = ["with_mean_gradients"]
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 # Numbers of a cell, see `_numbers`.
 _NUMBERS = 19
-_SIGNS = np.array([[-1.0, 1.0][i >> axis & 1] for i in range(8) for axis in range(3)]).reshape(8, 3)
+# Of the coordinates of the vertices about the middle.
+_SIGNS = np.array([[2.0 * (i >> axis & 1) - 1.0 for axis in range(3)] for i in range(8)])
+
+# Positions of the vertices, and numbers for them, by mesh: many forms share what is as large as
+# six fields. A function would keep its mesh alive.
+_KNOWN: WeakKeyDictionary[Mesh, tuple[Floats, la.Vector]] = WeakKeyDictionary()
 
 
 def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
@@ -51,17 +57,14 @@ def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
     if mesh.topology.cell_name() != "hexahedron":
         return value
     known = _KNOWN.get(mesh)
-    if known is None or not np.array_equal(known[0], mesh.geometry.x):
+    is_same = known is not None and np.array_equal(known[0], mesh.geometry.x)
+    if known is None or not reductions.everywhere(mesh.comm, is_same):
         new = CellConstant(mesh, _NUMBERS)
         new.x.array.reshape(-1, _NUMBERS)[new.function_space.dofmap.list[:, 0]] = _numbers(mesh)
         known = _KNOWN[mesh] = mesh.geometry.x.copy(), new.x
+    # Forms of one mesh share the values.
     coefficients = CellConstant(mesh, _NUMBERS, known[1])
-    return coefficients[0] * map_expr_dag(_MeanGradients(V, coefficients), value)
-
-
-# Positions of the vertices, and numbers for them, by mesh: many forms share what is as large as
-# six fields. A function would keep its mesh alive.
-_KNOWN: WeakKeyDictionary[Mesh, tuple[Floats, la.Vector]] = WeakKeyDictionary()
+    return coefficients[_NUMBERS - 1] * map_expr_dag(_MeanGradients(V, coefficients), value)
 
 
 class _MeanGradients(MultiFunction):  # type: ignore[misc]
@@ -80,18 +83,15 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 
     def grad(self, o: Any) -> Any:
         """Add to the gradient in the middle what the mean has beside it."""
-        (v,) = o.ufl_operands
+        (v,), axes = o.ufl_operands, range(3)
         if any(f.ufl_function_space() != self._V for f in _functions(v)):
             return o
         second, c = ufl.grad(o), self._coefficients
-        parts = [
-            [
-                sum(second[i, j, k] * c[1 + 3 * n + m] for n, (j, k) in enumerate(_ENTRIES))
-                for m in range(3)
-            ]
-            for i in range(3)
+        rest = [
+            [sum(second[i, j, k] * c[3 * n + m] for n, (j, k) in enumerate(_ENTRIES)) for m in axes]
+            for i in axes
         ]
-        return o + ufl.as_matrix(parts)
+        return o + ufl.as_matrix(rest)
 
 
 def _functions(v: Any) -> list[Any]:
@@ -101,8 +101,9 @@ def _functions(v: Any) -> list[Any]:
 def _numbers(mesh: Mesh) -> Floats:
     r"""What means need of the geometry of each local cell, shape ``(c, 19)``. Local.
 
-    The volume over its estimate with the middle [-], and the vectors :math:`c_{jk}` of
-    :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v \otimes c_{jk}` [m].
+    The vectors :math:`c_{jk}` of
+    :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v \otimes c_{jk}` [m], and the
+    volume over its estimate with the middle [-].
     """
     x = mesh.geometry.x[compat.geometry_nodes(mesh)]
     first = [np.einsum("a,cai->ci", _SIGNS[:, i] / 4, x) for i in range(3)]
@@ -121,7 +122,7 @@ def _numbers(mesh: Mesh) -> Floats:
         c += np.einsum("cj,ck,cm->cjkm", first[i], first[j], slope)
     c /= volume[:, None, None, None]
     by_entry = [c[:, j, k] + c[:, k, j] if j != k else c[:, j, j] for j, k in _ENTRIES]
-    return np.column_stack([volume / estimate, *by_entry])
+    return np.column_stack([*by_entry, volume / estimate])
 
 
 def _triple(a: Floats, b: Floats, c: Floats) -> Floats:

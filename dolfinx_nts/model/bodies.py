@@ -88,7 +88,7 @@ class Body(Declaration):
 def bulk_form(
     bodies: Sequence[Body], integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any]
 ) -> ufl.Form:
-    """Integrate over all bodies, with one integral per material and quadrature. Local.
+    """Integrate over all bodies, with one integral per material and quadrature. Collective.
 
     The integrand is a sum of terms with the stress, the energy or the density. It is evaluated
     once for each quadrature of a material, with zero in the place of the parameters, the

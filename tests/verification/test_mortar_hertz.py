@@ -54,7 +54,7 @@ def pressed(method: str, upper: int, lower: int, swapped: bool) -> Pressure:
     data = blocks(upper, lower)
     mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    material = nts.SaintVenantKirchhoff(E, NU, 1.0)
+    material = nts.SaintVenantKirchhoff(E, NU, 1.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
     # Those at z = 0.
     sides = [nts.Surface(V, facets, tag[f"bottom {number}"]) for number in (1, 0)]

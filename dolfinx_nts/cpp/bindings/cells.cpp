@@ -67,9 +67,7 @@ public:
                             view(constants)};
     std::visit(
         [&]<class Kernel>(const std::vector<Kernel>& kernels)
-        {
-          add_cells(std::span(kernels), mesh, view(cells), input, view(b));
-        },
+        { add_cells(std::span(kernels), mesh, view(cells), input, view(b)); },
         _kernels);
   }
 
@@ -120,9 +118,9 @@ void cells(nb::module_& m)
   const auto init = [&]<class Kernel>()
   {
     integral.def(
-        nb::init<const std::vector<Kernel>&, Doubles, Ints, Ints, std::vector<Doubles>,
-                 const std::vector<std::size_t>&, Ints, std::size_t,
-                 std::size_t>(),
+        nb::init<const std::vector<Kernel>&, Doubles, Ints, Ints,
+                 std::vector<Doubles>, const std::vector<std::size_t>&, Ints,
+                 std::size_t, std::size_t>(),
         nb::arg("kernels"), nb::arg("X").noconvert(),
         nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
         nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
