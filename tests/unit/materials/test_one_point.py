@@ -12,6 +12,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
+    GhostMode,
     create_unit_cube,
     create_unit_square,
     exterior_facet_indices,
@@ -295,9 +296,9 @@ def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
 def swirled(comm, cell):
     """Space and cells of a body whose inner nodes are moved by up to a fifth of an edge."""
     if cell == "hexahedron":
-        mesh = create_unit_cube(comm, 4, 4, 4, CellType.hexahedron)
+        mesh = create_unit_cube(comm, 4, 4, 4, CellType.hexahedron, ghost_mode=GhostMode.none)
     else:
-        mesh = create_unit_square(comm, 4, 4, CellType.quadrilateral)
+        mesh = create_unit_square(comm, 4, 4, CellType.quadrilateral, ghost_mode=GhostMode.none)
     X, dim = mesh.geometry.x, mesh.geometry.dim
     bubble = np.prod(np.sin(np.pi * X[:, :dim]), axis=1)[:, None]
     X[:, :dim] += 0.05 * np.sin(40 * X[:, :dim] + 17 * X[:, [1, 2, 0][:dim]]) * (bubble > 1e-9)
