@@ -124,7 +124,7 @@ class BatchKernel:
 class CellIntegral:
     def __init__(
         self,
-        kernel: ElementKernel | BatchKernel,
+        kernels: Sequence[ElementKernel] | Sequence[BatchKernel],
         X: _Floats,
         vertices: _Ints,
         nodes: _Ints,

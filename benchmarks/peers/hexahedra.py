@@ -17,7 +17,6 @@ _CORNERS = np.array(
     ]
 )
 _POINTS = _CORNERS / np.sqrt(3)
-_CENTRE = np.zeros((1, 3))
 
 
 class Hexahedra(NamedTuple):
@@ -36,20 +35,23 @@ class Hexahedra(NamedTuple):
     weight: Floats
 
     @classmethod
-    def of(cls, X: Floats, cells: Ints, points: Floats = _POINTS) -> "Hexahedra":
-        """Cells with given nodes, and points in the reference cell, shape ``(q, 3)``."""
-        factors = 1 + points[:, None] * _CORNERS
+    def of(cls, X: Floats, cells: Ints) -> "Hexahedra":
+        """Cells with given nodes."""
+        factors = 1 + _POINTS[:, None] * _CORNERS
         phi = factors.prod(axis=2) / 8
         slopes = [_CORNERS[:, d] * np.delete(factors, d, axis=2).prod(axis=2) / 8 for d in range(3)]
         slope = np.stack(slopes, axis=2)
         jacobian = np.einsum("cai,qad->cqid", X[cells], slope)
         gradient = np.einsum("qad,cqdi->cqai", slope, np.linalg.inv(jacobian))
-        return cls(cells, phi, gradient, np.linalg.det(jacobian) * (8 / len(points)))
+        return cls(cells, phi, gradient, np.linalg.det(jacobian))
 
     @classmethod
     def of_one_point(cls, X: Floats, cells: Ints) -> "Hexahedra":
-        """Cells with one point in the middle."""
-        return cls.of(X, cells, _CENTRE)
+        """Cells with one point, which has the mean gradients."""
+        full = cls.of(X, cells)
+        volume = full.weight.sum(axis=1, keepdims=True)
+        mean = np.einsum("cq,cqai->cai", full.weight / volume, full.gradient)
+        return cls(cells, full.phi.mean(axis=0, keepdims=True), mean[:, None], volume)
 
     def mass(self) -> Floats:
         """Consistent mass of each cell, shape ``(c, 8, 8)`` [kg]."""

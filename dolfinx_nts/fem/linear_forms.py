@@ -17,6 +17,7 @@ from dolfinx import cpp, fem
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.batched_kernels import batched_kernels, begin_batched_kernels
+from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.jit import compile_form, describe_form
 
 __all__ = ["CellForm", "Kernels", "PackedForm"]
@@ -95,6 +96,7 @@ class CellForm:
     nodes when it comes to the cell. Only functions of other spaces than that of the argument
     are packed, when one of them has changed. Kernels compute several cells at once where
     `batched_kernels` can make them; nobody waits for them before the form is first assembled.
+    Those of integrals over the same cells share what is gathered.
 
     Args:
         form: Linear form, made by `bulk_form`.
@@ -155,15 +157,17 @@ class _CellLoop:
         }
         ours = [f for f in functions if f.function_space == V]
         others = [f for f in functions if f.function_space != V]
-        self._others = _Coefficients(self._form, others) if others else None
+        self._others = _Coefficients(self._form, changing(others)) if others else None
         self._places = np.concatenate([_NO_PLACES, *(ranges[f] for f in others)])
         regions = dict(form.integrals()[0].subdomain_data())
-        ids = compiled.form_integral_ids[0 : len(made)]
-        self._regions: list[Ints] = [regions[i] for i in ids]
+        by_integral = [regions[i] for i in compiled.form_integral_ids[0 : len(made)]]
+        # Numbers of the integrals over the same cells.
+        self._groups = _grouped(by_integral)
+        self._regions: list[Ints] = [by_integral[group[0]] for group in self._groups]
         self._cells = self._regions
         self._integrals = [
             _kernels.CellIntegral(
-                kernel,
+                [made[i] for i in group],
                 V.mesh.geometry.x,
                 compat.geometry_nodes(V.mesh),
                 V.dofmap.list,
@@ -173,7 +177,7 @@ class _CellLoop:
                 width,
                 V.dofmap.index_map_bs,
             )
-            for kernel in made
+            for group in self._groups
         ]
         self._packed: list[Floats] = [np.empty((self._num_cells, 0))] * len(self._integrals)
 
@@ -188,17 +192,31 @@ class _CellLoop:
             # The second entry of a key is the integral's number, or its index in some releases;
             # both are in the order of the integrals.
             rows = [by_key[key] for key in sorted(by_key, key=lambda key: key[1])]
-            self._packed = list(map(self._by_cell, self._regions, rows))
+            self._packed = [
+                self._by_cell(region, [rows[i] for i in group])
+                for region, group in zip(self._regions, self._groups, strict=True)
+            ]
         constants = cpp.fem.pack_constants(self._form._cpp_object)
         parts = zip(self._integrals, self._cells, self._packed, strict=True)
         for integral, cells, packed in parts:
             integral.add(cells[:most], packed, constants, b)
 
-    def _by_cell(self, cells: Ints, rows: Floats) -> Floats:
-        """Put rows of some cells into an array with a row for every local cell."""
+    def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
+        """Put rows of some cells, by integral, into an array with a row for every local cell."""
         packed = np.zeros((self._num_cells, len(self._places)))
-        packed[cells] = rows[:, self._places]
+        for some in rows:
+            # DOLFINx leaves functions zero that an integral does not have.
+            values = some[:, self._places]
+            packed[cells] = np.where(values == 0, packed[cells], values)
         return packed
+
+
+def _grouped(regions: Sequence[Ints]) -> list[list[int]]:
+    """Numbers of the regions that are the same."""
+    groups: dict[bytes, list[int]] = {}
+    for number, cells in enumerate(regions):
+        groups.setdefault(cells.tobytes(), []).append(number)
+    return list(groups.values())
 
 
 def _compiled(form: ufl.Form, kernels: Kernels, described: fem.Form) -> tuple[fem.Form, list[Any]]:

@@ -52,13 +52,14 @@ class Hyperelastic(StrainEnergy):
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: What is integrated with one point a cell. ``"volumetric"``: what resists a
-            change of volume, in hexahedra and quadrilaterals of degree 1, which then do not
-            lock in nearly incompressible materials; this is the default from a Poisson's ratio of
-            0.3 on, but for energies with fields, or with fibres that resist an equal change of
-            volume. Or names of parameters whose terms of ``psi``, in which it must be linear, have
-            one point; ``()`` for none, as in the paper. Energy is conserved with every choice,
-            because every point has an energy and a conserving stress of its own.
+        one_point: What has one point a cell, with the mean deformation gradient of the cell.
+            ``"volumetric"``: what resists a change of volume, in hexahedra and quadrilaterals of
+            degree 1, which then do not lock in nearly incompressible materials; this is the
+            default from a Poisson's ratio of 0.3 on, but for energies with fields, or with fibres
+            that resist an equal change of volume. Or names of parameters whose terms of ``psi``,
+            in which it must be linear, have one point; ``()`` for none, as in the paper. Energy is
+            conserved with every choice, because every point has an energy and a conserving stress
+            of its own.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:

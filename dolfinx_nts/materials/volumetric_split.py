@@ -2,7 +2,8 @@
 
 Hexahedra of degree 1 lock in nearly incompressible materials: with 2 x 2 x 2 points they can
 hardly deform without change of volume. With one point for what resists that change they can
-(Malkus and Hughes, 1978), while all points for the rest leave no deformation without energy.
+(Malkus and Hughes, 1978), while all points for the rest leave no deformation without energy. The
+point has the mean deformation gradient of the cell, see `with_mean_gradients`.
 """
 
 from collections.abc import Callable, Iterable

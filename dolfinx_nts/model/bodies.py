@@ -2,7 +2,7 @@
 
 Bodies of one material share their forms. Inertia and strain energy have quadratures of their
 own, which `Element` tells; terms of the energy that make cells lock have one with a single
-point, see `volumetric_split`.
+point, see `volumetric_split`, and the mean gradients of cells.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,6 +18,7 @@ from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.mass_only import MassOnly
 from dolfinx_nts.materials.volumetric_split import parts
@@ -88,7 +89,7 @@ class Body(Declaration):
 def bulk_form(
     bodies: Sequence[Body], integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any]
 ) -> ufl.Form:
-    """Integrate over all bodies, with one integral per material and quadrature. Local.
+    """Integrate over all bodies, with one integral per material and quadrature. Collective.
 
     The integrand is a sum of terms with the stress, the energy or the density. It is evaluated
     once for each quadrature of a material, with zero in the place of the parameters, the
@@ -124,6 +125,8 @@ def bulk_form(
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
             if value != 0:
+                if degree == 1:
+                    value = with_mean_gradients(value, bodies[0].V)
                 terms.append((value, np.sort(cells), degree))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.

@@ -13,6 +13,7 @@ from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -43,7 +44,7 @@ class Tangent:
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
-            of all functions and constants in the forms; None before.
+            of functions and constants in the forms that may change; None before.
     """
 
     def __init__(
@@ -189,8 +190,8 @@ def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
 
 
 def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:
-    """Values of all functions and constants of forms, which they share."""
-    functions = dict.fromkeys(f for form in forms for f in form.coefficients())
+    """Values of all that may change in forms, functions and constants, which they share."""
+    functions = changing(dict.fromkeys(f for form in forms for f in form.coefficients()))
     constants = dict.fromkeys(c for form in forms for c in form.constants())
     return [*(f.x.array for f in functions), *(c.value for c in constants)]
 

@@ -10,20 +10,23 @@ namespace
 {
 using Ints = In<std::int32_t>;
 
-/// @brief An integral over cells, and the arrays that hold what it reads.
+/// @brief Integrals over the same cells, and the arrays that hold what they
+/// read.
 class CellIntegral
 {
 public:
-  using Kernel = std::variant<ElementKernel, BatchKernel>;
+  using Kernels
+      = std::variant<std::vector<ElementKernel>, std::vector<BatchKernel>>;
 
-  CellIntegral(const Kernel& kernel, Doubles X, Ints vertices, Ints nodes,
+  CellIntegral(const Kernels& kernels, Doubles X, Ints vertices, Ints nodes,
                std::vector<Doubles> functions,
                const std::vector<std::size_t>& first, Ints places,
                std::size_t width, std::size_t components)
-      : _kernel(kernel), _X(std::move(X)), _vertices(std::move(vertices)),
+      : _kernels(kernels), _X(std::move(X)), _vertices(std::move(vertices)),
         _nodes(std::move(nodes)), _functions(std::move(functions)),
         _places(std::move(places)), _width(width), _components(components)
   {
+    std::visit([](const auto& some) { check_alike(some); }, kernels);
     if (components != 2 && components != 3)
       throw nb::value_error("components: expected 2 or 3 values a node");
     check("X", _X, {any, 3});
@@ -62,9 +65,10 @@ public:
                          view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
                             view(constants)};
-    std::visit([&](const auto& kernel)
-               { add_cells(kernel, mesh, view(cells), input, view(b)); },
-               _kernel);
+    std::visit(
+        [&]<class Kernel>(const std::vector<Kernel>& kernels)
+        { add_cells(std::span(kernels), mesh, view(cells), input, view(b)); },
+        _kernels);
   }
 
 private:
@@ -77,7 +81,19 @@ private:
           (std::string(name) + ": expected all values of each node").c_str());
   }
 
-  Kernel _kernel;
+  template <class Kernel>
+  static void check_alike(const std::vector<Kernel>& kernels)
+  {
+    if (kernels.empty())
+      throw nb::value_error("kernels: expected at least one");
+    if constexpr (std::same_as<Kernel, BatchKernel>)
+      for (const BatchKernel& kernel : kernels)
+        if (kernel.lanes() != kernels[0].lanes()
+            || kernel.is_single() != kernels[0].is_single())
+          throw nb::value_error("kernels: expected as many lanes and digits");
+  }
+
+  Kernels _kernels;
   Doubles _X;
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions;
@@ -97,15 +113,15 @@ void cells(nb::module_& m)
            nb::arg("lanes"), nb::arg("is_single"));
   nb::class_<CellIntegral> integral(
       m, "CellIntegral",
-      "Integral of a linear form over cells; the arrays are read at each call, "
-      "not copied");
+      "Integrals of a linear form over the same cells, with kernels that are "
+      "alike; the arrays are read at each call, not copied");
   const auto init = [&]<class Kernel>()
   {
     integral.def(
-        nb::init<const Kernel&, Doubles, Ints, Ints, std::vector<Doubles>,
-                 const std::vector<std::size_t>&, Ints, std::size_t,
-                 std::size_t>(),
-        nb::arg("kernel"), nb::arg("X").noconvert(),
+        nb::init<const std::vector<Kernel>&, Doubles, Ints, Ints,
+                 std::vector<Doubles>, const std::vector<std::size_t>&, Ints,
+                 std::size_t, std::size_t>(),
+        nb::arg("kernels"), nb::arg("X").noconvert(),
         nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
         nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
         nb::arg("width"), nb::arg("components") = 3,

@@ -163,7 +163,7 @@ def test_kernel_refuses_what_does_not_fit():
     with pytest.raises(ValueError, match="expected 2, 4, 8 or 16"):
         _kernels.BatchKernel(1, 3, False)
     good = {
-        "kernel": _kernels.ElementKernel(1, False),
+        "kernels": [_kernels.ElementKernel(1, False)],
         "X": X,
         "vertices": nodes,
         "nodes": nodes,
@@ -174,6 +174,8 @@ def test_kernel_refuses_what_does_not_fit():
     }
     integral = _kernels.CellIntegral(**good)
     for wrong, message in (
+        ({"kernels": []}, "at least one"),
+        ({"kernels": [_kernels.BatchKernel(1, n, False) for n in (4, 8)]}, "as many lanes"),
         ({"places": np.array([12], dtype=np.int32)}, "less than width"),
         ({"X": X[:3]}, "rows of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),

@@ -1,16 +1,28 @@
 """Terms of the energy that are integrated with one point a cell, so that cells do not lock."""
 
 import re
+from functools import partial
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import (
+    CellType,
+    GhostMode,
+    create_unit_cube,
+    create_unit_square,
+    exterior_facet_indices,
+    meshtags,
+)
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 
 # Of the total energy at any step, relative to the start.
@@ -279,6 +291,91 @@ def test_no_deformation_of_a_cell_is_without_energy(nu, turned):
     values = eigenvalues(material, scenes.rotation((1, 2, 3), turned))
     assert np.abs(values[:6]).max() < 1e-9 * MU
     assert values[6] > 0.05 * MU
+
+
+def swirled(comm, cell):
+    """Space and cells of a body whose inner nodes are moved by up to a fifth of an edge."""
+    if cell == "hexahedron":
+        mesh = create_unit_cube(comm, 4, 4, 4, CellType.hexahedron, ghost_mode=GhostMode.none)
+    else:
+        mesh = create_unit_square(comm, 4, 4, CellType.quadrilateral, ghost_mode=GhostMode.none)
+    X, dim = mesh.geometry.x, mesh.geometry.dim
+    bubble = np.prod(np.sin(np.pi * X[:, :dim]), axis=1)[:, None]
+    X[:, :dim] += 0.05 * np.sin(40 * X[:, :dim] + 17 * X[:, [1, 2, 0][:dim]]) * (bubble > 1e-9)
+    local = mesh.topology.index_map(dim).size_local
+    cells = meshtags(mesh, dim, np.arange(local), np.ones(local, dtype=np.int32))
+    return fem.functionspace(mesh, ("Lagrange", 1, (dim,))), cells
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
+@pytest.mark.parametrize(
+    "law", [partial(nts.SaintVenantKirchhoff, nu=0.45), partial(nts.NeoHookean, nu=0.3)]
+)
+def test_uniform_strain_is_in_balance_on_distorted_cells(comm, cell, law):
+    """The patch test: nodes inside follow those of the boundary."""
+    V, cells = swirled(comm, cell)
+    dim = V.mesh.geometry.dim
+    A = np.array([[0.02, 0.05, -0.02], [0.0, -0.08, 0.03], [0.04, 0.0, 0.06]])[:dim, :dim]
+    whole = fem.Function(V)
+    whole.interpolate(lambda x: A @ x[:dim])
+    V.mesh.topology.create_connectivity(dim - 1, dim)
+    sides = exterior_facet_indices(V.mesh.topology)
+    boundary = fem.dirichletbc(whole, fem.locate_dofs_topological(V, dim - 1, sides))
+    stepper = nts.QuasiStatic([nts.Body(V, cells, 1, law(E=E, rho=RHO))], dt=1.0, bcs=[boundary])
+    stepper.advance()
+    error = np.abs(stepper.u.x.array - whole.x.array).max(initial=0.0)
+    assert comm.allreduce(error, op=MPI.MAX) < 1e-10
+
+
+@pytest.mark.parametrize("law", [nts.SaintVenantKirchhoff, nts.NeoHookean])
+def test_distorted_cells_conserve_energy_and_momenta_while_they_turn(comm, law):
+    V, cells = swirled(comm, "hexahedron")
+    body = nts.Body(V, cells, 1, law(1e3, 0.45, 1.0))
+    stepper = nts.EnergyMomentum([body], dt=0.01)
+
+    def spin(x):
+        away = x - 0.5
+        return np.cross([5.0, 10.0, 20.0], away.T).T + 2 * away[[2, 0, 1]] ** 2
+
+    stepper.set_velocity(body, spin)
+    diagnostics = nts.Diagnostics(stepper)
+    states, X = [], stepper.x.copy()
+    for _ in range(21):
+        balance = diagnostics.balance()
+        p, L = balance.linear_momentum, balance.angular_momentum
+        states.append([balance.total_energy, *p, *L])
+        stepper.advance()
+    sizes = np.abs(states[0])
+    sizes[1:4], sizes[4:] = sizes[1:4].max(), sizes[4:].max()
+    assert np.abs((np.array(states) - states[0]) / sizes).max() < 1e-12
+    # By three quarters of a turn, and strained.
+    assert comm.allreduce(np.abs(stepper.x - X).max(), op=MPI.MAX) > 1
+    assert diagnostics.strain_energy() > 0.02 * states[0][0]
+
+
+@pytest.mark.serial
+def test_the_tangent_of_distorted_cells_is_the_derivative(comm):
+    V, cells = swirled(comm, "hexahedron")
+    body = nts.Body(V, cells, 1, nts.SaintVenantKirchhoff(1e3, 0.45, 1.0))
+    stepper = nts.EnergyMomentum([body], dt=0.1)
+    form = scenes.step_forms(stepper).residual()
+    bulk, tangent = Bulk(form, stepper.u, []), Tangent(form, stepper.u, [])
+    rng = np.random.default_rng(4)
+    stepper.u_n.x.array[:], u, d = rng.normal(scale=0.02, size=(3, len(stepper.u.x.array)))
+
+    def residual(x):
+        stepper.u.x.array[:] = x
+        return bulk.residual()
+
+    K_d = (residual(u), bulk.action(d.reshape(-1, 3)).ravel())[1]
+    tangent.assemble_exact()
+    matrix = tangent.matrix(scalar=True)
+    product = matrix.createVecLeft()
+    matrix.mult(PETSc.Vec().createWithArray(d), product)
+    np.testing.assert_allclose(product.array, K_d, rtol=0, atol=1e-11 * np.abs(K_d).max())
+    R = residual(u)
+    sizes = [np.abs(residual(u + h * d) - R - h * K_d).max() for h in (1e-1, 1e-2)]
+    assert np.log10(sizes[0] / sizes[1]) > 1.9
 
 
 def with_fibres(C, mu, kappa, k, b, stretch):

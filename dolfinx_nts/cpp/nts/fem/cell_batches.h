@@ -113,7 +113,7 @@ private:
 /// @brief The same as `add_cells` by batches of L cells, in numbers of type T,
 /// with D values at a node.
 template <class T, std::size_t L, std::size_t D>
-void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
+void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,
                  std::span<double> b)
 {
@@ -150,7 +150,8 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
       gather_lanes<D, T, L>(values[i], nodes,
                             w.data() + functions[i].first * L);
     element.clear();
-    kernel(element.data(), w.data(), c.data(), X.data());
+    for (const BatchKernel& kernel : kernels)
+      kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)
       for (std::size_t i = 0; i < k; ++i)
         for (std::size_t j = 0; j < D; ++j)
@@ -158,22 +159,23 @@ void add_batches(const BatchKernel& kernel, const CellNodes& mesh,
   }
 }
 
-/// @brief Add an integral over cells to a vector, batch by batch.
-/// @param[in] kernel Of the integral.
+/// @brief Add integrals over the same cells to a vector, batch by batch.
+/// @param[in] kernels Of the integrals, all alike in lanes and precision.
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
 /// @param[in,out] b Values at the nodes, (l, d).
-inline void add_cells(const BatchKernel& kernel, const CellNodes& mesh,
+inline void add_cells(std::span<const BatchKernel> kernels,
+                      const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
                       const KernelInput& input, std::span<double> b)
 {
   const auto add_values = [&]<std::size_t L, std::size_t D>()
   {
-    if (kernel.is_single())
-      add_batches<float, L, D>(kernel, mesh, cells, input, b);
+    if (kernels.front().is_single())
+      add_batches<float, L, D>(kernels, mesh, cells, input, b);
     else
-      add_batches<double, L, D>(kernel, mesh, cells, input, b);
+      add_batches<double, L, D>(kernels, mesh, cells, input, b);
   };
   const auto add = [&]<std::size_t L>()
   {
@@ -182,7 +184,7 @@ inline void add_cells(const BatchKernel& kernel, const CellNodes& mesh,
     else
       add_values.template operator()<L, 3>();
   };
-  switch (kernel.lanes())
+  switch (kernels.front().lanes())
   {
   case 2:
     return add.operator()<2>();

@@ -89,13 +89,14 @@ struct KernelInput
   std::span<const double> constants;    ///< their values
 };
 
-/// @brief Add an integral over cells to a vector.
-/// @param[in] kernel Of the integral.
+/// @brief Add integrals over the same cells to a vector.
+/// @param[in] kernels Of the integrals.
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
 /// @param[in,out] b Values at the nodes, (l, d).
-inline void add_cells(const ElementKernel& kernel, const CellNodes& mesh,
+inline void add_cells(std::span<const ElementKernel> kernels,
+                      const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
                       const KernelInput& input, std::span<double> b)
 {
@@ -112,7 +113,8 @@ inline void add_cells(const ElementKernel& kernel, const CellNodes& mesh,
     for (const auto& [values, first] : functions)
       gather(values, d, nodes, w.data() + first);
     std::ranges::fill(element, 0.0);
-    kernel(element.data(), w.data(), constants.data(), X.data());
+    for (const ElementKernel& kernel : kernels)
+      kernel(element.data(), w.data(), constants.data(), X.data());
     const double* from = element.data();
     for (const std::int32_t node : nodes)
       for (std::size_t i = 0; i < d; ++i)

@@ -1,0 +1,131 @@
+r"""Mean gradients of vector fields in hexahedra, for terms that are evaluated once a cell.
+
+The gradient in the middle of a distorted hexahedron differs from its mean,
+:math:`\bar G = \int \nabla v\, dX / V`, so that forces of a uniform stress would not be those
+of its faces. The mean has a closed form (Flanagan and Belytschko 1981). With the derivatives
+:math:`X_i`, :math:`X_{ij}` of the position in the middle of the reference cell the volume is
+
+.. math:: V = [X_1, X_2, X_3] + ([X_1, X_{12}, X_{31}] + [X_{12}, X_2, X_{23}]
+   + [X_{31}, X_{23}, X_3])/12,
+
+and :math:`\bar G = \nabla v + \sum_{ij} (X_i \cdot \nabla\nabla v \cdot X_j) \otimes
+(\partial V/\partial X_{ij}) / V`, with the gradients in the middle. In tetrahedra, in triangles
+and in quadrilaterals of the plane the gradient in the middle is the mean.
+"""
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import Mesh
+from ufl.algorithms.analysis import extract_arguments, extract_coefficients
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+
+from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.cell_constant import CellConstant
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["with_mean_gradients"]
+
+# Entries of a symmetric tensor, in the order in which they are stored.
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+# Numbers of a cell, see `_numbers`.
+_NUMBERS = 19
+# Of the coordinates of the vertices about the middle.
+_SIGNS = np.array([[2.0 * (i >> axis & 1) - 1.0 for axis in range(3)] for i in range(8)])
+
+# Positions of the vertices, and numbers for them, by mesh: many forms share what is as large as
+# six fields. A function would keep its mesh alive.
+_KNOWN: WeakKeyDictionary[Mesh, tuple[Floats, la.Vector]] = WeakKeyDictionary()
+
+
+def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
+    """Replace gradients of functions by their means in each cell. Collective.
+
+    Args:
+        value: UFL scalar, which will be integrated with one point a cell.
+        V: Space of the functions, of degree 1.
+
+    Returns:
+        UFL scalar whose integral with one point has the volumes of the cells as weights.
+    """
+    mesh = V.mesh
+    if mesh.topology.cell_name() != "hexahedron":
+        return value
+    known = _KNOWN.get(mesh)
+    is_same = known is not None and np.array_equal(known[0], mesh.geometry.x)
+    if known is None or not reductions.everywhere(mesh.comm, is_same):
+        new = CellConstant(mesh, _NUMBERS)
+        new.x.array.reshape(-1, _NUMBERS)[new.function_space.dofmap.list[:, 0]] = _numbers(mesh)
+        known = _KNOWN[mesh] = mesh.geometry.x.copy(), new.x
+    # Forms of one mesh share the values.
+    coefficients = CellConstant(mesh, _NUMBERS, known[1])
+    return coefficients[_NUMBERS - 1] * map_expr_dag(_MeanGradients(V, coefficients), value)
+
+
+class _MeanGradients(MultiFunction):  # type: ignore[misc]
+    """Replaces gradients of functions of a space by their means.
+
+    Args:
+        V: The space.
+        coefficients: What `_numbers` returns, by cell.
+    """
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self, V: fem.FunctionSpace, coefficients: CellConstant) -> None:
+        super().__init__()
+        self._V, self._coefficients = V, coefficients
+
+    def grad(self, o: Any) -> Any:
+        """Add to the gradient in the middle what the mean has beside it."""
+        (v,), axes = o.ufl_operands, range(3)
+        if any(f.ufl_function_space() != self._V for f in _functions(v)):
+            return o
+        second, c = ufl.grad(o), self._coefficients
+        rest = [
+            [sum(second[i, j, k] * c[3 * n + m] for n, (j, k) in enumerate(_ENTRIES)) for m in axes]
+            for i in axes
+        ]
+        return o + ufl.as_matrix(rest)
+
+
+def _functions(v: Any) -> list[Any]:
+    return [*extract_coefficients(v), *extract_arguments(v)]
+
+
+def _numbers(mesh: Mesh) -> Floats:
+    r"""What means need of the geometry of each local cell, shape ``(c, 19)``. Local.
+
+    The vectors :math:`c_{jk}` of
+    :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v \otimes c_{jk}` [m], and the
+    volume over its estimate with the middle [-].
+    """
+    x = mesh.geometry.x[compat.geometry_nodes(mesh)]
+    first = [np.einsum("a,cai->ci", _SIGNS[:, i] / 4, x) for i in range(3)]
+    pairs = ((1, 2), (2, 0), (0, 1))
+    X23, X31, X12 = (np.einsum("a,cai->ci", _SIGNS[:, [i, j]].prod(1) / 2, x) for i, j in pairs)
+    X1, X2, X3 = first
+    estimate = _triple(X1, X2, X3)
+    volume = estimate + (_triple(X1, X12, X31) + _triple(X12, X2, X23) + _triple(X31, X23, X3)) / 12
+    slopes = (
+        (np.cross(X12, X2) + np.cross(X3, X31)) / 12,
+        (np.cross(X1, X12) + np.cross(X23, X3)) / 12,
+        (np.cross(X31, X1) + np.cross(X2, X23)) / 12,
+    )
+    c = np.zeros((len(x), 3, 3, 3))
+    for (i, j), slope in zip(pairs, slopes, strict=True):
+        c += np.einsum("cj,ck,cm->cjkm", first[i], first[j], slope)
+    c /= volume[:, None, None, None]
+    by_entry = [c[:, j, k] + c[:, k, j] if j != k else c[:, j, j] for j, k in _ENTRIES]
+    return np.column_stack([*by_entry, volume / estimate])
+
+
+def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Volumes of the parallelepipeds of three vectors, shape ``(c,)`` [m^3]."""
+    volumes: Floats = np.einsum("ci,ci->c", a, np.cross(b, c))
+    return volumes
