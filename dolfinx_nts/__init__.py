@@ -30,6 +30,7 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
@@ -72,6 +73,7 @@ __all__ = [
     "QuasiStatic",
     "Reaction",
     "Recorder",
+    "RigidBody",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",

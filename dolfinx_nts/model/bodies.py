@@ -6,7 +6,7 @@ point, see `volumetric_split`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -36,6 +36,7 @@ class Body(Declaration):
 
     Attributes:
         V: The space.
+        is_rigid: Whether it does not deform, see `RigidBody`.
         name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
@@ -53,6 +54,8 @@ class Body(Declaration):
         >>> len(body.cells), len(body.nodes)
         (4, 18)
     """
+
+    is_rigid: ClassVar[bool] = False
 
     def __init__(
         self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
@@ -124,6 +127,8 @@ def bulk_form(
             value = ufl.as_ufl(integrand(law, some, rho))
             if value != 0:
                 terms.append((value, np.sort(cells), degree))
+    if not terms:  # as the strain energy of rigid bodies
+        terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.
     dx = ufl.Measure(

@@ -14,6 +14,7 @@ from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.derivative import Derivative
 from dolfinx_nts.solvers.nodal_sum import NodalSum
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 
@@ -36,6 +37,7 @@ class Bulk:
         given: Owned scalar dofs that residual and action take as given, sorted.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
+        rigid: Motion of the rigid bodies.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Bulk:
         self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self.num_cells = self._all_cells
         self.stabilisation: Callable[[Floats], Floats] | None = None
+        self.rigid = RigidMotion(V)
 
     @property
     def num_assembled(self) -> tuple[int, int]:

@@ -1,0 +1,261 @@
+r"""Rigid bodies in the balance of a step: six unknowns each, in the place of those of their nodes.
+
+Positions of the nodes of a rigid body are linear in the reference position. A step rotates them, so
+that with the Cayley vector :math:`\theta` of the rotation, whatever it is,
+
+.. math:: x_{n+1} - x_n = \Delta\varphi + \theta \times (x_m - \varphi_m),
+   \qquad x_m = \tfrac12 (x_n + x_{n+1}),
+
+holds exactly. The balance of a body is that of resultant and moment of all nodal forces about its
+mean position: both momenta are conserved, and as the work of the forces is that of resultant and
+moment, so is the energy. No multiplier keeps the body rigid.
+
+Linear systems keep nodal unknowns. Rigid bodies project them, as contact does, see `elimination`:
+increments are rigid motions at the end of the step, and forces are replaced by such fields with
+the same resultant and moment.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem, la
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["LinearFields", "RigidMotion"]
+
+# Rotations by a unit vector: of x, y and z in space, of z in the plane.
+_TURNS = {
+    2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
+    3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),
+}
+
+
+class LinearFields:
+    """Fields over the nodes of a body that are linear in the reference position. Collective.
+
+    Coefficients of a vector field have the shape ``(d + 1, d)``.
+
+    Args:
+        body: The body.
+
+    Attributes:
+        nodes: Its owned nodes, on whatever rank its cells are, shape ``(n,)``.
+        values: One, and the position from the mean of all nodes, shape ``(n, d + 1)`` [-, m].
+        products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
+        reference: Coefficients of the reference position.
+    """
+
+    def __init__(self, body: Body) -> None:
+        """Find the nodes, and their mean position."""
+        V = body.V
+        comm: MPI.Comm = V.mesh.comm
+        marker = la.vector(V.dofmap.index_map)
+        marker.array[body.nodes] = 1
+        marker.scatter_reverse(la.InsertMode.add)
+        owned = marker.array[: V.dofmap.index_map.size_local]
+        self.nodes: Ints = np.flatnonzero(owned).astype(np.int32)
+        X = V.tabulate_dof_coordinates()[self.nodes, : dimension(V)]
+        *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
+        centre = np.array(total) / count
+        self.values: Floats = np.column_stack([np.ones(len(X)), X - centre])
+        self.products: Floats = reductions.total(comm, self.values.T @ self.values)
+        self.reference: Floats = np.vstack([centre, np.eye(len(centre))])
+
+    def sums(self, vectors: Floats) -> Floats:
+        """Products of the fields with nodal vectors ``(f, N, d)`` on this rank, ``(f, d + 1, d)``.
+
+        Local.
+        """
+        products: Floats = self.values.T @ vectors[:, self.nodes]
+        return products
+
+    def fit(self, sums: Floats) -> Floats:
+        """Coefficients of a field by its total `sums`. Local."""
+        coefficients: Floats = np.linalg.solve(self.products, sums)
+        return coefficients
+
+
+class _Linearisation:
+    """Balance of one body near positions in a step. Local.
+
+    Args:
+        fields: Linear fields over the body.
+        q_n: Coefficients of the positions at the start.
+        q: The same at the end.
+        forces: Total sums of the nodal forces on the body [N, N m].
+        inertia: Sums of products of the fields with mass, times what inertia has of it in the
+            tangent, shape ``(d + 1, d + 1)``.
+    """
+
+    def __init__(
+        self, fields: LinearFields, q_n: Floats, q: Floats, forces: Floats, inertia: Floats
+    ) -> None:
+        turns = _TURNS[q.shape[1]]
+        self._end, self._mean = _rigid_motions(q), _rigid_motions((q_n + q) / 2)
+        # Forces stay as they are where their levers turn.
+        k = len(turns)
+        self._turning = np.zeros((len(self._end), len(self._end)))
+        levers = self._end[:, 1:] / 2
+        self._turning[-k:] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
+        products = fields.products
+        self._of_end = np.linalg.inv(_matrix(self._end, products, self._end))
+        self._of_forces = np.linalg.inv(_matrix(self._mean, products, self._end))
+        stiffness = _matrix(self._mean, inertia, self._end) + self._turning
+        self._response = np.linalg.inv(stiffness)
+
+    def motion(self, sums: Floats) -> Floats:
+        """Amounts of the motions at the end in a field with given `sums`, shape ``(k,)``."""
+        amounts: Floats = self._of_end @ np.einsum("kmi,mi->k", self._end, sums)
+        return amounts
+
+    def project(self, x: Floats, y: Floats) -> Floats:
+        """Coefficients of the forces that stand for y where increments x turn the levers."""
+        resultant = self._resultant(y) + self._turning @ self.motion(x)
+        return self._field(self._of_forces @ resultant)
+
+    def respond(self, r: Floats) -> Floats:
+        """Coefficients of the increments by which inertia alone balances forces r."""
+        return self._field(self._response @ self._resultant(r))
+
+    def _resultant(self, sums: Floats) -> Floats:
+        """Resultant and moment about the mean position [N, N m]."""
+        resultant: Floats = np.einsum("kmi,mi->k", self._mean, sums)
+        return resultant
+
+    def _field(self, amounts: Floats) -> Floats:
+        field: Floats = np.einsum("k,kmi->mi", amounts, self._end)
+        return field
+
+
+class RigidMotion:
+    """Motion of all rigid bodies in a step. Collective, as are all methods.
+
+    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``. Without rigid bodies
+    they are returned as they are.
+
+    Args:
+        V: Space of the displacement.
+        bodies: Linear fields over each rigid body.
+        masses: Their products with the mass of each, see `_Linearisation` [kg].
+        inertia_share: What inertia has of a mass in the tangent of a step [N/m].
+
+    Attributes:
+        dim: Dimension of the space, d.
+        exists: Whether there are rigid bodies, on any rank.
+        nodes: Owned nodes of rigid bodies, sorted.
+    """
+
+    def __init__(
+        self,
+        V: fem.FunctionSpace,
+        bodies: Sequence[LinearFields] = (),
+        masses: Sequence[Floats] = (),
+        inertia_share: Callable[[Floats], Floats] = np.zeros_like,
+    ) -> None:
+        """Keep the bodies, as yet without positions."""
+        self._comm: MPI.Comm = V.mesh.comm
+        self._bodies, self._masses, self._share = tuple(bodies), tuple(masses), inertia_share
+        self.dim, self.exists = dimension(V), bool(bodies)
+        none = np.empty(0, dtype=np.int32)
+        self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
+        self._starts: list[Floats] = []
+        self._states: list[_Linearisation] = []
+
+    def begin(self, u_n: Floats) -> None:
+        """Begin a step from displacements u_n [m]."""
+        if self.exists:
+            self._starts = self._positions(self._sums(u_n))
+
+    def balance(self, u: Floats, R: Floats) -> Floats:
+        """Linearise at displacements u [m], and replace the residual R [N] by rigid fields."""
+        if not self.exists:
+            return R
+        sums = self._sums(u, R)
+        self._states = [
+            _Linearisation(body, q_n, q, forces[1], self._share(mass))
+            for body, mass, q_n, q, forces in zip(
+                self._bodies, self._masses, self._starts, self._positions(sums), sums, strict=True
+            )
+        ]
+        fields = (s.project(np.zeros_like(f), f) for s, (_, f) in self._with_states(sums))
+        return self._put(fields, R.copy())
+
+    def project(self, x: Floats, y: Floats) -> Floats:
+        """Replace forces y by rigid fields, for increments x [m]; overwrites y."""
+        if not self.exists:
+            return y
+        sums = self._sums(x, y)
+        return self._put((state.project(*each) for state, each in self._with_states(sums)), y)
+
+    def respond(self, r: Floats) -> Floats:
+        """Replace forces r by the increments with which inertia balances them; overwrites r."""
+        sums = self._sums(r)
+        return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
+
+    def moved(self, u: Floats, du: Floats) -> Floats:
+        """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
+
+        Increments of rigid bodies are taken as motions at u.
+        """
+        result: Floats = u + du
+        if not self.exists:
+            return result
+        sums = self._sums(u, du)
+        fields = []
+        for body, q, (_, increment) in zip(self._bodies, self._positions(sums), sums, strict=True):
+            motions, dim = _rigid_motions(q), q.shape[1]
+            gram = _matrix(motions, body.products, motions)
+            amounts = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, increment))
+            spin = np.einsum("k,kij->ij", amounts[dim:], _TURNS[dim])
+            change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
+            change[0] = amounts[:dim]
+            # Small changes that are added have all their digits; positions would lose some.
+            fields.append(change)
+        changes = self._put(fields, np.zeros_like(u))
+        result[self.nodes] = (u + changes)[self.nodes]
+        return result
+
+    def without(self, values: Floats) -> Floats:
+        """Copy of a vector with zeros at rigid bodies. Local."""
+        copy = values.copy()
+        copy[self.nodes] = 0.0
+        return copy
+
+    def _sums(self, *vectors: Floats) -> list[Floats]:
+        """Total sums of vectors for each body, each ``(f, d + 1, d)``."""
+        parts = np.array([body.sums(np.array(vectors)) for body in self._bodies])
+        return list(reductions.total(self._comm, parts))
+
+    def _positions(self, sums: Sequence[Floats]) -> list[Floats]:
+        """Coefficients of the positions by the sums of displacements."""
+        return [b.reference + b.fit(s[0]) for b, s in zip(self._bodies, sums, strict=True)]
+
+    def _with_states(self, sums: Sequence[Floats]) -> "zip[tuple[_Linearisation, Floats]]":
+        return zip(self._states, sums, strict=True)
+
+    def _put(self, fields: Iterable[Floats], values: Floats) -> Floats:
+        """Set values to the fields of each body."""
+        for body, coefficients in zip(self._bodies, fields, strict=True):
+            values[body.nodes] = body.values @ coefficients
+        return values
+
+
+def _rigid_motions(q: Floats) -> Floats:
+    """Translations, and rotations about the mean of the nodes, ``(k, d + 1, d)``. Local."""
+    dim = q.shape[1]
+    motions = np.zeros((dim + len(_TURNS[dim]), *q.shape))
+    motions[np.arange(dim), 0, np.arange(dim)] = 1.0
+    motions[dim:, 1:] = np.einsum("kij,mj->kmi", _TURNS[dim], q[1:])
+    return motions
+
+
+def _matrix(left: Floats, products: Floats, right: Floats) -> Floats:
+    """Products of fields ``(k, d + 1, d)`` by those of the linear fields, ``(k, k)``. Local."""
+    matrix: Floats = np.einsum("kmi,mn,lni->kl", left, products, right)
+    return matrix
