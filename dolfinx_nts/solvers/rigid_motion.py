@@ -16,6 +16,7 @@ the same resultant and moment.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -27,7 +28,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["LinearFields", "RigidMotion"]
+__all__ = ["LinearFields", "RigidColumns", "RigidMotion"]
 
 # Rotations by a unit vector: of x, y and z in space, of z in the plane.
 _TURNS = {
@@ -81,6 +82,22 @@ class LinearFields:
         return coefficients
 
 
+class RigidColumns(NamedTuple):
+    """What the motions of one body are in the unknowns of its nodes, see `RigidMotion.columns`.
+
+    Attributes:
+        dofs: Owned dofs of the body, shape ``(d n,)``.
+        end: Motions at the end of the step, shape ``(d n, k)``.
+        mean: The same at the mean position.
+        turning: Derivative of resultant and moment by the motions at fixed forces, ``(k, k)``.
+    """
+
+    dofs: Ints
+    end: Floats
+    mean: Floats
+    turning: Floats
+
+
 class _Linearisation:
     """Balance of one body near positions in a step. Local.
 
@@ -91,32 +108,37 @@ class _Linearisation:
         forces: Total sums of the nodal forces on the body [N, N m].
         inertia: Sums of products of the fields with mass, times what inertia has of it in the
             tangent, shape ``(d + 1, d + 1)``.
+
+    Attributes:
+        end: Coefficients of the motions at the end, shape ``(k, d + 1, d)``.
+        mean: The same at the mean position.
+        turning: See `RigidColumns`.
     """
 
     def __init__(
         self, fields: LinearFields, q_n: Floats, q: Floats, forces: Floats, inertia: Floats
     ) -> None:
         turns = _TURNS[q.shape[1]]
-        self._end, self._mean = _rigid_motions(q), _rigid_motions((q_n + q) / 2)
+        self.end, self.mean = _rigid_motions(q), _rigid_motions((q_n + q) / 2)
         # Forces stay as they are where their levers turn.
         k = len(turns)
-        self._turning = np.zeros((len(self._end), len(self._end)))
-        levers = self._end[:, 1:] / 2
-        self._turning[-k:] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
+        self.turning = np.zeros((len(self.end), len(self.end)))
+        levers = self.end[:, 1:] / 2
+        self.turning[-k:] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
         products = fields.products
-        self._of_end = np.linalg.inv(_matrix(self._end, products, self._end))
-        self._of_forces = np.linalg.inv(_matrix(self._mean, products, self._end))
-        stiffness = _matrix(self._mean, inertia, self._end) + self._turning
+        self._of_end = np.linalg.inv(_matrix(self.end, products, self.end))
+        self._of_forces = np.linalg.inv(_matrix(self.mean, products, self.end))
+        stiffness = _matrix(self.mean, inertia, self.end) + self.turning
         self._response = np.linalg.inv(stiffness)
 
     def motion(self, sums: Floats) -> Floats:
         """Amounts of the motions at the end in a field with given `sums`, shape ``(k,)``."""
-        amounts: Floats = self._of_end @ np.einsum("kmi,mi->k", self._end, sums)
+        amounts: Floats = self._of_end @ np.einsum("kmi,mi->k", self.end, sums)
         return amounts
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Coefficients of the forces that stand for y where increments x turn the levers."""
-        resultant = self._resultant(y) + self._turning @ self.motion(x)
+        resultant = self._resultant(y) + self.turning @ self.motion(x)
         return self._field(self._of_forces @ resultant)
 
     def respond(self, r: Floats) -> Floats:
@@ -125,11 +147,11 @@ class _Linearisation:
 
     def _resultant(self, sums: Floats) -> Floats:
         """Resultant and moment about the mean position [N, N m]."""
-        resultant: Floats = np.einsum("kmi,mi->k", self._mean, sums)
+        resultant: Floats = np.einsum("kmi,mi->k", self.mean, sums)
         return resultant
 
     def _field(self, amounts: Floats) -> Floats:
-        field: Floats = np.einsum("k,kmi->mi", amounts, self._end)
+        field: Floats = np.einsum("k,kmi->mi", amounts, self.end)
         return field
 
 
@@ -220,6 +242,16 @@ class RigidMotion:
         changes = self._put(fields, np.zeros_like(u))
         result[self.nodes] = (u + changes)[self.nodes]
         return result
+
+    def columns(self) -> list[RigidColumns]:
+        """Motions of each body in the unknowns of its nodes. Local."""
+        columns = []
+        for body, state in zip(self._bodies, self._states, strict=True):
+            dofs = (self.dim * body.nodes[:, None] + np.arange(self.dim, dtype=np.int32)).ravel()
+            ends = (np.einsum("nm,kmi->nik", body.values, c) for c in (state.end, state.mean))
+            end, mean = (motions.reshape(len(dofs), len(state.end)) for motions in ends)
+            columns.append(RigidColumns(dofs, end, mean, state.turning))
+        return columns
 
     def without(self, values: Floats) -> Floats:
         """Copy of a vector with zeros at rigid bodies. Local."""
