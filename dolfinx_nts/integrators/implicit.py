@@ -99,7 +99,7 @@ class ImplicitStepper(Stepper):
         else:
             self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
-        self._bulk.rigid = rigid_motion(bodies, self._rates)
+        self._bulk.rigid = rigid_motion(bodies, self._rates, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -152,6 +152,14 @@ class ImplicitStepper(Stepper):
     def carried(self, forces: Floats) -> Floats:
         """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
         return self._inertia.carried(forces)
+
+    def _check_state(self) -> None:
+        super()._check_state()
+        self._bulk.rigid.check(self._owned(self.u.x.array), self._owned(self.v.x.array))
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        super()._set(function, body, value)
+        self._bulk.rigid.given(body, function.name)
 
     def _state_was_set(self) -> None:
         self._rates.forget()

@@ -30,6 +30,8 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["LinearFields", "RigidColumns", "RigidMotion"]
 
+# Part of its size, or of its speed, by which a given state may deform a rigid body [-].
+_NOT_RIGID = 1e-8
 # Rotations by a unit vector: of x, y and z in space, of z in the plane.
 _TURNS = {
     2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
@@ -46,15 +48,17 @@ class LinearFields:
         body: The body.
 
     Attributes:
+        body: The argument.
         nodes: Its owned nodes, on whatever rank its cells are, shape ``(n,)``.
         values: One, and the position from the mean of all nodes, shape ``(n, d + 1)`` [-, m].
         products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
+        size: Greatest coordinate from the mean of all nodes [m].
     """
 
     def __init__(self, body: Body) -> None:
         """Find the nodes, and their mean position."""
-        V = body.V
+        self.body, V = body, body.V
         comm: MPI.Comm = V.mesh.comm
         marker = la.vector(V.dofmap.index_map)
         marker.array[body.nodes] = 1
@@ -65,6 +69,7 @@ class LinearFields:
         *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
         centre = np.array(total) / count
         self.values: Floats = np.column_stack([np.ones(len(X)), X - centre])
+        self.size = reductions.largest(comm, float(np.abs(X - centre).max(initial=0.0)))
         self.products: Floats = reductions.total(comm, self.values.T @ self.values)
         self.reference: Floats = np.vstack([centre, np.eye(len(centre))])
 
@@ -131,14 +136,10 @@ class _Linearisation:
         stiffness = _matrix(self.mean, inertia, self.end) + self.turning
         self._response = np.linalg.inv(stiffness)
 
-    def motion(self, sums: Floats) -> Floats:
-        """Amounts of the motions at the end in a field with given `sums`, shape ``(k,)``."""
-        amounts: Floats = self._of_end @ np.einsum("kmi,mi->k", self.end, sums)
-        return amounts
-
     def project(self, x: Floats, y: Floats) -> Floats:
         """Coefficients of the forces that stand for y where increments x turn the levers."""
-        resultant = self._resultant(y) + self.turning @ self.motion(x)
+        amounts = self._of_end @ np.einsum("kmi,mi->k", self.end, x)
+        resultant = self._resultant(y) + self.turning @ amounts
         return self._field(self._of_forces @ resultant)
 
     def respond(self, r: Floats) -> Floats:
@@ -186,8 +187,45 @@ class RigidMotion:
         self.dim, self.exists = dimension(V), bool(bodies)
         none = np.empty(0, dtype=np.int32)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
+        self._given: list[LinearFields] = []
+        self._given: set[tuple[LinearFields, str]] = set()
         self._starts: list[Floats] = []
         self._states: list[_Linearisation] = []
+
+    def given(self, body: Body, name: str) -> None:
+        """Let the next `check` look at all nodes of a body, whose state was given. Local.
+
+        ``name`` is ``"displacement"`` or ``"velocity"``.
+        """
+        self._given |= {(each, name) for each in self._bodies if each.body is body}
+
+    def check(self, u: Floats, v: Floats) -> None:
+        """Raise unless displacements u [m], and velocities v [m/s] that were given, are rigid.
+
+        Raises:
+            ValueError: A body is deformed, or its velocity would deform it.
+        """
+        if not self.exists:
+            return
+        # After a step velocities are rigid only in the mean of the step.
+        sums, given = self._sums(u, v), self._given
+        for body, q, (of_u, of_v) in zip(self._bodies, self._positions(sums), sums, strict=True):
+            directors, motions = q[1:], _rigid_motions(q)
+            misfits = {"displacement": np.abs(directors @ directors.T - np.eye(self.dim)).max()}
+            if (body, "displacement") in given:
+                bent = self._greatest(body, u, body.fit(of_u)) / body.size
+                misfits["displacement"] = max(misfits["displacement"], bent)
+            if (body, "velocity") in given:
+                amounts = _amounts(motions, body.products, of_v)
+                rest = self._greatest(body, v, np.einsum("k,kmi->mi", amounts, motions))
+                misfits["velocity"] = rest / (self._greatest(body, v, 0 * of_v) or 1.0)
+            for name, misfit in misfits.items():
+                if misfit > _NOT_RIGID:
+                    raise ValueError(
+                        f"expected a {name} of the rigid {body.body.name} that moves and turns it "
+                        f"as a whole from where it is, given one that deforms it by {misfit:.2g}"
+                    )
+        self._given = set()
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""
@@ -232,8 +270,7 @@ class RigidMotion:
         fields = []
         for body, q, (_, increment) in zip(self._bodies, self._positions(sums), sums, strict=True):
             motions, dim = _rigid_motions(q), q.shape[1]
-            gram = _matrix(motions, body.products, motions)
-            amounts = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, increment))
+            amounts = _amounts(motions, body.products, increment)
             spin = np.einsum("k,kij->ij", amounts[dim:], _TURNS[dim])
             change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
             change[0] = amounts[:dim]
@@ -258,6 +295,14 @@ class RigidMotion:
         copy = values.copy()
         copy[self.nodes] = 0.0
         return copy
+
+    def _misfit(self, body: LinearFields, values: Floats, field: Floats) -> float:
+        """Greatest distance of nodal values from a field, relative to values and to the body."""
+
+    def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
+        """Greatest component of values at the nodes of a body less a field."""
+        rest = values[body.nodes] - body.values @ field
+        return reductions.largest(self._comm, float(np.abs(rest).max(initial=0.0)))
 
     def _sums(self, *vectors: Floats) -> list[Floats]:
         """Total sums of vectors for each body, each ``(f, d + 1, d)``."""
@@ -285,6 +330,13 @@ def _rigid_motions(q: Floats) -> Floats:
     motions[np.arange(dim), 0, np.arange(dim)] = 1.0
     motions[dim:, 1:] = np.einsum("kij,mj->kmi", _TURNS[dim], q[1:])
     return motions
+
+
+def _amounts(motions: Floats, products: Floats, sums: Floats) -> Floats:
+    """Amounts of motions nearest to a field with given `sums`, shape ``(k,)``. Local."""
+    gram = _matrix(motions, products, motions)
+    amounts: Floats = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, sums))
+    return amounts
 
 
 def _matrix(left: Floats, products: Floats, right: Floats) -> Floats:
