@@ -138,6 +138,8 @@ class ImplicitStepper(Stepper):
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
         self._inertia.serialize(archive)
+        if archive.giving:
+            self._bulk.rigid.restored()
 
     def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
         """Take over another scene, see `Stepper.adopt`, with the rates of the same scheme."""

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from itertools import combinations
 
+from mpi4py import MPI
+
 import numpy as np
 from dolfinx import fem
 
@@ -39,7 +41,8 @@ def check_rigid_bodies(
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
         return
-    comm = rigid[0].V.mesh.comm
+    V = rigid[0].V
+    comm: MPI.Comm = V.mesh.comm
     names = ", ".join(body.name for body in rigid)
     if not scheme.moves_rigid_bodies:
         raise ValueError(
@@ -47,10 +50,12 @@ def check_rigid_bodies(
             "a stiff material, or a moving obstacle, can take their place"
         )
     for one, other in combinations(rigid, 2):
-        if count := reductions.total(comm, len(np.intersect1d(one.nodes, other.nodes))):
+        common = np.intersect1d(one.nodes, other.nodes)
+        owned = np.count_nonzero(common < V.dofmap.index_map.size_local)
+        if count := reductions.total(comm, owned):
             raise ValueError(
                 f"expected rigid bodies without common nodes, given {one.name} and {other.name} "
-                f"with {count} (ghosts counted again): give both one tag, as one rigid body"
+                f"with {count}: give both one tag, as one rigid body"
             )
     for pair in pairs:
         if is_resolved(pair):

@@ -32,6 +32,7 @@ class Rigid(Hyperelastic):
     def __init__(self, rho: float) -> None:
         """Check the density."""
         super().__init__(_none, rho=rho, one_point=())
+        self._has_default = True
 
     def _described(self) -> dict[str, Any]:
         return {}

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances
@@ -40,8 +40,7 @@ class Body(Declaration):
         name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
-        nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
-            sorted, shape ``(n,)``.
+        nodes: Nodes of the body, owned and ghost, local block indices of V, sorted, shape ``(n,)``.
 
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
@@ -76,9 +75,12 @@ class Body(Declaration):
         self.name = NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
-        # Of ghost cells too: this rank may own a node of the body although it owns no cell of
-        # the body that touches the node.
-        self.nodes: Ints = np.unique(V.dofmap.list[local])
+        # This rank may own a node of the body although it has no cell of it.
+        marker = la.vector(V.dofmap.index_map)
+        marker.array[V.dofmap.list[local]] = 1
+        marker.scatter_reverse(la.InsertMode.add)
+        marker.scatter_forward()
+        self.nodes: Ints = np.flatnonzero(marker.array).astype(np.int32)
 
     def __repr__(self) -> str:
         """Tag, material, and number of cells on this rank, in one line. Local."""

@@ -21,7 +21,7 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
@@ -49,7 +49,7 @@ class LinearFields:
 
     Attributes:
         body: The argument.
-        nodes: Its owned nodes, on whatever rank its cells are, shape ``(n,)``.
+        nodes: Its owned nodes, shape ``(n,)``.
         values: One, and the position from the mean of all nodes, shape ``(n, d + 1)`` [-, m].
         products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
@@ -60,11 +60,7 @@ class LinearFields:
         """Find the nodes, and their mean position."""
         self.body, V = body, body.V
         comm: MPI.Comm = V.mesh.comm
-        marker = la.vector(V.dofmap.index_map)
-        marker.array[body.nodes] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        owned = marker.array[: V.dofmap.index_map.size_local]
-        self.nodes: Ints = np.flatnonzero(owned).astype(np.int32)
+        self.nodes: Ints = body.nodes[body.nodes < V.dofmap.index_map.size_local]
         X = V.tabulate_dof_coordinates()[self.nodes, : dimension(V)]
         *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
         centre = np.array(total) / count
@@ -199,6 +195,10 @@ class RigidMotion:
         """
         self._given |= {(each, name) for each in self._bodies if each.body is body}
 
+    def restored(self) -> None:
+        """Take the state of all bodies as one that steps have left. Local."""
+        self._given = set()
+
     def check(self, u: Floats, v: Floats) -> None:
         """Raise unless displacements u [m], and velocities v [m/s] that were given, are rigid.
 
@@ -225,7 +225,7 @@ class RigidMotion:
                         f"expected a {name} of the rigid {body.body.name} that moves and turns it "
                         f"as a whole from where it is, given one that deforms it by {misfit:.2g}"
                     )
-        self._given = set()
+        self.restored()
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""

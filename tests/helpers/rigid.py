@@ -50,14 +50,14 @@ def impact(
         rho: Density of the rigid block [kg/m^3].
     """
     motion = motion or Motion.none()
-    data = boxes([(n, n, n // 2), (2, 2, 1)], [(1.0, 1.0, 0.5), (0.9, 0.8, 0.4)])
+    data = boxes([(n, n, n // 2), (2, 2, 1)], [(1.0, 1.0, 0.5), (1.5, 1.4, 0.3)])
     upper = np.unique(data.cells[data.body == 1])
-    data.X[upper] = (data.X[upper] - [0.45, 0.4, 0]) @ TILT.T + [0.5, 0.52, 0.6]
+    data.X[upper] = (data.X[upper] - [0.75, 0.7, 0]) @ TILT.T + [0.5, 0.52, 0.63]
     centre = motion(data.X[upper].mean(axis=0)[None])[0]
     mesh, cells, facets, tag = distribute(comm, data)
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = nts.SaintVenantKirchhoff(*NUMBERS, one_point=())
+    rubber = nts.NeoHookean(*NUMBERS, one_point=())
     block = nts.Body(V, cells, tag["body 0"], rubber)
     rigid = nts.RigidBody(V, cells, tag["body 1"], rho)
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1")]
