@@ -360,9 +360,9 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             is_static = self._rates.acceleration is None
+            known = stiffness, self._free, is_static, self._bulk.rigid.nodes
             steps = [
-                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free, is_static)
-                for contact in self.contacts
+                ContactStep(contact, self.scheme.contact, *x, *known) for contact in self.contacts
             ]
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):

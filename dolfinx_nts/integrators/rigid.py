@@ -9,7 +9,6 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, nodal
@@ -35,8 +34,8 @@ def check_rigid_bodies(
         name: That of the stepper.
 
     Raises:
-        ValueError: The scheme moves no rigid bodies, two of them share nodes, or their nodes are
-            in contact by multipliers, or there is impact "resolved".
+        ValueError: The scheme moves no rigid bodies, two of them share nodes, or there is impact
+            "resolved".
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -63,16 +62,6 @@ def check_rigid_bodies(
                 f"expected impact 'elastic' or 'plastic' beside rigid bodies ({names}), given "
                 f"'resolved' between {pair.between}"
             )
-        if not isinstance(pair.enforcement, LagrangeMultiplier):
-            continue
-        for body in rigid:
-            shared = np.intersect1d(body.nodes, pair.nodes.nodes)
-            if count := reductions.total(comm, len(shared)):
-                raise ValueError(
-                    f"expected nodes of deformable bodies in contact by multipliers, given {count} "
-                    f"of the rigid {body.name} between {pair.between}: exchange the surfaces, or "
-                    "give Penalty()"
-                )
 
 
 def rigid_motion(bodies: Sequence[Body], rates: Rates, supports: Supports) -> RigidMotion:

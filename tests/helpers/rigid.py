@@ -35,8 +35,10 @@ def impact(
     dt: float = 0.01,
     n: int = 4,
     rho: float = RHO,
+    rigid_nodes: bool = False,
+    both_rigid: bool = False,
 ) -> Scene:
-    """Return a spinning rigid block that hits a free block, whose nodes are in contact. Collective.
+    """Return a spinning rigid block that hits a free block. Collective.
 
     Args:
         comm: Communicator of the mesh.
@@ -48,6 +50,8 @@ def impact(
         dt: Step.
         n: Cells along an edge of the free block.
         rho: Density of the rigid block [kg/m^3].
+        rigid_nodes: Whether its nodes are in contact, not those of the free block.
+        both_rigid: Whether the free block is rigid, too.
     """
     motion = motion or Motion.none()
     data = boxes([(n, n, n // 2), (2, 2, 1)], [(1.0, 1.0, 0.5), (1.5, 1.4, 0.3)])
@@ -59,8 +63,12 @@ def impact(
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.NeoHookean(*NUMBERS, one_point=())
     block = nts.Body(V, cells, tag["body 0"], rubber)
+    if both_rigid:
+        block = nts.RigidBody(V, cells, tag["body 0"], NUMBERS[2])
     rigid = nts.RigidBody(V, cells, tag["body 1"], rho)
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1")]
+    if rigid_nodes:
+        surfaces.reverse()
     pair = nts.ContactPair(*surfaces, enforcement, friction, method)
     stepper = scheme([block, rigid], [pair], dt=dt)
     stepper.set_velocity(rigid, spin(motion.Q @ OMEGA, centre, motion.Q @ SPEED))
