@@ -35,9 +35,9 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
-from dolfinx_nts.integrators.rigid import rigid_motion
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
+from dolfinx_nts.integrators.rigid import rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
@@ -360,9 +360,11 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             is_static = self._rates.acceleration is None
-            known = stiffness, self._free, is_static, self._bulk.rigid.nodes
+            of_nodes = stiffness, self._free
+            rigid = self._bulk.rigid.nodes
             steps = [
-                ContactStep(contact, self.scheme.contact, *x, *known) for contact in self.contacts
+                ContactStep(contact, self.scheme.contact, *x, *of_nodes, is_static, rigid)
+                for contact in self.contacts
             ]
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):

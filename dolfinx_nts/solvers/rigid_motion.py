@@ -74,13 +74,12 @@ class LinearFields:
 
         Local.
         """
-        products: Floats = self.values.T @ vectors[:, self.nodes]
+        products: Floats = np.matmul(self.values.T, vectors[:, self.nodes])
         return products
 
     def fit(self, sums: Floats) -> Floats:
         """Coefficients of a field by its total `sums`. Local."""
-        coefficients: Floats = np.linalg.solve(self.products, sums)
-        return coefficients
+        return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
 
 
 class RigidColumns(NamedTuple):
@@ -183,7 +182,6 @@ class RigidMotion:
         self.dim, self.exists = dimension(V), bool(bodies)
         none = np.empty(0, dtype=np.int32)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
-        self._given: list[LinearFields] = []
         self._given: set[tuple[LinearFields, str]] = set()
         self._starts: list[Floats] = []
         self._states: list[_Linearisation] = []
@@ -296,9 +294,6 @@ class RigidMotion:
         copy[self.nodes] = 0.0
         return copy
 
-    def _misfit(self, body: LinearFields, values: Floats, field: Floats) -> float:
-        """Greatest distance of nodal values from a field, relative to values and to the body."""
-
     def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
         """Greatest component of values at the nodes of a body less a field."""
         rest = values[body.nodes] - body.values @ field
@@ -306,7 +301,8 @@ class RigidMotion:
 
     def _sums(self, *vectors: Floats) -> list[Floats]:
         """Total sums of vectors for each body, each ``(f, d + 1, d)``."""
-        parts = np.array([body.sums(np.array(vectors)) for body in self._bodies])
+        together = np.array(vectors)
+        parts = np.array([body.sums(together) for body in self._bodies])
         return list(reductions.total(self._comm, parts))
 
     def _positions(self, sums: Sequence[Floats]) -> list[Floats]:

@@ -114,7 +114,10 @@ def test_impact_on_a_free_block_keeps_energy_and_momenta_in_any_position(comm, f
     # The other body has bent, this one has not.
     assert last.strain_energy > 1e-3 * first.total_energy
     local = scene.bodies["rigid"].nodes[:5]
-    X, x = (y[local] for y in (scene.stepper.u.function_space.tabulate_dof_coordinates(), scene.stepper.x))
+    X, x = (
+        y[local]
+        for y in (scene.stepper.u.function_space.tabulate_dof_coordinates(), scene.stepper.x)
+    )
     for y, z in ((X[i] - X, x[i] - x) for i in range(len(local))):
         assert np.abs(np.linalg.norm(y, axis=1) - np.linalg.norm(z, axis=1)).max() < 1e-12
 
@@ -257,14 +260,17 @@ def bonded(comm):
     mesh, cells, facets, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.SaintVenantKirchhoff(1e3, 0.3, 10.0, one_point=())
-    return nts.Body(V, cells, tag["body 0"], rubber), nts.RigidBody(V, cells, tag["body 1"], 20.0), facets, tag
+    soft, rigid = (
+        nts.Body(V, cells, tag["body 0"], rubber),
+        nts.RigidBody(V, cells, tag["body 1"], 20),
+    )
+    return soft, rigid, facets, tag
 
 
 def test_body_that_shares_nodes_with_a_rigid_one_is_bonded_to_it(comm):
     soft, rigid, *_ = bonded(comm)
     stepper = nts.EnergyMomentum([soft, rigid], dt=0.02)
-    for body in (soft, rigid):
-        stepper.set_velocity(body, lambda X: np.array([5 * X[2] * (X[2] < 0.4), 0 * X[0], 0 * X[0]]))
+    stepper.set_velocity(soft, lambda X: np.array([5 * X[2], 0 * X[0], 0 * X[0]]))
     stepper.set_velocity(rigid, spin((0.0, 0.0, 3.0), (0.0, 0.0, 0.0)))
     diagnostics = nts.Diagnostics(stepper)
     first = diagnostics.balance()
@@ -316,7 +322,7 @@ def test_state_that_would_deform_a_rigid_body_is_refused(comm, refused):
 def test_a_free_rigid_body_needs_mass(comm, rho):
     mesh, cells, _, tag = distribute(comm, boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)]))
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    with pytest.raises(ValueError, match="expected .*rho.*, given"):
+    with pytest.raises(ValueError, match=r"expected .*rho.*, given"):
         nts.RigidBody(V, cells, tag["body 0"], rho)
 
 
@@ -327,5 +333,5 @@ def test_two_rigid_bodies_may_not_share_nodes(comm):
     mesh, cells, _, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.RigidBody(V, cells, tag[f"body {i}"], 1.0) for i in (0, 1)]
-    with pytest.raises(ValueError, match="rigid bodies without common nodes, given .* with 4"):
+    with pytest.raises(ValueError, match=r"rigid bodies without common nodes, given .* with 4"):
         nts.EnergyMomentum(bodies, dt=0.1)
