@@ -69,15 +69,6 @@ class Bulk:
         """Residuals, and actions of the derivative, assembled so far. Local."""
         return self._residual.num_assembled, self._derivative.num_assembled
 
-    def residual(self) -> Floats:
-        """Residual at u on the owned dofs, 0 where u is given [N].
-
-        Collective.
-        """
-        R = self.forces()
-        R[self.given] = 0
-        return R
-
     def leave_out(self, cells: Ints, nodes: Ints) -> None:
         """Give nodes their present displacement until the next call.
 

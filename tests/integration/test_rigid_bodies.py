@@ -7,7 +7,6 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.solvers.active_sets import ActiveSets
 from helpers.plane import blocks, throw
 from helpers.rigid import impact, spin
 from helpers.scenes import Motion, boxes, distribute
@@ -210,19 +209,6 @@ def test_motion_is_the_same_on_any_number_of_ranks(comm, agree):
         report, other = here.stepper.advance(), alone.stepper.advance()
     assert agree(report.num_active == other.num_active > 0)
     assert agree(np.abs(here.positions() - alone.positions()).max() < 1e-10)
-
-
-@pytest.mark.serial
-def test_whole_systems_give_the_same_motion(comm, monkeypatch):
-    scenes = [impact(comm, friction=STICK) for _ in range(2)]
-    for _ in range(12):
-        scenes[0].stepper.advance()
-    monkeypatch.setattr(ActiveSets, "are_coupled", lambda self, pairs: True)
-    for _ in range(12):
-        report = scenes[1].stepper.advance()
-    assert report.num_active > 0
-    assert scenes[1].stepper.statistics.solver.num_direct > 20
-    assert np.abs(scenes[0].positions() - scenes[1].positions()).max() < 1e-10
 
 
 @pytest.mark.serial

@@ -95,11 +95,14 @@ class ContactStep:
             if law is None
             else StickSlip(state, law, is_static, search, nodal_stiffness)
         )
-        self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         self.num_active, self.touched = 0, False
         self._is_rigid = np.isin(state.nodes.nodes, rigid)
         self._pairs: PairKinematics  # those of the last evaluation
+
+    @property
+    def _comm(self) -> MPI.Comm:
+        return self.state.nodes.V.mesh.comm
 
     @property
     def candidates(self) -> Candidates:
