@@ -102,7 +102,8 @@ class ContactStep:
 
     @property
     def _comm(self) -> MPI.Comm:
-        return self.state.nodes.V.mesh.comm
+        comm: MPI.Comm = self.state.nodes.V.mesh.comm
+        return comm
 
     @property
     def candidates(self) -> Candidates:
