@@ -30,6 +30,7 @@ from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
@@ -73,6 +74,7 @@ __all__ = [
     "QuasiStatic",
     "Reaction",
     "Recorder",
+    "RigidBody",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",

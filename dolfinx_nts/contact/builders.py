@@ -1,6 +1,7 @@
 """Surfaces and contact pairs of whole bodies: scenes without named surfaces."""
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import chain
@@ -117,8 +118,12 @@ def all_pairs(
     power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
 
     softest = min(stiffness.values())
+    rigid = {body for body in bodies if body.is_rigid}
 
     def coarseness(group: Sequence[Body]) -> float:
+        # The nodes of others know better where they touch a rigid surface.
+        if rigid.intersection(group):
+            return math.inf
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
         weight = min(ratio**power, _SIMILAR)
         # Rounded, so that equal bodies stay in the order in which they are given.

@@ -37,6 +37,7 @@ from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
+from dolfinx_nts.integrators.rigid import rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
@@ -103,6 +104,7 @@ class ImplicitStepper(Stepper):
         else:
             self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
+        self._bulk.rigid = rigid_motion(bodies, self._rates, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -141,6 +143,8 @@ class ImplicitStepper(Stepper):
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
         self._inertia.serialize(archive)
+        if archive.giving:
+            self._bulk.rigid.restored()
 
     def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
         """Take over another scene, see ``Stepper.adopt``, with the rates of the same scheme."""
@@ -156,6 +160,14 @@ class ImplicitStepper(Stepper):
         """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
         return self._inertia.carried(forces)
 
+    def _check_state(self) -> None:
+        super()._check_state()
+        self._bulk.rigid.check(self._owned(self.u.x.array), self._owned(self.v.x.array))
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        super()._set(function, body, value)
+        self._bulk.rigid.given(body, function.name)
+
     def _state_was_set(self) -> None:
         self._rates.forget()
         self.watch.vertices.forget()
@@ -168,7 +180,8 @@ class ImplicitStepper(Stepper):
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
-        starts = {name: self.supports.applied(u) for name, u in self._rates.starts().items()}
+        self._bulk.rigid.begin(self._owned(self.u_n.x.array))
+        starts = {name: self._start(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
@@ -197,6 +210,23 @@ class ImplicitStepper(Stepper):
         stiffness = cache(partial(static_stiffness, self._tangent, self._dt, share))
         for contact in self.contacts:
             contact.derive_penalty(stiffness, _STIFF if is_static else _RESOLVED)
+
+    def _start(self, u: Floats) -> Floats:
+        """Displacements u of the local dofs [m] as supports and rigid bodies let them be."""
+        u = self.supports.applied(u)
+        if self._bulk.rigid.exists:
+            u_n, trial = self.u_n.x.array, self.u.x
+            du = self._owned(u - u_n)
+            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du)
+            trial.scatter_forward()
+            u = trial.array.copy()
+            trial.array[:] = u_n
+        return u
+
+    def _owned(self, values: Floats) -> Floats:
+        """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
+        d = dimension(self._bulk.u.function_space)
+        return values[: self._bulk.num_owned].reshape(-1, d)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".
@@ -315,7 +345,9 @@ class ImplicitStepper(Stepper):
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
-        self._last.internal = self._norm(internal - inertia)
+        # What keeps a body rigid is no force of the balance.
+        forces = self._bulk.rigid.without(self._owned(internal - inertia))
+        self._last.internal = self._norm(forces.ravel())
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -341,8 +373,10 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("contact"):
             stiffness = self._tangent.nodal_stiffness()
             is_static = self._rates.acceleration is None
+            of_nodes = stiffness, self._free
+            rigid = self._bulk.rigid.nodes
             steps = [
-                ContactStep(contact, self.scheme.contact, *x, stiffness, self._free, is_static)
+                ContactStep(contact, self.scheme.contact, *x, *of_nodes, is_static, rigid)
                 for contact in self.contacts
             ]
         # Bodies that only contact holds go as far as it takes to touch others.

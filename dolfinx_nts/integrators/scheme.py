@@ -25,6 +25,8 @@ class Scheme:
         load_point: Time of the loads, from 0 at the start of a step to 1 at its end [-].
         loads_at: Displacement at which loads act: the mean of the step or that at its end.
         resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
+        moves_rigid_bodies: Whether bodies may be rigid: displacements of a step must have the same
+            mean as velocities, see `RigidMotion`.
     """
 
     contact: Literal["conserving", "midpoint", "static"]
@@ -34,3 +36,4 @@ class Scheme:
     load_point: float = 0.5
     loads_at: Literal["mean", "end"] = "mean"
     resolves_impact: bool = False
+    moves_rigid_bodies: bool = False

@@ -48,7 +48,12 @@ class Midpoint(ImplicitStepper):
         [0, 4]
     """
 
-    scheme = Scheme(contact="midpoint", stress=_midpoint_stress, rates=MidpointRates)
+    scheme = Scheme(
+        contact="midpoint",
+        stress=_midpoint_stress,
+        rates=MidpointRates,
+        moves_rigid_bodies=True,
+    )
 
 
 class EnergyMomentum(ImplicitStepper):
@@ -103,6 +108,7 @@ class EnergyMomentum(ImplicitStepper):
         stress=_conserving_stress,
         rates=MidpointRates,
         resolves_impact=True,
+        moves_rigid_bodies=True,
     )
 
 

@@ -54,7 +54,8 @@ class SleepingBodies:
         loads: Sequence[Load],
     ) -> None:
         """Find out which loads and pairs can act on which body."""
-        self._bulk, self._all = bulk, tuple(bodies)
+        # What nodes of rigid bodies are given is up to the motion of these.
+        self._bulk, self._all = bulk, tuple(body for body in bodies if not body.is_rigid)
         self._tangent, self._sizes = tangent, sizes
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[Body, Ints] = {

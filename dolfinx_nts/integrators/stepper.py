@@ -27,6 +27,7 @@ from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.watch import ContactWatch
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.rigid import check_rigid_bodies
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
@@ -105,6 +106,7 @@ class Stepper(TimeLoop):
         if not (update is None or callable(update)):
             raise TypeError(f"expected a function of the time as update, given {update!r}")
         check_repeated(self.pairs)
+        check_rigid_bodies(self.bodies, self.pairs, self.scheme, type(self).__name__)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)

@@ -1,34 +1,58 @@
-"""The inertia of a material, for bodies that integrate it apart from the energy."""
+"""Materials with inertia and without stress."""
 
+import math
 from typing import Any
 
 import ufl
 
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
-__all__ = ["MassOnly"]
+__all__ = ["MassOnly", "Rigid"]
 
 
 class MassOnly(Hyperelastic):
-    """Inertia and mass damping of a material, without its stress. Local.
+    """Inertia and mass damping, without a stress. Local.
 
     Bodies need it where inertia and energy have quadratures of their own.
 
     Args:
-        material: The material.
+        rho: Reference density [kg/m^3].
+        mass_damping: Coefficient alpha [1/s], see `Hyperelastic`.
+
+    Raises:
+        ValueError: The density is not positive and finite.
     """
 
-    def __init__(self, material: Hyperelastic) -> None:
-        """Take over density and mass damping; the energy is zero."""
-        super().__init__(
-            lambda C, **parameters: ufl.zero(),
-            rho=material.rho,
-            mass_damping=material.mass_damping,
-            one_point=(),
-        )
+    def __init__(self, rho: float, mass_damping: float = 0.0) -> None:
+        """Check the numbers; the energy is zero."""
+        super().__init__(_no_energy, rho=rho, mass_damping=mass_damping, one_point=())
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:
         """Zero in the place of any stress, UFL (3, 3)."""
         return ufl.zero(3, 3)
 
     conserving_stress = linear_stress = stress
+
+
+class Rigid(MassOnly):
+    """Material of rigid bodies, which have inertia and no deformation. Local.
+
+    Args:
+        rho: Reference density [kg/m^3].
+    """
+
+    # It is stiffer than any other material, and cannot be squashed.
+    least_modulus = math.inf
+    resists_collapse = True
+
+    def __init__(self, rho: float) -> None:
+        """Check the density."""
+        super().__init__(rho)
+        self._has_default = True
+
+    def _described(self) -> dict[str, Any]:
+        return {}
+
+
+def _no_energy(C: Any, **parameters: Any) -> Any:
+    return ufl.zero()

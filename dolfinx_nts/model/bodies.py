@@ -6,11 +6,11 @@ point, see `volumetric_split`, and the mean gradients of cells.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances
@@ -38,11 +38,11 @@ class Body(Declaration):
 
     Attributes:
         V: The space.
+        is_rigid: Whether it does not deform, see `RigidBody`.
         name: Name of the region, or ``body`` with the tag, for messages.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
-        nodes: Nodes of all local cells of the body, owned and ghost, local block indices of V,
-            sorted, shape ``(n,)``.
+        nodes: Nodes of the body, owned and ghost, local block indices of V, sorted, shape ``(n,)``.
 
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
@@ -55,6 +55,8 @@ class Body(Declaration):
         >>> len(body.cells), len(body.nodes)
         (4, 18)
     """
+
+    is_rigid: ClassVar[bool] = False
 
     def __init__(
         self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
@@ -75,9 +77,12 @@ class Body(Declaration):
         self.name = NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
-        # Of ghost cells too: this rank may own a node of the body although it owns no cell of
-        # the body that touches the node.
-        self.nodes: Ints = np.unique(V.dofmap.list[local])
+        # This rank may own a node of the body although it has no cell of it.
+        marker = la.vector(V.dofmap.index_map)
+        marker.array[V.dofmap.list[local]] = 1
+        marker.scatter_reverse(la.InsertMode.add)
+        marker.scatter_forward()
+        self.nodes: Ints = np.flatnonzero(marker.array).astype(np.int32)
 
     def __repr__(self) -> str:
         """Tag, material, and number of cells on this rank, in one line. Local."""
@@ -120,7 +125,7 @@ def bulk_form(
         if volumetric is not None:
             rules.append((1, *volumetric, 0.0))
         if mass != full:
-            rules.append((mass, MassOnly(material), (), density))
+            rules.append((mass, MassOnly(material.rho, material.mass_damping), (), density))
         for degree, law, without, rho in rules:
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
@@ -128,6 +133,8 @@ def bulk_form(
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
                 terms.append((value, np.sort(cells), degree))
+    if not terms:  # as the strain energy of rigid bodies
+        terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
     # functionals with two quadratures in one region wrongly.
     dx = ufl.Measure(

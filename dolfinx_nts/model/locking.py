@@ -33,7 +33,8 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     if element.cell not in _LOCKED or element.degree > 1 or V.mesh.comm.rank > 0:
         return
     what, instead = _LOCKED[element.cell]
-    names = [b.name for b in bodies if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
+    deformable = [body for body in bodies if not body.is_rigid]
+    names = [b.name for b in deformable if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
     if names:
         _logger.warning(
             "%s at Poisson's ratios of 0.45 and more, those of %s: "

@@ -14,6 +14,7 @@ from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.derivative import Derivative
 from dolfinx_nts.solvers.nodal_sum import NodalSum
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 
@@ -36,6 +37,7 @@ class Bulk:
         given: Owned scalar dofs that residual and action take as given, sorted.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
+        rigid: Motion of the rigid bodies.
     """
 
     def __init__(
@@ -60,20 +62,12 @@ class Bulk:
         self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self.num_cells = self._all_cells
         self.stabilisation: Callable[[Floats], Floats] | None = None
+        self.rigid = RigidMotion(V)
 
     @property
     def num_assembled(self) -> tuple[int, int]:
         """Residuals, and actions of the derivative, assembled so far. Local."""
         return self._residual.num_assembled, self._derivative.num_assembled
-
-    def residual(self) -> Floats:
-        """Residual at u on the owned dofs, 0 where u is given [N].
-
-        Collective.
-        """
-        R = self.forces()
-        R[self.given] = 0
-        return R
 
     def leave_out(self, cells: Ints, nodes: Ints) -> None:
         """Give nodes their present displacement until the next call.

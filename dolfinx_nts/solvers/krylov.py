@@ -26,7 +26,12 @@ from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator, Preconditioner
+from dolfinx_nts.solvers.projected_krylov import (
+    KrylovMethod,
+    Operator,
+    Preconditioner,
+    RigidPreconditioner,
+)
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
@@ -145,10 +150,13 @@ class LinearSolver:
         self._operator = Operator(bulk)
         self._preconditioner = BulkPreconditioner(tangent, known)
         self._contacts = ContactCorrections(tangent, self._preconditioner)
+        context: Preconditioner | RigidPreconditioner
         context = Preconditioner(self._operator, self._preconditioner, self._contacts)
+        if bulk.rigid.exists:
+            context = RigidPreconditioner(context, bulk.rigid, tangent)
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
-        self._saddle = SaddlePointSystem(tangent)
+        self._saddle = SaddlePointSystem(tangent, bulk.rigid)
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
         self.num_direct = 0
@@ -281,7 +289,7 @@ class LinearSolver:
             part, whole = reductions.total(bulk.comm, squares)
             if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
                 total += bulk.action(particular)
-            r = -elimination.act(parts, total)
+            r = -bulk.rigid.project(np.zeros_like(r), elimination.act(parts, total))
         x, iterations = self._krylov.solve(r, rtol)
         decades = -math.log10(rtol)
         if not elimination.empty:

@@ -168,6 +168,7 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
+        R = bulk.rigid.balance(bulk.u.x.array[:n].reshape(-1, dim), R.reshape(-1, dim)).ravel()
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
@@ -234,15 +235,14 @@ def solve(
         longest = _LONGEST_INCREMENT * size
         if du_norm > longest:
             num_long += 1
-            u += longest / du_norm * du
-        else:
-            u += du
-            if not changed:  # nodes that have just become active have far to go
-                nodes = u.reshape(-1, dim)
-                x = X + in_space(nodes)
-                with timings.phase("contact"):
-                    for step in steps:
-                        step.close_gaps(x, nodes)
+            du = longest / du_norm * du
+        nodes = u.reshape(-1, dim)
+        nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
+        if du_norm <= longest and not changed:  # nodes that have just become active have far to go
+            x = X + in_space(nodes)
+            with timings.phase("contact"):
+                for step in steps:
+                    step.close_gaps(x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
 

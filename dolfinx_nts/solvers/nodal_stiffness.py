@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
@@ -36,6 +36,10 @@ class NodalStiffness:
         self.values: Floats | None = None
         self._is_free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
         self._is_free.ravel()[Supports(V, bcs).fixed] = False
+
+    def leave_out(self, nodes: Ints) -> None:
+        """Take owned nodes as such without unknown displacements. Local."""
+        self._is_free[nodes] = False
 
     def of(self, rows: BlockCSR) -> Floats:
         """Stiffness of the owned nodes in a matrix, shape ``(n,)`` [N/m]. Collective.

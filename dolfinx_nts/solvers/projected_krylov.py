@@ -14,9 +14,11 @@ from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 from dolfinx_nts.solvers.shells import shell_matrix, use_shell
+from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["KrylovMethod", "Operator", "Preconditioner"]
+__all__ = ["KrylovMethod", "Operator", "Preconditioner", "RigidPreconditioner"]
 
 # Iterations of one system, which are all stored; new factors cost less than more.
 _MAX_ITERATIONS = 200
@@ -63,7 +65,8 @@ class Operator:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
         z = x.array_r.reshape(-1, self._dim).copy()
         parts = self.elimination.constrain(z)
-        y.array[:] = self.elimination.act(parts, self._action(z)).ravel()
+        forces = self.elimination.act(parts, self._action(z))
+        y.array[:] = self.bulk.rigid.project(z, forces).ravel()
 
     def _action(self, z: Floats) -> Floats:
         """Tangent of the bodies times a vector."""
@@ -97,6 +100,33 @@ class Preconditioner:
             self._contacts.correct(*(values.reshape(-1, dim) for values in (r.array_r, z.array)))
 
 
+class RigidPreconditioner:
+    """Context of the shell preconditioner with rigid bodies.
+
+    They move as their inertia alone lets them, and all other nodes follow them.
+
+    Args:
+        others: Preconditioner of the other nodes.
+        rigid: Motion of the rigid bodies.
+        tangent: Matrix of the bulk, which holds their nodes.
+    """
+
+    def __init__(self, others: Preconditioner, rigid: RigidMotion, tangent: Tangent) -> None:
+        """Let the matrix hold the nodes of rigid bodies."""
+        self._others, self._rigid = others, rigid
+        self._holding = tangent.hold(rigid.nodes)
+
+    def apply(self, pc: Any, r: Any, z: Any) -> None:
+        """Set z to the approximate solution for r; called by PETSc."""
+        forces, nodes = r.copy(), self._rigid.nodes
+        known, unknown = (v.array.reshape(-1, self._rigid.dim) for v in (forces, z))
+        motion = self._rigid.respond(known.copy())[nodes]
+        known[nodes] = self._holding * motion
+        self._others.apply(pc, forces, z)
+        unknown[nodes] = motion
+        forces.destroy()
+
+
 class KrylovMethod:
     """Iterations of flexible GMRES, or of another method by the user's options.
 
@@ -110,7 +140,10 @@ class KrylovMethod:
     """
 
     def __init__(
-        self, operator: Operator, preconditioner: Preconditioner, options: PetscOptions
+        self,
+        operator: Operator,
+        preconditioner: Preconditioner | RigidPreconditioner,
+        options: PetscOptions,
     ) -> None:
         """Create the PETSc objects, which live as long as the solver."""
         comm, n = operator.bulk.comm, operator.bulk.num_owned

@@ -11,6 +11,7 @@ the matrix is not symmetric.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -20,6 +21,8 @@ from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid_reduction import reduced
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SaddlePointSystem"]
@@ -36,11 +39,12 @@ class SaddlePointSystem:
 
     Args:
         tangent: Matrix of the bodies.
+        rigid: Motion of the rigid ones.
     """
 
-    def __init__(self, tangent: Tangent) -> None:
+    def __init__(self, tangent: Tangent, rigid: RigidMotion) -> None:
         """Create the solver, which factorises in each `solve`."""
-        self._tangent = tangent
+        self._tangent, self._rigid = tangent, rigid
 
     def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
@@ -95,17 +99,42 @@ class SaddlePointSystem:
                     right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
                     multiplier += 1
         A.assemble()
-
-        x, b = A.createVecs()
-        b.array[:] = right
-        ksp = PETSc.KSP().create(comm)
-        ksp.setOperators(A)
-        ksp.setType("preonly")
-        ksp.getPC().setType("lu")
-        ksp.getPC().setFactorSolverType("mumps")
-        ksp.solve(b, x)
-        solution = x.array.copy()
-        for item in (ksp, A, K, b, x):
-            item.destroy()
+        if self._rigid.exists:
+            solution = self._with_rigid_bodies(A, right)
+        else:
+            solution = _solution(A, right)
+        A.destroy()
+        K.destroy()
         du, dlambda = np.split(solution, [last - first])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
+
+    def _with_rigid_bodies(self, A: Any, right: Floats) -> Floats:
+        """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
+        held = self._tangent.shift * np.ones(self._rigid.dim)
+        system = reduced(A, self._rigid.columns(), held.ravel())
+        b, forces = A.createVecLeft(), system.rows.createVecRight()
+        b.array[:] = right
+        system.rows.multTranspose(b, forces)
+        x, amounts = A.createVecRight(), system.columns.createVecRight()
+        amounts.array[:] = _solution(system.matrix, forces.array)
+        system.columns.mult(amounts, x)
+        solution: Floats = x.array.copy()
+        for item in (*system, b, forces, x, amounts):
+            item.destroy()
+        return solution
+
+
+def _solution(A: Any, right: Floats) -> Floats:
+    """Solve with complete factors. Collective."""
+    x, b = A.createVecs()
+    b.array[:] = right
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOperators(A)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.solve(b, x)
+    solution: Floats = x.array.copy()
+    for item in (ksp, b, x):
+        item.destroy()
+    return solution

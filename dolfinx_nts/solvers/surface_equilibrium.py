@@ -96,6 +96,12 @@ class SurfaceEquilibrium:
         with self._start(self._u.array):
             return self._find(holds, stiffness[:, None])
 
+    def _residual(self) -> Floats:
+        """Residual of the bodies on the owned dofs, 0 where u is given [N]."""
+        R = self._bulk.forces()
+        R[self._bulk.given] = 0
+        return R
+
     def work(self, u_before: Floats) -> Floats:
         """Strain energy that increments from a displacement to u gave, node by node.
 
@@ -107,7 +113,7 @@ class SurfaceEquilibrium:
         """
         n = self._bulk.num_owned
         with self._start(u_before):
-            forces = self._bulk.residual()
+            forces = self._residual()
         du = self._u.array[:n] - u_before[:n]
         work: Floats = (forces * du).reshape(-1, 3).sum(axis=1)
         return work
@@ -123,7 +129,7 @@ class SurfaceEquilibrium:
             self._u_n[:] = u_n
 
     def _find(self, holds: Holds, stiffness: Floats) -> Floats:
-        r: Floats = -self._bulk.residual().reshape(-1, 3)
+        r: Floats = -self._residual().reshape(-1, 3)
         self._held, x = self._constrain(holds, r.shape)
         self._stiffness = stiffness
         if reductions.anywhere(self._comm, bool(x.any())):

@@ -12,7 +12,7 @@ import ufl
 from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
@@ -136,6 +136,20 @@ class Tangent:
             yield
         finally:
             _set(self._inputs, present)
+
+    def hold(self, nodes: Ints) -> Floats:
+        """Hold owned nodes where they are in all matrices from now on. Collective.
+
+        Returns:
+            Stiffness that holds them in matrices near the derivative, shape ``(m, 1)`` [N/m].
+        """
+        self._stiffness.leave_out(nodes)
+        stiffness = self.nodal_stiffness()[:, None]
+        self.shift = np.zeros_like(stiffness)
+        self.shift[nodes] = stiffness[nodes]
+        self.forget()
+        holding: Floats = _NEARBY_SHIFT * self.shift[nodes]
+        return holding
 
     def forget(self) -> None:
         """Return to the state before the first matrix. Local."""

@@ -47,8 +47,13 @@ def blocks(
     width: int = 8,
     depth: float = 0.0,
     degree: int = 1,
+    *,
+    rigid: bool = False,
 ) -> Blocks:
-    """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m]."""
+    """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
+
+    The upper one may be rigid.
+    """
     comm, turn = MPI.COMM_WORLD, turning(angle)
     (x_low, low), (x_up, up) = (
         block((-1.0, -0.5), (2.0, 0.5), (width, 2)),
@@ -84,6 +89,8 @@ def blocks(
     tags = mesh.meshtags(domain, gdim, every, np.where(middle[:, 1] < 0, 1, 2).astype(np.int32))
     rubber = nts.SaintVenantKirchhoff(**RUBBER)
     bodies = [nts.Body(V, tags, tag, rubber) for tag in (1, 2)]
+    if rigid:
+        bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"])
     surfaces = [
         nts.Surface.where(V, lambda x, y=y: np.isclose((back @ x[:gdim])[1], y))
         for y in (0.02, 0.0)

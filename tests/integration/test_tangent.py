@@ -70,7 +70,7 @@ class System:
     def residual(self, u):
         """Residual of all nodes by input number, and constraints."""
         states = self.states(u)
-        R = self.bulk.residual() + contact_residual(self.steps, states, (self.owned, 3))
+        R = self.bulk.forces() + contact_residual(self.steps, states, (self.owned, 3))
         gaps = [s.pairs.excess[np.arange(3) < s.rank[:, None]] for s in states]
         return self.everywhere(R), self.constraints(gaps)
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -31,6 +31,7 @@ __all__ = ["ContactStep", "contact_residual"]
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
 
+_NONE: Ints = np.empty(0, dtype=np.int32)
 # How contact points find their segments, by the method of the pair and absence of inertia.
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
@@ -54,6 +55,7 @@ class ContactStep:
         free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
+        rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
 
     Attributes:
         state: The argument.
@@ -76,6 +78,7 @@ class ContactStep:
         stiffness: Floats,
         free: Floats | None = None,
         is_static: bool = False,
+        rigid: Ints = _NONE,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -91,10 +94,15 @@ class ContactStep:
             if law is None
             else StickSlip(state, law, is_static, search, nodal_stiffness)
         )
-        self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         self.num_active, self.touched = 0, False
+        self._is_rigid = np.isin(state.nodes.nodes, rigid)
         self._pairs: PairKinematics  # those of the last evaluation
+
+    @property
+    def _comm(self) -> MPI.Comm:
+        comm: MPI.Comm = self.state.nodes.V.mesh.comm
+        return comm
 
     @property
     def candidates(self) -> Candidates:
@@ -224,6 +232,7 @@ class ContactStep:
             self.friction.release(far)
             node, segment, moved = node[near], segment[near], moved[near]
         pairs = search.pairing.kinematics(self._scheme, x, node, segment, self._free)
+        pairs.fixed |= self._is_rigid[node]
         self.friction.measure(pairs, x)
         search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released

@@ -149,7 +149,8 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     residuals = []
     for sign in (1, -1):
         u.x.array[:] = start + sign * h * direction.ravel()
-        residuals.append(bulk.residual())
+        residuals.append(bulk.forces())
+        residuals[-1][bulk.given] = 0
     u.x.array[:] = start
     expected = (residuals[0] - residuals[1]) / (2 * h)
     action = bulk.action(direction[: owned // 3]).ravel()

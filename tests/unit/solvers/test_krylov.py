@@ -9,6 +9,7 @@ from dolfinx_nts.solvers.elimination import active_pairs
 from dolfinx_nts.solvers.projected_krylov import KrylovMethod
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from helpers import scenes
+from helpers.rigid import impact
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
 AGREEMENT = 1e-8
@@ -18,7 +19,8 @@ def compare(monkeypatch, scene, num_steps):
     """Advance; solve every linear system of contact both ways."""
     differences, ranks = [], set()
     solver = scene.stepper._solver
-    saddle, solve = SaddlePointSystem(solver.tangent), solver.solve
+    rigid = scene.stepper._bulk.rigid
+    saddle, solve = SaddlePointSystem(solver.tangent, rigid), solver.solve
 
     def both(R, steps, states, rtol):
         du, multipliers = solve(R, steps, states, 1e-11)
@@ -60,6 +62,14 @@ def test_three_bodies_and_two_pairs_are_solved_together(comm, monkeypatch):
     scene = scenes.blocks(comm, num_bodies=3)
     differences, _, _ = compare(monkeypatch, scene, 10)
     assert len(differences) > 3 and max(differences) < AGREEMENT
+
+
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+def test_increments_with_rigid_bodies_are_those_of_the_saddle_system(comm, monkeypatch, friction):
+    scene = impact(comm, friction=friction)
+    differences, _, solver = compare(monkeypatch, scene, 10)
+    assert len(differences) > 3 and max(differences) < AGREEMENT
+    assert solver.num_direct == 0 and solver.num_iterations > 0
 
 
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3), nts.Coulomb(0.6)])

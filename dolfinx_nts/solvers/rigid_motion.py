@@ -1,0 +1,341 @@
+r"""Rigid bodies in the balance of a step: six unknowns each, in the place of those of their nodes.
+
+Positions of the nodes of a rigid body are linear in the reference position. A step rotates them, so
+that with the Cayley vector :math:`\theta` of the rotation, whatever it is,
+
+.. math:: x_{n+1} - x_n = \Delta\varphi + \theta \times (x_m - \varphi_m),
+   \qquad x_m = \tfrac12 (x_n + x_{n+1}),
+
+holds exactly. The balance of a body is that of resultant and moment of all nodal forces about its
+mean position: both momenta are conserved, and as the work of the forces is that of resultant and
+moment, so is the energy. No multiplier keeps the body rigid.
+
+Linear systems keep nodal unknowns. Rigid bodies project them, as contact does, see `elimination`:
+increments are rigid motions at the end of the step, and forces are replaced by such fields with
+the same resultant and moment.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["LinearFields", "RigidColumns", "RigidMotion"]
+
+# Part of its size, or of its speed, by which a given state may deform a rigid body [-].
+_NOT_RIGID = 1e-8
+# Rotations by a unit vector: of x, y and z in space, of z in the plane.
+_TURNS = {
+    2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
+    3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),
+}
+
+
+class LinearFields:
+    """Fields over the nodes of a body that are linear in the reference position. Collective.
+
+    Coefficients of a vector field have the shape ``(d + 1, d)``.
+
+    Args:
+        body: The body.
+
+    Attributes:
+        body: The argument.
+        nodes: Its owned nodes, shape ``(n,)``.
+        values: One, and the position from the mean of all nodes, shape ``(n, d + 1)`` [-, m].
+        products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
+        reference: Coefficients of the reference position.
+        size: Greatest coordinate from the mean of all nodes [m].
+    """
+
+    def __init__(self, body: Body) -> None:
+        """Find the nodes, and their mean position."""
+        self.body, V = body, body.V
+        comm: MPI.Comm = V.mesh.comm
+        self.nodes: Ints = body.nodes[body.nodes < V.dofmap.index_map.size_local]
+        X = V.tabulate_dof_coordinates()[self.nodes, : dimension(V)]
+        *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
+        centre = np.array(total) / count
+        self.values: Floats = np.column_stack([np.ones(len(X)), X - centre])
+        self.size = reductions.largest(comm, float(np.abs(X - centre).max(initial=0.0)))
+        self.products: Floats = reductions.total(comm, self.values.T @ self.values)
+        self.reference: Floats = np.vstack([centre, np.eye(len(centre))])
+
+    def sums(self, vectors: Floats) -> Floats:
+        """Products of the fields with nodal vectors ``(f, N, d)`` on this rank, ``(f, d + 1, d)``.
+
+        Local.
+        """
+        products: Floats = np.matmul(self.values.T, vectors[:, self.nodes])
+        return products
+
+    def fit(self, sums: Floats) -> Floats:
+        """Coefficients of a field by its total `sums`. Local."""
+        return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
+
+
+class RigidColumns(NamedTuple):
+    """What the motions of one body are in the unknowns of its nodes, see `RigidMotion.columns`.
+
+    Attributes:
+        dofs: Owned dofs of the body, shape ``(d n,)``.
+        end: Motions at the end of the step, shape ``(d n, k)``.
+        mean: The same at the mean position.
+        turning: Derivative of resultant and moment by the motions at fixed forces, ``(k, k)``.
+    """
+
+    dofs: Ints
+    end: Floats
+    mean: Floats
+    turning: Floats
+
+
+class _Linearisation:
+    """Balance of one body near positions in a step. Local.
+
+    Args:
+        fields: Linear fields over the body.
+        q_n: Coefficients of the positions at the start.
+        q: The same at the end.
+        forces: Total sums of the nodal forces on the body [N, N m].
+        inertia: Sums of products of the fields with mass, times what inertia has of it in the
+            tangent, shape ``(d + 1, d + 1)``.
+
+    Attributes:
+        end: Coefficients of the motions at the end, shape ``(k, d + 1, d)``.
+        mean: The same at the mean position.
+        turning: See `RigidColumns`.
+    """
+
+    def __init__(
+        self, fields: LinearFields, q_n: Floats, q: Floats, forces: Floats, inertia: Floats
+    ) -> None:
+        turns = _TURNS[q.shape[1]]
+        self.end, self.mean = _rigid_motions(q), _rigid_motions((q_n + q) / 2)
+        # Forces stay as they are where their levers turn.
+        k = len(turns)
+        self.turning = np.zeros((len(self.end), len(self.end)))
+        levers = self.end[:, 1:] / 2
+        self.turning[-k:] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
+        products = fields.products
+        self._of_end = np.linalg.inv(_matrix(self.end, products, self.end))
+        self._of_forces = np.linalg.inv(_matrix(self.mean, products, self.end))
+        stiffness = _matrix(self.mean, inertia, self.end) + self.turning
+        self._response = np.linalg.inv(stiffness)
+
+    def project(self, x: Floats, y: Floats) -> Floats:
+        """Coefficients of the forces that stand for y where increments x turn the levers."""
+        amounts = self._of_end @ np.einsum("kmi,mi->k", self.end, x)
+        resultant = self._resultant(y) + self.turning @ amounts
+        return self._field(self._of_forces @ resultant)
+
+    def respond(self, r: Floats) -> Floats:
+        """Coefficients of the increments by which inertia alone balances forces r."""
+        return self._field(self._response @ self._resultant(r))
+
+    def _resultant(self, sums: Floats) -> Floats:
+        """Resultant and moment about the mean position [N, N m]."""
+        resultant: Floats = np.einsum("kmi,mi->k", self.mean, sums)
+        return resultant
+
+    def _field(self, amounts: Floats) -> Floats:
+        field: Floats = np.einsum("k,kmi->mi", amounts, self.end)
+        return field
+
+
+class RigidMotion:
+    """Motion of all rigid bodies in a step. Collective, as are all methods.
+
+    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``. Without rigid bodies
+    they are returned as they are.
+
+    Args:
+        V: Space of the displacement.
+        bodies: Linear fields over each rigid body.
+        masses: Their products with the mass of each, see `_Linearisation` [kg].
+        inertia_share: What inertia has of a mass in the tangent of a step [N/m].
+
+    Attributes:
+        dim: Dimension of the space, d.
+        exists: Whether there are rigid bodies, on any rank.
+        nodes: Owned nodes of rigid bodies, sorted.
+    """
+
+    def __init__(
+        self,
+        V: fem.FunctionSpace,
+        bodies: Sequence[LinearFields] = (),
+        masses: Sequence[Floats] = (),
+        inertia_share: Callable[[Floats], Floats] = np.zeros_like,
+    ) -> None:
+        """Keep the bodies, as yet without positions."""
+        self._comm: MPI.Comm = V.mesh.comm
+        self._bodies, self._masses, self._share = tuple(bodies), tuple(masses), inertia_share
+        self.dim, self.exists = dimension(V), bool(bodies)
+        none = np.empty(0, dtype=np.int32)
+        self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
+        self._given: set[tuple[LinearFields, str]] = set()
+        self._starts: list[Floats] = []
+        self._states: list[_Linearisation] = []
+
+    def given(self, body: Body, name: str) -> None:
+        """Let the next `check` look at all nodes of a body, whose state was given. Local.
+
+        ``name`` is ``"displacement"`` or ``"velocity"``.
+        """
+        self._given |= {(each, name) for each in self._bodies if each.body is body}
+
+    def restored(self) -> None:
+        """Take the state of all bodies as one that steps have left. Local."""
+        self._given = set()
+
+    def check(self, u: Floats, v: Floats) -> None:
+        """Raise unless displacements u [m], and velocities v [m/s] that were given, are rigid.
+
+        Raises:
+            ValueError: A body is deformed, or its velocity would deform it.
+        """
+        if not self.exists:
+            return
+        # After a step velocities are rigid only in the mean of the step.
+        sums, given = self._sums(u, v), self._given
+        for body, q, (of_u, of_v) in zip(self._bodies, self._positions(sums), sums, strict=True):
+            directors, motions = q[1:], _rigid_motions(q)
+            misfits = {"displacement": np.abs(directors @ directors.T - np.eye(self.dim)).max()}
+            if (body, "displacement") in given:
+                bent = self._greatest(body, u, body.fit(of_u)) / body.size
+                misfits["displacement"] = max(misfits["displacement"], bent)
+            if (body, "velocity") in given:
+                amounts = _amounts(motions, body.products, of_v)
+                rest = self._greatest(body, v, np.einsum("k,kmi->mi", amounts, motions))
+                misfits["velocity"] = rest / (self._greatest(body, v, 0 * of_v) or 1.0)
+            for name, misfit in misfits.items():
+                if misfit > _NOT_RIGID:
+                    raise ValueError(
+                        f"expected a {name} of the rigid {body.body.name} that moves and turns it "
+                        f"as a whole from where it is, given one that deforms it by {misfit:.2g}"
+                    )
+        self.restored()
+
+    def begin(self, u_n: Floats) -> None:
+        """Begin a step from displacements u_n [m]."""
+        if self.exists:
+            self._starts = self._positions(self._sums(u_n))
+
+    def balance(self, u: Floats, R: Floats) -> Floats:
+        """Linearise at displacements u [m], and replace the residual R [N] by rigid fields."""
+        if not self.exists:
+            return R
+        sums = self._sums(u, R)
+        self._states = [
+            _Linearisation(body, q_n, q, forces[1], self._share(mass))
+            for body, mass, q_n, q, forces in zip(
+                self._bodies, self._masses, self._starts, self._positions(sums), sums, strict=True
+            )
+        ]
+        fields = (s.project(np.zeros_like(f), f) for s, (_, f) in self._with_states(sums))
+        return self._put(fields, R.copy())
+
+    def project(self, x: Floats, y: Floats) -> Floats:
+        """Replace forces y by rigid fields, for increments x [m]; overwrites y."""
+        if not self.exists:
+            return y
+        sums = self._sums(x, y)
+        return self._put((state.project(*each) for state, each in self._with_states(sums)), y)
+
+    def respond(self, r: Floats) -> Floats:
+        """Replace forces r by the increments with which inertia balances them; overwrites r."""
+        sums = self._sums(r)
+        return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
+
+    def moved(self, u: Floats, du: Floats) -> Floats:
+        """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
+
+        Increments of rigid bodies are taken as motions at u.
+        """
+        result: Floats = u + du
+        if not self.exists:
+            return result
+        sums = self._sums(u, du)
+        fields = []
+        for body, q, (_, increment) in zip(self._bodies, self._positions(sums), sums, strict=True):
+            motions, dim = _rigid_motions(q), q.shape[1]
+            amounts = _amounts(motions, body.products, increment)
+            spin = np.einsum("k,kij->ij", amounts[dim:], _TURNS[dim])
+            change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
+            change[0] = amounts[:dim]
+            # Small changes that are added have all their digits; positions would lose some.
+            fields.append(change)
+        changes = self._put(fields, np.zeros_like(u))
+        result[self.nodes] = (u + changes)[self.nodes]
+        return result
+
+    def columns(self) -> list[RigidColumns]:
+        """Motions of each body in the unknowns of its nodes. Local."""
+        columns = []
+        for body, state in zip(self._bodies, self._states, strict=True):
+            dofs = (self.dim * body.nodes[:, None] + np.arange(self.dim, dtype=np.int32)).ravel()
+            ends = (np.einsum("nm,kmi->nik", body.values, c) for c in (state.end, state.mean))
+            end, mean = (motions.reshape(len(dofs), len(state.end)) for motions in ends)
+            columns.append(RigidColumns(dofs, end, mean, state.turning))
+        return columns
+
+    def without(self, values: Floats) -> Floats:
+        """Copy of a vector with zeros at rigid bodies. Local."""
+        copy = values.copy()
+        copy[self.nodes] = 0.0
+        return copy
+
+    def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
+        """Greatest component of values at the nodes of a body less a field."""
+        rest = values[body.nodes] - body.values @ field
+        return reductions.largest(self._comm, float(np.abs(rest).max(initial=0.0)))
+
+    def _sums(self, *vectors: Floats) -> list[Floats]:
+        """Total sums of vectors for each body, each ``(f, d + 1, d)``."""
+        together = np.array(vectors)
+        parts = np.array([body.sums(together) for body in self._bodies])
+        return list(reductions.total(self._comm, parts))
+
+    def _positions(self, sums: Sequence[Floats]) -> list[Floats]:
+        """Coefficients of the positions by the sums of displacements."""
+        return [b.reference + b.fit(s[0]) for b, s in zip(self._bodies, sums, strict=True)]
+
+    def _with_states(self, sums: Sequence[Floats]) -> "zip[tuple[_Linearisation, Floats]]":
+        return zip(self._states, sums, strict=True)
+
+    def _put(self, fields: Iterable[Floats], values: Floats) -> Floats:
+        """Set values to the fields of each body."""
+        for body, coefficients in zip(self._bodies, fields, strict=True):
+            values[body.nodes] = body.values @ coefficients
+        return values
+
+
+def _rigid_motions(q: Floats) -> Floats:
+    """Translations, and rotations about the mean of the nodes, ``(k, d + 1, d)``. Local."""
+    dim = q.shape[1]
+    motions = np.zeros((dim + len(_TURNS[dim]), *q.shape))
+    motions[np.arange(dim), 0, np.arange(dim)] = 1.0
+    motions[dim:, 1:] = np.einsum("kij,mj->kmi", _TURNS[dim], q[1:])
+    return motions
+
+
+def _amounts(motions: Floats, products: Floats, sums: Floats) -> Floats:
+    """Amounts of motions nearest to a field with given `sums`, shape ``(k,)``. Local."""
+    gram = _matrix(motions, products, motions)
+    amounts: Floats = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, sums))
+    return amounts
+
+
+def _matrix(left: Floats, products: Floats, right: Floats) -> Floats:
+    """Products of fields ``(k, d + 1, d)`` by those of the linear fields, ``(k, k)``. Local."""
+    matrix: Floats = np.einsum("kmi,mn,lni->kl", left, products, right)
+    return matrix

@@ -1,0 +1,323 @@
+"""Free rigid bodies: exact balances, alone and in contact, and what they refuse."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.plane import blocks, throw
+from helpers.rigid import impact, spin
+from helpers.scenes import Motion, boxes, distribute
+from reference.bulk import rotation
+
+SIZES, RHO = np.array([1.0, 2.0, 0.5]), 2.0
+STICK = nts.Coulomb(mu=0.3)
+
+
+def brick(dt, omega, cell="hexahedron"):
+    """A rigid brick that turns about its centre in space, and a function of its rotation."""
+    data = boxes([(2, 2, 1)], [tuple(SIZES)], cell)
+    data.X[:] -= SIZES / 2
+    mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.RigidBody(V, cells, tag["body 0"], RHO)
+    stepper = nts.EnergyMomentum([body], dt=dt)
+    stepper.set_velocity(body, spin(omega, (0.0, 0.0, 0.0)))
+    X = V.tabulate_dof_coordinates()
+    return stepper, lambda: np.linalg.lstsq(X, stepper.x, rcond=None)[0].T
+
+
+def eulers(omega, time, num_steps=4000):
+    """Rotation after some time by Euler's equations, in the classical way of Runge and Kutta."""
+    mass = RHO * SIZES.prod()
+    inertia = mass / 12 * ((SIZES**2).sum() - SIZES**2)
+
+    def rate(state):
+        Q, w = state[:9].reshape(3, 3), state[9:]
+        cross = np.cross(w, np.eye(3)).T  # in the body
+        return np.concatenate([(Q @ cross).ravel(), np.cross(inertia * w, w) / inertia])
+
+    h, state = time / num_steps, np.concatenate([np.eye(3).ravel(), omega])
+    for _ in range(num_steps):
+        a = rate(state)
+        b = rate(state + h / 2 * a)
+        c = rate(state + h / 2 * b)
+        state = state + h / 6 * (a + 2 * b + 2 * c + rate(state + h * c))
+    return state[:9].reshape(3, 3)
+
+
+@pytest.mark.serial
+def test_free_rotation_is_that_of_eulers_equations_to_second_order():
+    omega = np.array([3.0, 0.4, -0.3])
+    exact = eulers(omega, 1.0)
+    errors = []
+    for dt in (0.05, 0.025):
+        stepper, turn = brick(dt, omega)
+        for _ in stepper.run(until=1.0):
+            pass
+        errors.append(np.abs(turn() - exact).max())
+    assert 3.7 < errors[0] / errors[1] < 4.3
+    assert errors[1] < 0.01
+
+
+@pytest.mark.serial
+def test_tumbling_about_the_intermediate_axis_keeps_energy_and_angular_momentum():
+    # 1.5 rad a step would be coarse for accuracy, 0.15 makes the body turn over several times.
+    stepper, turn = brick(0.03, np.array([5.0, 0.01, 0.02]))
+    diagnostics = nts.Diagnostics(stepper)
+    first, axis = diagnostics.balance(), []
+    for _ in range(300):
+        stepper.advance()
+        axis.append(turn()[0, 0])
+    last = diagnostics.balance()
+    assert min(axis) < -0.9 and max(axis) > 0.9
+    assert abs(last.total_energy - first.total_energy) < 1e-12 * first.total_energy
+    drift = last.angular_momentum - first.angular_momentum
+    assert np.abs(drift).max() < 1e-12 * np.abs(first.angular_momentum).max()
+    assert np.abs(turn().T @ turn() - np.eye(3)).max() < 1e-12
+
+
+def run(scene, num_steps=25):
+    """Balances at the start and the end, work of contact, and most active nodes."""
+    diagnostics = nts.Diagnostics(scene.stepper)
+    first, given, active = diagnostics.balance(), 0.0, 0
+    for _ in range(num_steps):
+        report = scene.stepper.advance()
+        given += sum(report.contact_work)
+        active = max(active, report.num_active)
+    return first, diagnostics.balance(), given, active
+
+
+def check_balances(first, last, given, tol=1e-11):
+    """Energy less what contact gave, and both momenta, are those of the start."""
+    energy = last.total_energy - last.contact_energy
+    assert abs(energy - first.total_energy - given) < tol * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
+
+
+@pytest.mark.parametrize("friction", [None, STICK], ids=["frictionless", "friction"])
+def test_impact_on_a_free_block_keeps_energy_and_momenta_in_any_position(comm, friction):
+    motion = Motion.random(np.random.default_rng(5))
+    scene = impact(comm, motion=motion, friction=friction)
+    first, last, given, active = run(scene)
+    assert active > 5
+    check_balances(first, last, given)
+    if friction is None:
+        assert abs(given) < 1e-11 * first.total_energy
+    else:
+        assert given < -0.05 * first.total_energy
+    # The other body has bent, this one has not.
+    assert last.strain_energy > 1e-3 * first.total_energy
+    local = scene.bodies["rigid"].nodes[:5]
+    X, x = (
+        y[local]
+        for y in (scene.stepper.u.function_space.tabulate_dof_coordinates(), scene.stepper.x)
+    )
+    for y, z in ((X[i] - X, x[i] - x) for i in range(len(local))):
+        assert np.abs(np.linalg.norm(y, axis=1) - np.linalg.norm(z, axis=1)).max() < 1e-12
+
+
+CASES = {
+    "mortar": {"method": "mortar", "friction": STICK},
+    "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "springs": {"enforcement": nts.Penalty(), "rho": 2.0, "friction": STICK},
+    "light": {"rho": 0.2},
+}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("case", CASES)
+def test_ledger_closes_with_every_law_of_contact(comm, case):
+    first, last, given, active = run(impact(comm, **CASES[case]))
+    assert active > 0
+    check_balances(first, last, given)
+
+
+def falling(comm, tilt, friction):
+    """A rigid cube that slides while it falls on a floor."""
+    data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    data.X[:] = (data.X - 0.5) @ rotation([1, 0.7, 0.2], tilt).T + [0, 0, 0.75]
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    cube = nts.RigidBody(V, cells, tag["body 0"], RHO)
+    floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    pair = nts.ContactPair(nts.boundary_of(cube), floor, friction=friction)
+    gravity = nts.Gravity([cube], (0, 0, -9.81))
+    stepper = nts.EnergyMomentum([cube], [pair], dt=0.01, loads=[gravity])
+    stepper.set_velocity(cube, (0.5, 0.0, -1.0))
+    return stepper
+
+
+@pytest.mark.parametrize(("tilt", "friction"), [(0.3, None), (0.0, STICK)], ids=["edge", "face"])
+def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
+    # All nine nodes of a face touch at once: their forces are not unique, their sum is.
+    stepper = falling(comm, tilt, friction)
+    diagnostics = nts.Diagnostics(stepper)
+    first, given, active = diagnostics.balance(), 0.0, 0
+    for _ in range(40):
+        report = stepper.advance()
+        given += sum(report.contact_work) + report.load_work
+        active = max(active, report.num_active)
+    last = diagnostics.balance()
+    assert active == 9 if friction else 1 <= active <= 2
+    assert abs(last.total_energy - first.total_energy - given) < 1e-11 * first.total_energy
+    assert last.linear_momentum[2] > 0
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("lower", ["rigid", "deformable"])
+def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower):
+    scene = impact(comm, rigid_nodes=True, both_rigid=lower == "rigid")
+    first, last, given, active = run(scene)
+    assert active > 0
+    check_balances(first, last, given)
+    assert abs(given) < 1e-11 * first.total_energy
+
+
+@pytest.mark.serial
+def test_midpoint_rule_keeps_both_momenta(comm):
+    first, last, _, active = run(impact(comm, nts.Midpoint, dt=0.005))
+    assert active > 5
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        assert np.linalg.norm(after - before) < 1e-11 * np.linalg.norm(before)
+    assert 1e-9 < abs(last.total_energy / first.total_energy - 1) < 0.01
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_plane_has_rigid_bodies_with_three_unknowns(cell):
+    scene = blocks(cell, angle=0.4, rigid=True)
+    pair = nts.ContactPair(scene.segments, scene.nodes, friction=STICK)
+    stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
+    throw(scene, stepper)
+    diagnostics = nts.Diagnostics(stepper)
+    first = diagnostics.balance()
+    reports = [stepper.advance() for _ in range(12)]
+    assert max(report.num_active for report in reports) > 0
+    given = sum(sum(report.contact_work) for report in reports)
+    check_balances(first, diagnostics.balance(), given)
+
+
+def test_motion_is_the_same_on_any_number_of_ranks(comm, agree):
+    here, alone = (impact(each, friction=STICK) for each in (comm, MPI.COMM_SELF))
+    for _ in range(12):
+        report, other = here.stepper.advance(), alone.stepper.advance()
+    assert agree(report.num_active == other.num_active > 0)
+    assert agree(np.abs(here.positions() - alone.positions()).max() < 1e-10)
+
+
+@pytest.mark.serial
+def test_linear_systems_need_few_iterations_and_converge_quadratically(comm):
+    scene = impact(comm, n=6)
+    reports = [scene.stepper.advance() for _ in range(20)]
+    newton = sum(report.newton_iterations for report in reports)
+    assert newton < 5.5 * len(reports)
+    solver = scene.stepper.statistics.solver
+    assert solver.num_iterations < 5 * newton and solver.num_direct == 0
+
+
+def test_a_resumed_run_is_the_same_run(comm, tmp_path):
+    folder = comm.bcast(tmp_path)
+
+    def record(stepper, num_steps):
+        with nts.Recorder(folder / "run", stepper, checkpoint_every=2, resume=True) as recorder:
+            for step in stepper.run(until=num_steps * stepper.dt):
+                recorder.write(step)
+
+    whole = impact(comm, friction=STICK)
+    for _ in whole.stepper.run(until=12 * whole.stepper.dt):
+        pass
+    for num_steps in (6, 12):  # within the contact
+        scene = impact(comm, friction=STICK)
+        record(scene.stepper, num_steps)
+    assert np.array_equal(scene.stepper.x, whole.stepper.x)
+    assert np.array_equal(scene.stepper.v.x.array, whole.stepper.v.x.array)
+
+
+def bonded(comm):
+    """A column whose upper half is rigid, with the tags of its facets."""
+    data = boxes([(2, 2, 4)], [(0.5, 0.4, 1.0)])
+    data.body[data.X[data.cells].mean(axis=1)[:, 2] > 0.5] = 1
+    mesh, cells, facets, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(1e3, 0.3, 10.0, one_point=())
+    soft, rigid = (
+        nts.Body(V, cells, tag["body 0"], rubber),
+        nts.RigidBody(V, cells, tag["body 1"], 20),
+    )
+    return soft, rigid, facets, tag
+
+
+def test_body_that_shares_nodes_with_a_rigid_one_is_bonded_to_it(comm):
+    soft, rigid, *_ = bonded(comm)
+    stepper = nts.EnergyMomentum([soft, rigid], dt=0.02)
+    stepper.set_velocity(soft, lambda X: np.array([5 * X[2], 0 * X[0], 0 * X[0]]))
+    stepper.set_velocity(rigid, spin((0.0, 0.0, 3.0), (0.0, 0.0, 0.0)))
+    diagnostics = nts.Diagnostics(stepper)
+    first = diagnostics.balance()
+    for _ in range(20):
+        stepper.advance()
+    last = diagnostics.balance()
+    check_balances(first, last, 0.0)
+    assert last.strain_energy > 0.01 * first.total_energy
+    assert stepper.statistics.solver.num_direct == 0
+
+
+def held(body):
+    """Supports of a body at its nodes."""
+    dofs = body.nodes[: max(len(body.nodes) // 2, 1)]
+    return fem.dirichletbc(np.zeros(3), dofs, body.V)
+
+
+def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
+    soft, rigid, facets, tag = bonded(comm)
+    bodies = [soft, rigid]
+    for scheme in (nts.QuasiStatic, nts.GeneralizedAlpha):
+        with refused(ValueError, f"EnergyMomentum or Midpoint .*, given {scheme.__name__}"):
+            scheme(bodies, dt=0.1)
+    with refused(ValueError, "EnergyMomentum or Midpoint .*, given CentralDifference"):
+        nts.CentralDifference(bodies)
+    with refused(ValueError, r"bcs at nodes of deformable bodies, given \d+ nodes of the rigid"):
+        nts.EnergyMomentum(bodies, dt=0.1, bcs=[held(rigid)])
+    top, bottom = (nts.Surface(soft.V, facets, tag[name]) for name in ("top 0", "bottom 0"))
+    resolved = nts.ContactPair(bottom, top, nts.LagrangeMultiplier("resolved"))
+    with refused(ValueError, "impact 'elastic' or 'plastic' beside rigid bodies"):
+        nts.EnergyMomentum(bodies, [resolved], dt=0.1)
+
+
+def test_state_that_would_deform_a_rigid_body_is_refused(comm, refused):
+    soft, rigid, *_ = bonded(comm)
+    for name, value in (
+        ("velocity", lambda X: np.array([X[0], 0 * X[0], 0 * X[0]])),
+        ("velocity", lambda X: np.array([X[2] ** 2, 0 * X[0], 0 * X[0]])),
+        ("displacement", lambda X: np.array([0 * X[0], 0.01 * X[0], 0 * X[0]])),
+    ):
+        stepper = nts.EnergyMomentum([soft, rigid], dt=0.1)
+        getattr(stepper, f"set_{name}")(rigid, value)
+        with refused(ValueError, f"expected a {name} of the rigid .* that moves and turns it"):
+            stepper.advance()
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("rho", [0.0, -1.0, np.nan])
+def test_a_free_rigid_body_needs_mass(comm, rho):
+    mesh, cells, _, tag = distribute(comm, boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)]))
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    with pytest.raises(ValueError, match=r"expected .*rho.*, given"):
+        nts.RigidBody(V, cells, tag["body 0"], rho)
+
+
+@pytest.mark.serial
+def test_two_rigid_bodies_may_not_share_nodes(comm):
+    data = boxes([(1, 1, 2)], [(1.0, 1.0, 1.0)])
+    data.body[1] = 1
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.RigidBody(V, cells, tag[f"body {i}"], 1.0) for i in (0, 1)]
+    with pytest.raises(ValueError, match=r"rigid bodies without common nodes, given .* with 4"):
+        nts.EnergyMomentum(bodies, dt=0.1)
