@@ -49,6 +49,12 @@ class BlockCSR:
         """Add values that broadcast to ``(n, d)`` to the diagonal. Local."""
         self.value.reshape(-1, self.dim**2)[self._diagonal, :: self.dim + 1] += values
 
+    def set_diagonal(self, dofs: Ints, value: float) -> None:
+        """Set entries of owned dofs on the diagonal. Local."""
+        node, part = np.divmod(dofs, self.dim)
+        blocks = self.value.reshape(-1, self.dim**2)
+        blocks[self._diagonal[node], part * (self.dim + 1)] = value
+
     def petsc(self) -> Any:
         """New PETSc matrix of such blocks with the present values. Collective."""
         d, start = self.dim, self.start.astype(PETSc.IntType)

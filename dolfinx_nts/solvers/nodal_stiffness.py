@@ -1,13 +1,10 @@
 """Stiffness of the nodes by the diagonal of a matrix, a weight in many tests."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 
@@ -25,17 +22,17 @@ class NodalStiffness:
 
     Args:
         V: Space of the displacement.
-        bcs: Conditions on it.
+        fixed: Owned dofs whose displacement is given.
 
     Attributes:
         values: What is known of the owned nodes, ``(n,)`` [N/m]; None before.
     """
 
-    def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
+    def __init__(self, V: fem.FunctionSpace, fixed: Ints) -> None:
         """Find the unknown displacements."""
         self.values: Floats | None = None
         self._is_free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
-        self._is_free.ravel()[Supports(V, bcs).fixed] = False
+        self._is_free.ravel()[fixed] = False
 
     def leave_out(self, nodes: Ints) -> None:
         """Take owned nodes as such without unknown displacements. Local."""

@@ -9,13 +9,14 @@ from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import cpp, fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
+from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
@@ -65,7 +66,8 @@ class Tangent:
         self._nearby = [] if nearby is None else _compiled([nearby])
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
-        self._stiffness = NodalStiffness(u.function_space, bcs)
+        self._fixed = Supports(u.function_space, bcs).fixed
+        self._stiffness = NodalStiffness(u.function_space, self._fixed)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
         self.num_assembled = 0
@@ -188,13 +190,25 @@ class Tangent:
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:
-            fem.assemble_matrix(csr, form, self._bcs)
+            _add(form, csr, self._bcs)
         csr.scatter_reverse()
+        self._rows.set_diagonal(self._fixed, 1.0)
         self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
+
+
+def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -> None:
+    """Add a form to a matrix, but for rows and columns of given displacements. Local."""
+    # `fem.assemble_matrix` would put units on the diagonal, and takes ghosts of conditions with
+    # a constant value for owned, which have no place there where cells have ghosts.
+    given = (
+        form._cpp_object,
+        *(pack(form._cpp_object) for pack in (cpp.fem.pack_constants, cpp.fem.pack_coefficients)),
+    )
+    cpp.fem.assemble_matrix(matrix._cpp_object, *given, [bc._cpp_object for bc in bcs])
 
 
 def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from helpers import scenes
@@ -128,3 +129,31 @@ def test_segments_are_the_same_however_linear_systems_are_solved(
             stepper.advance()
         ends.append(stepper.x)
     assert comm.allreduce(np.abs(ends[1] - ends[0]).max(), op=MPI.MAX) <= POSITION_TOLERANCE
+
+
+def test_meshes_with_ghost_cells_and_supports_by_facets_give_what_one_rank_does(comm):
+    """As `dolfinx.mesh.create_box` makes them, with a condition of a constant value."""
+
+    def press(comm):
+        """Energies of a cube that hangs from its top and is pressed onto a plane."""
+        cube = mesh.create_box(
+            comm, [[0, 0, 0.01], [1, 1, 1.01]], [4, 4, 4], mesh.CellType.hexahedron
+        )
+        V = fem.functionspace(cube, ("Lagrange", 1, (3,)))
+        cells = np.arange(cube.topology.index_map(3).size_local, dtype=np.int32)
+        tags = mesh.meshtags(cube, 3, cells, np.ones_like(cells))
+        cube.topology.create_connectivity(2, 3)
+        top = mesh.locate_entities_boundary(cube, 2, lambda x: np.isclose(x[2], 1.01))
+        held = fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, top), V)
+        body = nts.Body(V, tags, 1, nts.NeoHookean(1e5, 0.3, 1e3))
+        floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+        stepper = nts.EnergyMomentum(
+            *([body], [nts.ContactPair(nts.boundary_of(body), floor)]),
+            dt=0.01, bcs=[held], loads=[nts.Gravity([body], (0, 0, -100.0))],
+        )  # fmt: skip
+        diagnostics = nts.Diagnostics(stepper)
+        return [
+            (diagnostics.kinetic_energy(), step.num_active, step.t) for step in stepper.run(0.08)
+        ]
+
+    np.testing.assert_allclose(press(comm), press(MPI.COMM_SELF), rtol=ENERGY_TOLERANCE)
