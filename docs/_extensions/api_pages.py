@@ -16,6 +16,7 @@ PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
+        "RigidBody",
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
