@@ -44,7 +44,7 @@ class Profile:
             (contact_step.ContactStep, "accepted", "contact"),
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "rounded_action", "action"),
-            (bulk.Bulk, "residual", "assembly"),
+            (bulk.Bulk, "forces", "assembly"),
             (saddle_point.SaddlePointSystem, "solve", "direct"),
             (preconditioner.BulkPreconditioner, "build", "factors"),
             (krylov, "active_pairs", "elimination"),

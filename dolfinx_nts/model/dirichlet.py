@@ -30,6 +30,7 @@ class Supports:
         bcs: The conditions. Their values may be changed between steps.
 
     Attributes:
+        conditions: The conditions, in their order.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
 
     Raises:
@@ -39,8 +40,8 @@ class Supports:
 
     def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
         """Find the dofs with a condition, and whether any has several."""
-        self._bcs = instances(fem.DirichletBC, bcs)
-        for i, bc in enumerate(self._bcs):
+        self.conditions = instances(fem.DirichletBC, bcs)
+        for i, bc in enumerate(self.conditions):
             if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
                 raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
         self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
@@ -48,7 +49,7 @@ class Supports:
         self._dim = dimension(V)
         # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.
         size = self._dim * V.dofmap.index_map.size_local
-        each = [dofs[dofs < size] for dofs in (bc.dof_indices()[0] for bc in self._bcs)]
+        each = [dofs[dofs < size] for dofs in (bc.dof_indices()[0] for bc in self.conditions)]
         owned = np.concatenate([np.empty(0, dtype=np.int32), *each])
         self.fixed, first, count = np.unique(owned, return_index=True, return_counts=True)
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
@@ -59,12 +60,12 @@ class Supports:
 
     def __len__(self) -> int:
         """Number of conditions. Local."""
-        return len(self._bcs)
+        return len(self.conditions)
 
     @property
     def exist(self) -> bool:
         """Whether there are any conditions, on all ranks. Local."""
-        return bool(self._bcs)
+        return bool(self.conditions)
 
     def check(self) -> None:
         """Raise unless the present values are finite and do not conflict.
@@ -73,11 +74,11 @@ class Supports:
             ValueError: A value is not finite, or two conditions prescribe different values for
                 a dof.
         """
-        if not self._bcs:
+        if not self.conditions:
             return
         self._u.x.array[:] = np.nan
-        values = [self._u.x.array.copy() for _ in self._bcs] if self._shared else []
-        for bc, value in zip(self._bcs, values, strict=False):
+        values = [self._u.x.array.copy() for _ in self.conditions] if self._shared else []
+        for bc, value in zip(self.conditions, values, strict=False):
             bc.set(value)
         text = ""
         for i, value in enumerate(values):
@@ -116,7 +117,7 @@ class Supports:
         vectors[np.arange(len(force)), self.fixed % d] = force
         turning = moments(np.cross(x[self.fixed // d], vectors), d)
         parts = np.column_stack([vectors[:, :d], turning, force * du])
-        sums = np.zeros((len(self._bcs), parts.shape[1]))
+        sums = np.zeros((len(self.conditions), parts.shape[1]))
         np.add.at(sums, self._number, parts)
         rows = reductions.total(self._comm, sums).tolist()
         return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
@@ -132,9 +133,9 @@ class Supports:
             A copy with the values of the conditions where there is one.
         """
         self._u.x.array[:] = values
-        for bc in self._bcs:
+        for bc in self.conditions:
             bc.set(self._u.x.array)
-        if self._bcs:
+        if self.conditions:
             # The user may have located owned dofs only, so ghosts need an update.
             self._u.x.scatter_forward()
         copy: Floats = self._u.x.array.copy()

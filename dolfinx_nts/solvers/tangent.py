@@ -58,7 +58,7 @@ class Tangent:
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
         self.comm: MPI.Comm = u.function_space.mesh.comm
-        self._u, self._bcs = u, list(bcs)
+        self._u, self._supports = u, Supports(u.function_space, bcs)
         forms = [residual, *(-load for load in loads)]
         trial = ufl.TrialFunction(u.function_space)
         self._derivatives = [ufl.derivative(form, u, trial) for form in forms]
@@ -66,8 +66,7 @@ class Tangent:
         self._nearby = [] if nearby is None else _compiled([nearby])
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
-        self._fixed = Supports(u.function_space, bcs).fixed
-        self._stiffness = NodalStiffness(u.function_space, self._fixed)
+        self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
         self.num_assembled = 0
@@ -190,9 +189,9 @@ class Tangent:
         csr = self._rows.matrix
         csr.set_value(0.0)
         for form in forms:
-            _add(form, csr, self._bcs)
+            _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
-        self._rows.set_diagonal(self._fixed, 1.0)
+        self._rows.set_diagonal(self._supports.fixed, 1.0)
         self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)

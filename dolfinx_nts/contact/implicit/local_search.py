@@ -20,7 +20,7 @@ __all__ = ["Approach", "LocalSearch", "StaticSearch"]
 _MOST_MOVES = 2
 # How far beyond the edge of its segment, in sizes of it [-], a node without inertia may be in
 # equilibrium: in a dent it is below the next segment there.
-_STATIC_OVERHANG = 0.05
+_STATIC_OVERHANG = 0.06
 # Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
 # iterates overshoot.
 _WAYS = 3

@@ -25,7 +25,7 @@ def spied(function, *arguments, **options):
     class Spy(pyvista.Plotter):
         def __init__(self, *args, **kwargs):
             super().__init__(*args, **kwargs)
-            for name in ("add_mesh", "add_arrows", "view_vector"):
+            for name in ("add_mesh", "add_arrows"):
                 setattr(self, name, mock.Mock(wraps=getattr(self, name)))
             plotters.append(self)
 
@@ -47,6 +47,13 @@ def touching():
     return stepper
 
 
+def looks_along_z(plotter):
+    """Whether the camera is above the plane, with y upwards."""
+    position, focus, up = map(np.array, plotter.camera_position)
+    way = position - focus
+    return way[2] > 0 and np.abs(way[:2]).max() <= 1e-9 * way[2] and abs(up[1] - 1) <= 1e-9
+
+
 def test_bodies_of_the_plane_are_drawn_with_their_obstacles(comm, touching):
     picture, plotter = spied(plotting.snapshot, touching, colour="displacement")
     V = touching.u.function_space
@@ -56,7 +63,7 @@ def test_bodies_of_the_plane_are_drawn_with_their_obstacles(comm, touching):
         assert grid.n_cells == V.mesh.topology.index_map(2).size_global
         assert circle.n_points > 0
         assert np.hypot(circle.points[:, 0], circle.points[:, 1] + 1.5).max() < 1.001
-        assert plotter.view_vector.call_args.args == ((0.0, 0.0, 1.0),)
+        assert looks_along_z(plotter)
 
 
 def test_contact_forces_of_the_plane_are_drawn_where_they_act(comm, touching):
@@ -72,7 +79,7 @@ def test_contact_forces_of_the_plane_are_drawn_where_they_act(comm, touching):
         at, forces, _ = plotter.add_arrows.call_args.args
         assert len(at) == active
         assert np.abs(forces.sum(axis=0) - total).max() <= 1e-12 * np.abs(total).max()
-        assert np.abs(at[:, 1]).max() < 0.1 and plotter.view_vector.call_args.args[0][2] == 1
+        assert np.abs(at[:, 1]).max() < 0.1 and looks_along_z(plotter)
 
 
 @pytest.mark.serial

@@ -67,22 +67,6 @@ def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
     assert (xi.sum(axis=1) if k == 3 else xi).max() <= 1 + 1e-9
 
 
-def test_few_points_integrate_quadratic_fields_exactly_whatever_the_polygons(rng):
-    # Triangles clipped by triangles have up to six vertices.
-    _, _, x, points = choose(3, rng)
-    assert set(np.bincount(points.patch)) == {3, 4, 7, 8}
-    a, b = (points.of(x) - [0.05, 0.02, 0.1])[:, :2].T
-    side = 0.9
-    for field, exact in (
-        (a**2, side**4 / 3),
-        (a * b, side**4 / 4),
-        (b**2, side**4 / 3),
-        (b, side**3 / 2),
-    ):
-        total = points.shares.area @ points.shares.mean(field)
-        assert total == pytest.approx(exact, rel=1e-12)
-
-
 @shapes
 def test_multipliers_are_dual_to_displacements_on_whole_facets(k, rng):
     surface, _, x, points = choose(k, rng)

@@ -131,23 +131,9 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
 
 /// @brief Call add(xi, weight) for the points of a rule on a convex polygon
 /// that is exact for polynomials of degree 2.
-///
-/// It consists of quadrilaterals and at most one triangle at the first vertex.
 template <class Add>
 void integrate(const Polygon& p, Add&& add)
 {
-  if (p.size() == 3)
-  {
-    const double weight = std::abs(area(p)) / 3;
-    for (const Vec2& corner : p)
-    {
-      Vec2 xi;
-      for (std::size_t d = 0; d < 2; ++d)
-        xi[d] = (p[0][d] + p[1][d] + p[2][d] + 3 * corner[d]) / 6;
-      add(xi, weight);
-    }
-    return;
-  }
   if (p.size() == 4)
   {
     static const double offset = std::sqrt(1. / 12);
@@ -166,9 +152,28 @@ void integrate(const Polygon& p, Add&& add)
       }
     return;
   }
-  integrate({p[0], p[1], p[2], p[3]}, add);
-  Polygon rest(p.begin() + 3, p.end());
-  rest.push_back(p[0]);
-  integrate(rest, add);
+  // From the mean of the vertices, so that it does not matter which is the
+  // first.
+  Vec2 mean = {};
+  for (const Vec2& vertex : p)
+    for (std::size_t d = 0; d < 2; ++d)
+      mean[d] += vertex[d] / static_cast<double>(p.size());
+  const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
+  {
+    const double weight = std::abs(area({corner[0], corner[1], corner[2]})) / 3;
+    for (std::size_t q = 0; q < 3; ++q)
+    {
+      Vec2 xi;
+      for (std::size_t d = 0; d < 2; ++d)
+        xi[d] = (corner[0][d] + corner[1][d] + corner[2][d] + 3 * corner[q][d])
+                / 6;
+      add(xi, weight);
+    }
+  };
+  if (p.size() == 3)
+    add_triangle({p[0], p[1], p[2]});
+  else
+    for (std::size_t i = 0; i < p.size(); ++i)
+      add_triangle({mean, p[i], p[(i + 1) % p.size()]});
 }
 } // namespace nts
