@@ -96,6 +96,10 @@ after = diagnostics.balance()
 
 plotting.energies("hammer.csv", "hammer_energies.png")
 
+# The force is the change of the hammer's momentum. An elastic impact sends nodes
+# back as fast as they came, so they touch in every other step: the picture shows
+# the mean of two steps, with a dent where the nodes change their turn.
+
 # +
 tau = np.arange(len(speed)) / num_cells
 force = np.diff(speed) / (v / num_cells)  # over rho c v A, mean of each step
