@@ -163,7 +163,7 @@ class Run:
 
     def _residual_seconds(self) -> list[float]:
         """CPU times of evaluations of the forces of the bulk."""
-        evaluate = self._bulk.residual if self._solver else self._bulk.internal.assemble
+        evaluate = self._bulk.forces if self._solver else self._bulk.internal.assemble
         u = self._stepper.u.x.array
         accepted, seconds, warm = u.copy(), [], 1 if u.size > 50_000 else 3
         for _ in range(2 * warm if self._solver else 10 * warm):
