@@ -8,7 +8,27 @@ from dolfinx_nts.model.reaction import Reaction
 __all__ = ["StepReport"]
 
 
-class StepReport(NamedTuple):
+class _Numbers(NamedTuple):
+    """Fields of a `StepReport`."""
+
+    step: int
+    t: float
+    dt: float
+    newton_iterations: int
+    active_set_changes: int
+    residual_norms: tuple[float, ...]
+    num_active: int
+    num_segments: int
+    num_sleeping: int
+    contact_work: ContactWork
+    damping_work: float
+    solver_work: float
+    load_works: tuple[float, ...] = ()
+    reactions: tuple[Reaction, ...] = ()
+    rejected: int = 0
+
+
+class StepReport(_Numbers):
     """What happened in an accepted step, the same on all ranks.
 
     The works are energy given to the bodies. Together with `Diagnostics.bulk_defect` they are
@@ -40,21 +60,7 @@ class StepReport(NamedTuple):
         (1, 0.01, 0)
     """
 
-    step: int
-    t: float
-    dt: float
-    newton_iterations: int
-    active_set_changes: int
-    residual_norms: tuple[float, ...]
-    num_active: int
-    num_segments: int
-    num_sleeping: int
-    contact_work: ContactWork
-    damping_work: float
-    solver_work: float
-    load_works: tuple[float, ...] = ()
-    reactions: tuple[Reaction, ...] = ()
-    rejected: int = 0
+    __slots__ = ()
 
     @property
     def load_work(self) -> float:
