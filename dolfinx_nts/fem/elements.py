@@ -141,9 +141,10 @@ def check_space(V: fem.FunctionSpace) -> None:
 
     Raises:
         TypeError: ``V`` is no function space.
-        ValueError: The mesh does not consist of straight tetrahedra or hexahedra in space, or
-            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, or the
-            element is no vector of Lagrange elements of degree 1 or 2.
+        ValueError: The mesh does not consist of tetrahedra or hexahedra in space, or of
+            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, the
+            element is no vector of Lagrange elements of degree 1 or 2, or cells are curved and
+            the element is not of their degree.
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
@@ -164,12 +165,6 @@ def check_space(V: fem.FunctionSpace) -> None:
             f"expected a mesh with coordinates of 64 bits, given {kind}: make it with "
             "dtype=np.float64, the default of DOLFINx"
         )
-    degree = compat.geometry_degree(mesh)
-    if degree != 1:
-        raise ValueError(
-            f"expected a mesh of degree 1 and straight cells, given degree {degree}; "
-            "displacements on it may be of degree 2"
-        )
     if (
         element.family_name not in ("P", "Q")
         or element.degree not in (1, 2)
@@ -179,6 +174,13 @@ def check_space(V: fem.FunctionSpace) -> None:
         raise ValueError(
             f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},))), or of degree 2, "
             f"given {element} with block size {V.dofmap.index_map_bs}"
+        )
+    degree = compat.geometry_degree(mesh)
+    if degree not in (1, element.degree):
+        raise ValueError(
+            f"expected cells of degree 1, or curved ones of the degree {element.degree} of the "
+            f"displacement, given a mesh of degree {degree}: displacements of degree 2 go with "
+            "straight cells and with curved ones of degree 2"
         )
 
 

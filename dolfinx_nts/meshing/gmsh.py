@@ -45,13 +45,14 @@ __all__ = [
 ]
 
 _KINDS = ("point", "curve", "surface", "volume")  # by dimension
-# gmsh's numbers of element types: a tetrahedron, 4, has triangles, 2, as facets, a hexahedron,
-# 5, has quadrilaterals, 3. Points are 15 and lines are 1.
-_FACETS = {3: {4: 2, 5: 3}, 2: {2: 1, 3: 1}}  # by dimension of the cells
-_POINT, _LINE = 15, 1
+# gmsh's numbers of the element types of a point, an edge, a facet and a cell that go together.
+_FAMILIES = {
+    3: ((15, 1, 2, 4), (15, 1, 3, 5), (15, 8, 9, 11), (15, 8, 10, 12)),
+    2: ((15, 1, 2), (15, 1, 3), (15, 8, 9), (15, 8, 10)),
+}  # by dimension of the cells, straight ones first
 _CELLS = {3: "hexahedra, tetrahedra or prisms", 2: "triangles or quadrilaterals"}
-# det J at a corner, relative to the power of the longest tangent of the cell [-], below which
-# the corner is flat but for round-off; and z of nodes in the plane, relative to its extent [-].
+# det J at a point, relative to the power of the longest tangent of the cell [-], below which the
+# cell is flat there but for round-off; and z of nodes in the plane, relative to its extent [-].
 _FLAT = 1e-12
 
 
@@ -90,11 +91,13 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups and distribute it.
 
     Collective; every error is raised on all ranks. Mirrored cells are accepted, as DOLFINx
-    integrates with ``|det J|``. DOLFINx has spaces on cells of one kind only, and not on
-    prisms: meshes of prisms, or of several kinds, are cut into hexahedra, four of a
-    tetrahedron, six of a prism and eight of a hexahedron, and a warning is logged. A model
-    without volumes is a mesh of the plane z = 0, whose cells are on physical surfaces; triangles
-    next to quadrilaterals are cut into three and four quadrilaterals.
+    integrates with ``|det J|``. Cells of second order may be curved, as those of round surfaces
+    are after ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx
+    has spaces on cells of one kind only, and not on prisms: meshes of prisms, or of several
+    kinds, are cut into hexahedra, four of a tetrahedron, six of a prism and eight of a
+    hexahedron, and a warning is logged. A model without volumes is a mesh of the plane z = 0,
+    whose cells are on physical surfaces; triangles next to quadrilaterals are cut into three and
+    four quadrilaterals.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as ``gmsh.model``; or a function
@@ -110,8 +113,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         OSError: The file cannot be read.
         ImportError: gmsh is not installed on ``rank``.
         TypeError: ``source`` is no path, gmsh model or function.
-        ValueError: The file is no mesh; cells are pyramids, of higher order, or not in exactly
-            one physical volume; ``det J`` vanishes or changes sign between the corners of a
+        ValueError: The file is no mesh; cells are pyramids, of third or incomplete second order,
+            or not in exactly one physical volume; ``det J`` vanishes or changes sign within a
             cell; a name stands for two tags; a physical surface has facets that belong to no
             cell, or shares some with another; a mesh of surfaces leaves the plane z = 0;
             ``rank`` does not exist.
@@ -230,13 +233,17 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
     def names(types: Sequence[int]) -> str:
         return ", ".join(model.mesh.getElementProperties(t)[0] for t in types) or "no elements"
 
-    types, facet_of = model.mesh.getElementTypes(cell_dim), _FACETS[cell_dim]
-    if any(model.mesh.getElementProperties(t)[2] > 1 for t in types):
-        hint = "set Mesh.ElementOrder to 1 or call gmsh.model.mesh.setOrder(1)"
-        raise ValueError(f"expected first-order cells, given {names(types)}; {hint}")
-    if len(types) != 1 or types[0] not in facet_of:
-        raise ValueError(f"expected {_CELLS[cell_dim]}, given {names(types)}")
-    expected = (*(_POINT, _LINE)[: cell_dim - 1], facet_of[types[0]], types[0])  # by dimension
+    types = model.mesh.getElementTypes(cell_dim)
+    families = {family[-1]: family for family in _FAMILIES[cell_dim]}
+    if len(types) != 1 or types[0] not in families:
+        hint = ""
+        if any(model.mesh.getElementProperties(t)[2] > 1 for t in types):
+            hint = (
+                "; of second order those without prisms, of one kind and with all their nodes "
+                "(Mesh.SecondOrderIncomplete = 0), or call gmsh.model.mesh.setOrder(1)"
+            )
+        raise ValueError(f"expected {_CELLS[cell_dim]}, given {names(types)}{hint}")
+    expected = families[types[0]]
     num_facets: dict[int, int] = {}
     for dim, entity in model.getEntities():
         groups = model.getPhysicalGroupsForEntity(dim, entity).tolist()
@@ -260,10 +267,13 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
 
 
 def _check_cells(model: Any, cell: int, dim: int) -> None:
-    """Raise if the corners of a cell are flat or have different signs of det J."""
-    corners = model.mesh.getElementProperties(cell)[4]
+    """Raise if a cell is flat somewhere, or has different signs of det J."""
+    _, _, order, _, points, _ = model.mesh.getElementProperties(cell)
+    if order > 1:
+        # Where two edges of a cell are on a smooth surface, the node between them is flat.
+        points, _ = model.mesh.getIntegrationPoints(cell, "Gauss4")
     tags, _ = model.mesh.getElementsByType(cell)
-    jacobians, det, points = model.mesh.getJacobians(cell, corners)
+    jacobians, det, places = model.mesh.getJacobians(cell, points)
     tangents = jacobians.reshape(len(tags), -1, 3, 3)[:, :, :dim]
     if dim == 2:  # of surfaces gmsh gives the absolute value
         det = np.linalg.det(tangents[..., :2])
@@ -272,8 +282,8 @@ def _check_cells(model: Any, cell: int, dim: int) -> None:
     good = det * np.sign(det[:, :1]) > _FLAT * longest[:, None] ** dim
     bad = np.flatnonzero(~good.all(axis=1))
     if len(bad):
-        midpoint = points.reshape(*det.shape, 3)[bad[0]].mean(axis=0)
+        midpoint = places.reshape(*det.shape, 3)[bad[0]].mean(axis=0)
         raise ValueError(
-            f"expected det J of one sign at the corners of a cell, given {len(bad)} inverted or "
+            f"expected det J of one sign in a cell, given {len(bad)} inverted or "
             f"degenerate cells, first gmsh element {tags[bad[0]]} at {midpoint.round(6).tolist()}"
         )

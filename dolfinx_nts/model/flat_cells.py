@@ -17,7 +17,7 @@ _FLAT = 1e-12
 
 
 def check_volumes(bodies: Sequence[Body]) -> None:
-    """Raise on all ranks if a cell has no volume, or vertices that are not finite. Collective.
+    """Raise on all ranks if a cell has no volume, or nodes that are not finite. Collective.
 
     Args:
         bodies: Bodies of one space.
@@ -30,7 +30,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
     with agreed(mesh.comm, "look at the volumes of cells"):
         for body in bodies:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
-            # Where vertices are not numbers, neither is the volume.
+            # Where positions are not numbers, neither is the volume.
             with np.errstate(invalid="ignore"):
                 volume = nodal_parts(element, x).sum(axis=1)
             size = np.ptp(x, axis=1).max(axis=1)

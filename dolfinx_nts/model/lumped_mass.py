@@ -4,7 +4,8 @@ At degree 1 they are the sums of the rows of the matrix. At degree 2 these sums 
 the vertices of tetrahedra. Instead the diagonal of the matrix on the reference cell, scaled to
 the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives the weights of a quadrature at
 the nodes: Simpson's in hexahedra, and 1/36 at the vertices and 4/27 at the edges of tetrahedra.
-Each cell has its exact mass and centre of mass.
+Each straight cell has its exact mass and centre of mass. Of a curved cell, which may be flat at
+a node, the diagonal of its own matrix is scaled, and the mass is exact.
 """
 
 from collections.abc import Sequence
@@ -46,23 +47,38 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
 
     Args:
         element: Element of the cells.
-        x: Positions of the vertices, shape ``(c, k, 3)`` [m].
+        x: Positions of the nodes of the geometry, shape ``(c, k, 3)`` [m].
 
     Returns:
         Volume of each node of each cell, shape ``(c, n)`` [m^3].
     """
+    if x.shape[1] > len(Element(element.cell, 1).points):
+        points, weights, values = _matrix_rule(element)
+        volume = _weighted(element, points, weights, x)
+        diagonal = volume @ values**2
+        return np.asarray(diagonal * (volume.sum(axis=1) / diagonal.sum(axis=1))[:, None])
     points, weights, shares = _rule(element)
-    slopes = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
-    volume = np.abs(np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, x[:, :, : len(slopes)])))
-    parts: Floats = (volume * weights) @ shares
+    parts: Floats = _weighted(Element(element.cell, 1), points, weights, x) @ shares
     return parts
+
+
+def _weighted(shape: Element, points: Floats, weights: Floats, x: Floats) -> Floats:
+    """Volumes that belong to quadrature points of cells of a shape, ``(c, q)`` [m^3]."""
+    slopes = shape.basix.tabulate(1, points)[1:, :, :, 0]
+    det = np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, x[:, :, : len(slopes)]))
+    return np.asarray(np.abs(det) * weights)
+
+
+def _matrix_rule(element: Element) -> tuple[Floats, Floats, Floats]:
+    """Quadrature of the mass matrix: points ``(q, 3)``, weights ``(q,)``, values ``(q, n)``."""
+    cell = basix.CellType[element.cell]
+    points, weights = basix.make_quadrature(cell, element.mass_degree)
+    return points, weights, element.basix.tabulate(0, points)[0, :, :, 0]
 
 
 def _rule(element: Element) -> tuple[Floats, Floats, Floats]:
     """Quadrature points ``(q, 3)``, weights ``(q,)`` and shares of nodes ``(q, n)`` [-]."""
-    cell = basix.CellType[element.cell]
-    points, weights = basix.make_quadrature(cell, element.mass_degree)
-    values = element.basix.tabulate(0, points)[0, :, :, 0]
+    points, weights, values = _matrix_rule(element)
     if element.degree == 1:
         return points, weights, values
     diagonal = weights @ values**2

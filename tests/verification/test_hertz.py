@@ -140,7 +140,9 @@ class Press:
 
 
 @cache
-def press(fine: int, growth: float, coarse: float) -> Press:
+def press(
+    fine: int, growth: float, coarse: float, degree: int = 1, *, curved: bool = False
+) -> Press:
     """Press half a ball on the plane by a given displacement of its middle plane.
 
     Radius and greatest pressure follow from moments of the nodal forces
@@ -151,10 +153,14 @@ def press(fine: int, growth: float, coarse: float) -> Press:
     depth = 1e-4 * R
     a = np.sqrt(depth * R)
     shape = {"fine": a / fine, "zone": 1.3 * a, "growth": growth, "coarse": coarse}
-    mesh, cells, facets, tag = nts.read_mesh(
-        lambda model: shapes.add_quarter_ball(model, "ball", radius=R, height=R, **shape), comm
-    )
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+
+    def build(model) -> None:
+        shapes.add_quarter_ball(model, "ball", radius=R, height=R, **shape)
+        if curved:
+            model.mesh.setOrder(2)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
     surface = nts.Surface(V, facets, tag["ball_outer"])
     pair = nts.ContactPair(surface, PLANE)
@@ -202,6 +208,20 @@ def test_pressed_ball_converges_to_hertz(told):
         # From 4 to 12 cells: at least of first order.
         assert errors[0] > errors[1] > errors[2]
         assert np.log(errors[0] / errors[2]) / np.log(3) >= 1
+
+
+@pytest.mark.serial
+def test_curved_cells_bring_the_pressure_at_least_four_times_closer(told):
+    """Displacements of degree 2, the same tetrahedra straight and of second order."""
+    straight, curved = (press(4, 0.5, 0.3, 2, curved=curved) for curved in (False, True))
+    told(
+        "the same of degree 2, 4 cells in a, straight and curved cells",
+        "Johnson, chapter 4: a, p₀",
+        f"a {changes([straight, curved], 'radius', 2)}, "
+        f"p₀ {changes([straight, curved], 'pressure')}",
+    )
+    assert abs(curved.pressure - 1) <= min(0.01, abs(straight.pressure - 1) / 4)
+    assert abs(curved.radius - 1) <= 0.003
 
 
 @pytest.mark.serial

@@ -13,6 +13,7 @@ import pytest
 from dolfinx.mesh import MeshTags, entities_to_geometry
 
 from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
+from dolfinx_nts.meshing.mixed_cells import gmsh_options
 from helpers.gmsh_models import BOX, ROUNDING, count, measure
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -332,14 +333,14 @@ def test_mesh_without_physical_volumes_is_refused(comm, model):
     refuse(comm, model, ValueError, r"expected physical volumes .*, given none")
 
 
-def test_second_order_cells_are_refused_with_the_setting_to_change(comm, model):
+@pytest.mark.parametrize("order, incomplete", [(2, 1), (3, 0)])
+def test_cells_of_third_or_incomplete_second_order_are_refused(comm, model, order, incomplete):
     if model:
-        model.occ.addBox(0, 0, 0, 1, 1, 1)
-        model.occ.synchronize()
-        model.addPhysicalGroup(3, [1])
-        model.mesh.generate(3)
-        model.mesh.setOrder(2)
-    refuse(comm, model, ValueError, r"given Tetrahedron 10; set Mesh\.ElementOrder to 1")
+        gmsh = sys.modules["gmsh"]
+        unit_box(model)
+        with gmsh_options(gmsh, Mesh_SecondOrderIncomplete=incomplete):
+            model.mesh.setOrder(order)
+    refuse(comm, model, ValueError, r"given Hexahedron (20|64); of second order .*setOrder\(1\)")
 
 
 def test_pyramids_are_refused(comm, model):
