@@ -17,6 +17,10 @@ TRIANGLE, QUADRILATERAL = 2, 3  # gmsh's types
 # A square and a triangle beside it, and their nodes.
 NODES = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 0, 0]]
 MIXED = {QUADRILATERAL: [1, 2, 4, 3], TRIANGLE: [2, 5, 4]}
+# A square of second order without a node in its middle.
+SERENDIPITY = np.array(
+    [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 0, 0], [2, 1, 0], [1, 2, 0], [0, 1, 0]]
+)
 
 
 def add_plate(model: Any) -> None:
@@ -82,9 +86,13 @@ def test_a_file_of_triangles_next_to_quadrilaterals_is_cut_into_these(
         (NODES[:4], {QUADRILATERAL: [1, 2, 3, 4]}, r"1 inverted or degenerate .* \[0\.5, 0\.5, 0"),
         (NODES[:2] + NODES[4:], {TRIANGLE: [1, 2, 3]}, "1 inverted or degenerate cells"),
         (NODES, {TRIANGLE: [2, 5, 4]}, r"of no cell after them; .*renumberNodes\(\)"),
-        (NODES, {9: [1, 3, 4, 2, 5, 4]}, r"given Triangle 6; set Mesh\.ElementOrder to 1"),
+        (
+            SERENDIPITY,
+            {16: range(1, 9)},
+            r"given Quadrilateral 8; .*\(Mesh\.SecondOrderIncomplete = 0\)",
+        ),
     ],
-    ids=["out of the plane", "crossed", "flat", "node of no cell", "degree 2"],
+    ids=["out of the plane", "crossed", "flat", "node of no cell", "incomplete"],
 )
 def test_what_is_no_mesh_of_the_plane_is_refused(comm, model, x, cells, message):
     if model:
