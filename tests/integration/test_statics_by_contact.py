@@ -74,9 +74,10 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
 
 @pytest.mark.parametrize(
     ("mu", "ramped"),
-    # On two ranks the first takes an iteration more.
-    [pytest.param(0.003, False, marks=pytest.mark.serial), (0.003, True), (0.01, False)],
+    [(0.003, False), (0.003, True), (0.01, False)],
 )
+# How DOLFINx parts the mesh, which is left to chance, costs or saves two iterations.
+@pytest.mark.serial
 def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     blocks = Blocks(cell="tetrahedron")
     g = (lambda t: (0, 0, -9.81 * t)) if ramped else (0, 0, -9.81)
