@@ -1,6 +1,6 @@
 """Error of runs: one process computes a series of steps of one discretisation.
 
-Run as ``python3 -m benchmarks.errors '{"scene": ..., ...}'``, which prints the
+Run as ``python3 -m benchmarks.errors '{"problem": ..., ...}'``, which prints the
 values and costs as JSON; `references` turns them into rows of ``errors.csv``.
 """
 
@@ -15,7 +15,8 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_nts as nts
-from benchmarks.scenes import BAR_SPEED, Scene, ball_on_plate, bar_on_wall, pressed_block
+from benchmarks.problems import PROBLEMS
+from benchmarks.scenes import Scene
 
 __all__ = ["Series", "run"]
 
@@ -24,38 +25,32 @@ _LOOKS = 50  # at the energy, which costs more than a step of central difference
 
 @dataclass(frozen=True)
 class Series:
-    """The same scene with several steps.
+    """The same problem with several steps.
 
     Attributes:
-        scene: ``"ball"``, ``"stiff ball"``, ``"bar"`` or ``"block"``.
+        problem: Key of `PROBLEMS`.
         scheme: Key of `scenes.SCHEMES`.
-        n: Cells along an edge of the ball, or along the bar.
-        t_end: Time at the end [s].
+        n: Cells, see the problem.
         h: Steps [s]; of central differences parts of what they choose.
+        t_end: Time at the end [s]; 0 for that of the problem.
         h_reference: Step of the run that the displacements are compared
             with, of the same scheme [s]; 0 for none.
         element: Key of `scenes.ELEMENTS`.
     """
 
-    scene: str
+    problem: str
     scheme: str
     n: int
-    t_end: float
     h: tuple[float, ...]
+    t_end: float = 0.0
     h_reference: float = 0.0
-    element: str = "full"
+    element: str = "default"
 
     def build(self, comm: MPI.Comm, h: float) -> Scene:
         """Scene with a step. Collective."""
         explicit = self.scheme == "central differences"
-        given = None if explicit else h
-        if self.scene == "bar":
-            scene = bar_on_wall(comm, self.scheme, given, cells=self.n, element=self.element)
-        elif self.scene == "block":
-            scene = pressed_block(comm, self.scheme, h)
-        else:
-            E = {"ball": 1e5, "stiff ball": 1e7}[self.scene]
-            scene = ball_on_plate(comm, self.scheme, given, n=self.n, E=E, element=self.element)
+        build = PROBLEMS[self.problem].build
+        scene = build(comm, self.scheme, None if explicit else h, n=self.n, element=self.element)
         if explicit:
             scene.stepper.dt *= h
         return scene
@@ -64,30 +59,25 @@ class Series:
 def run(series: Series, comm: MPI.Comm) -> list[dict[str, Any]]:
     """Values at the end and cost of each run. Collective."""
     rows: list[dict[str, Any]] = []
-    reference = None
+    problem, reference = PROBLEMS[series.problem], None
     for h in (*([series.h_reference] if series.h_reference else []), *series.h):
         scene = series.build(comm, h)
         stepper, diagnostics = scene.stepper, nts.Diagnostics(scene.stepper)
-        h = stepper.dt
+        h, t_end = stepper.dt, series.t_end or scene.t_end
         before, drift, cpu = diagnostics.balance(), 0.0, 0.0
-        steps = stepper.run(until=series.t_end)
-        seldom = max(1, int(series.t_end / h) // _LOOKS)
+        steps = stepper.run(until=t_end)
+        seldom = max(1, int(t_end / h) // _LOOKS)
         while True:
             start = time.process_time()
             if next(steps, None) is None:
                 break
             cpu += time.process_time() - start
-            if stepper.step % seldom and stepper.t < series.t_end:
-                continue
-            change = diagnostics.balance().total_energy / before.total_energy - 1
-            drift = change if abs(change) > abs(drift) else drift
-        velocity = diagnostics.body_velocity(scene.body)
-        u = scene.stepper.u.x.array[: 3 * stepper.u.function_space.dofmap.index_map.size_local]
-        values = {} if series.scene == "block" else {"energy drift": drift}
-        if series.scene == "bar":
-            values["rebound"] = velocity[2] / BAR_SPEED
-        elif series.scene != "block":
-            values |= {"v_y": velocity[1], "v_z": velocity[2]}
+            scene.look()
+            if problem.conserves and (stepper.step % seldom == 0 or stepper.t >= t_end):
+                change = diagnostics.balance().total_energy / before.total_energy - 1
+                drift = change if abs(change) > abs(drift) else drift
+        values = scene.judge() | ({"energy drift": drift} if problem.conserves else {})
+        u = stepper.u.x.array[: 3 * stepper.u.function_space.dofmap.index_map.size_local]
         is_reference = bool(series.h_reference) and reference is None
         if is_reference:
             reference = u.copy()
@@ -96,7 +86,7 @@ def run(series: Series, comm: MPI.Comm) -> list[dict[str, Any]]:
             values["displacement"] = float(np.sqrt(3 * square[0] / square[1]))
         rows.append(
             {
-                "scene": series.scene,
+                "problem": series.problem,
                 "scheme": series.scheme,
                 "element": series.element,
                 "n": series.n,
@@ -106,6 +96,7 @@ def run(series: Series, comm: MPI.Comm) -> list[dict[str, Any]]:
                 "cpu_seconds": cpu,
                 "active": diagnostics.active_nodes(),
                 "values": values,
+                "exact": {**problem.exact, "energy drift": 0.0, "displacement": 0.0},
             }
         )
     return rows

@@ -1,54 +1,109 @@
 """Scenes of the benchmarks: meshes of any fineness, and what runs on them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
-import gmsh
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball
+from dolfinx_nts.meshing.gmsh import add_box, add_hollow_ball
 
 __all__ = [
     "ELEMENTS",
     "SCHEMES",
+    "Element",
     "Scene",
+    "Scheme",
     "ball_on_plate",
-    "bar_on_wall",
-    "pressed_block",
     "sliding_block",
 ]
 
-SCHEMES: dict[str, tuple[Any, Any]] = {
-    "EM elastic": (nts.EnergyMomentum, lambda: nts.LagrangeMultiplier("elastic")),
-    "EM plastic": (nts.EnergyMomentum, lambda: nts.LagrangeMultiplier("plastic")),
-    "EM penalty": (nts.EnergyMomentum, nts.Penalty),
-    "statics": (nts.QuasiStatic, nts.LagrangeMultiplier),
-    "statics, penalty": (nts.QuasiStatic, nts.Penalty),
-    "midpoint": (nts.Midpoint, lambda: nts.LagrangeMultiplier("plastic")),
-    "generalised-alpha": (nts.GeneralizedAlpha, lambda: nts.LagrangeMultiplier("plastic")),
-    "central differences": (nts.CentralDifference, nts.Penalty),
+
+class Scheme(NamedTuple):
+    """Integrator and law of contact.
+
+    Attributes:
+        integrator: Class of the stepper.
+        enforcement: Makes the law of normal contact.
+        method: Of `nts.ContactPair`.
+    """
+
+    integrator: Any
+    enforcement: Callable[[], Any]
+    method: str = "node-to-segment"
+
+    def pair(self, nodes: nts.Surface, segments: Any, friction: Any = None) -> nts.ContactPair:
+        """Contact of nodes with segments or with an obstacle."""
+        return nts.ContactPair(
+            nodes=nodes,
+            segments=segments,
+            enforcement=self.enforcement(),
+            friction=friction,
+            method=self.method,
+        )
+
+
+def _impact(law: str) -> Callable[[], nts.LagrangeMultiplier]:
+    return lambda: nts.LagrangeMultiplier(law)
+
+
+SCHEMES = {
+    "EM elastic": Scheme(nts.EnergyMomentum, _impact("elastic")),
+    "EM plastic": Scheme(nts.EnergyMomentum, _impact("plastic")),
+    "EM resolved": Scheme(nts.EnergyMomentum, _impact("resolved")),
+    "EM penalty": Scheme(nts.EnergyMomentum, nts.Penalty),
+    "statics": Scheme(nts.QuasiStatic, nts.LagrangeMultiplier),
+    "statics, penalty": Scheme(nts.QuasiStatic, nts.Penalty),
+    "statics, mortar": Scheme(nts.QuasiStatic, nts.LagrangeMultiplier, "mortar"),
+    "midpoint": Scheme(nts.Midpoint, _impact("plastic")),
+    "generalised-alpha": Scheme(nts.GeneralizedAlpha, _impact("plastic")),
+    "central differences": Scheme(nts.CentralDifference, nts.Penalty),
 }
 
 
-# Cells, degree of the displacement, terms with one point a cell.
-ELEMENTS: dict[str, tuple[str, int, list[str]]] = {
-    "full": ("hexahedron", 1, []),
-    "one point": ("hexahedron", 1, ["lmbda"]),
-    "degree 2": ("hexahedron", 2, []),
-    "tetrahedra": ("tetrahedron", 1, []),
-    "tetrahedra, degree 2": ("tetrahedron", 2, []),
+class Element(NamedTuple):
+    """Cells and degree of the displacement.
+
+    Attributes:
+        cell: ``"hexahedron"`` or ``"tetrahedron"``.
+        degree: Of the displacement.
+        one_point: Terms with one point a cell, None for those of the package.
+    """
+
+    cell: str
+    degree: int
+    one_point: tuple[str, ...] | None = None
+
+
+ELEMENTS = {
+    "default": Element("hexahedron", 1),
+    "full": Element("hexahedron", 1, ()),
+    "degree 2": Element("hexahedron", 2),
+    "tetrahedra": Element("tetrahedron", 1),
+    "tetrahedra, degree 2": Element("tetrahedron", 2),
 }
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A stepper ready to run, and the body that is watched."""
+    """A stepper ready to run, and what is read off it.
+
+    Attributes:
+        stepper: The stepper.
+        body: Body that is watched.
+        judge: Values at the end by name. Collective.
+        look: Called after each step. Collective.
+        t_end: Time at the end, where the scene knows it [s].
+    """
 
     stepper: Any
     body: nts.Body
+    judge: Callable[[], dict[str, float]] = dict
+    look: Callable[[], None] = lambda: None
+    t_end: float = 0.0
 
 
 def ball_on_plate(
@@ -62,7 +117,7 @@ def ball_on_plate(
     nu: float = 0.4,
     wall: float = 0.2,
     friction: Any = None,
-    element: str = "full",
+    element: str = "default",
 ) -> Scene:
     """Hollow ball that flies obliquely onto a free plate.
 
@@ -91,7 +146,7 @@ def ball_on_plate(
             outer_radius=1.0,
             cells_per_edge=n,
             layers=max(2, round(n // 3 * wall / 0.2)),
-            cell=ELEMENTS[element][0],
+            cell=ELEMENTS[element].cell,
         )
         cells = (10 * n // 6, 10 * n // 6, max(1, n // 6))
         add_box(
@@ -100,63 +155,19 @@ def ball_on_plate(
             corner=(-2.0, -2.0, -0.4),
             size=(4.0, 4.0, 0.4),
             cells=cells,
-            cell=ELEMENTS[element][0],
+            cell=ELEMENTS[element].cell,
         )
 
-    mesh, cells, facets, tag = _mesh(comm, build)
-    _, degree, one_point = ELEMENTS[element]
-    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-    material = nts.SaintVenantKirchhoff(E, nu, rho, one_point=one_point)
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    kind = ELEMENTS[element]
+    V = fem.functionspace(mesh, ("Lagrange", kind.degree, (3,)))
+    material = nts.SaintVenantKirchhoff(E, nu, rho, one_point=kind.one_point)
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
-    integrator, enforcement = SCHEMES[scheme]
-    pair = nts.ContactPair(
-        nodes=nts.Surface(V, facets, tag["ball_outer"]),
-        segments=nts.Surface(V, facets, tag["plate_top"]),
-        enforcement=enforcement(),
-        friction=friction,
-    )
-    stepper = integrator([ball, plate], [pair], dt=h)
+    outer, top = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
+    pair = SCHEMES[scheme].pair(outer, top, friction)
+    stepper = SCHEMES[scheme].integrator([ball, plate], [pair], dt=h)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     return Scene(stepper, ball)
-
-
-# Data of the bar, SI units: length, edge of the section, E and rho, speed.
-BAR_LENGTH, BAR_SIDE, BAR_SPEED = 10.0, 1.0, 1e-3
-
-
-def bar_on_wall(
-    comm: MPI.Comm, scheme: str, h: float | None, *, cells: int, element: str = "full"
-) -> Scene:
-    """Bar with E = rho = c = 1, Poisson's ratio 0, that strikes a rigid wall.
-
-    So slow that linear theory holds: from the touch at t = 0 on the mean
-    velocity grows linearly, from -v to v, in 2 L/c. Collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        scheme: Key of `SCHEMES`.
-        h: Step [s]; None: what central differences choose.
-        cells: Number along the bar.
-        element: Key of `ELEMENTS`.
-    """
-
-    def build(model: Any) -> None:
-        size = (BAR_SIDE, BAR_SIDE, BAR_LENGTH)
-        kind = ELEMENTS[element][0]
-        add_box(model, "bar", corner=(0.0, 0.0, 0.0), size=size, cells=(1, 1, cells), cell=kind)
-
-    mesh, tags, facets, tag = _mesh(comm, build)
-    V = fem.functionspace(mesh, ("Lagrange", ELEMENTS[element][1], (3,)))
-    bar = nts.Body(V, tags, tag["bar"], nts.SaintVenantKirchhoff(1.0, 0.0, 1.0))
-    integrator, enforcement = SCHEMES[scheme]
-    pair = nts.ContactPair(
-        nodes=nts.Surface(V, facets, tag["bar_bottom"]),
-        segments=nts.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-        enforcement=enforcement(),
-    )
-    stepper = integrator([bar], [pair], dt=h)
-    stepper.set_velocity(bar, (0.0, 0.0, -BAR_SPEED))
-    return Scene(stepper, bar)
 
 
 def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: Any = None) -> Scene:
@@ -180,17 +191,12 @@ def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: An
         cells = (n, n, max(3, n // 11))
         add_box(model, "block", corner=(-0.5, -0.5, 0.0), size=(1.0, 1.0, high), cells=cells)
 
-    mesh, tags, facets, tag = _mesh(comm, build)
+    mesh, tags, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(1e5, 0.3, 1e3, one_point=())
     block, table = (nts.Body(V, tags, tag[name], material) for name in ("block", "table"))
-    integrator, enforcement = SCHEMES[scheme]
-    pair = nts.ContactPair(
-        nodes=nts.Surface(V, facets, tag["block_bottom"]),
-        segments=nts.Surface(V, facets, tag["table_top"]),
-        enforcement=enforcement(),
-        friction=friction,
-    )
+    bottom, table_top = (nts.Surface(V, facets, tag[n]) for n in ("block_bottom", "table_top"))
+    pair = SCHEMES[scheme].pair(bottom, table_top, friction)
     way, rest = (fem.Constant(mesh, (0.0, 0.0, 0.0)) for _ in range(2))
     low, top = (
         fem.locate_dofs_topological(V, 2, facets.find(tag[name]))
@@ -202,53 +208,6 @@ def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: An
         slide = 0.01 * max(t - 1.0, 0.0)
         way.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
 
+    integrator = SCHEMES[scheme].integrator
     stepper = integrator([block, table], [pair], dt=h, bcs=bcs, update=update)
     return Scene(stepper, block)
-
-
-def pressed_block(comm: MPI.Comm, scheme: str, h: float) -> Scene:
-    """Soft block that leans and slides on a rigid plane, and never parts.
-
-    Its weight holds it down, and it starts close to equilibrium under it; all nodes
-    at the bottom touch from the start. Collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        scheme: Key of `SCHEMES`.
-        h: Step [s].
-    """
-
-    def build(model: Any) -> None:
-        add_box(model, "block", corner=(0.0, 0.0, 0.0), size=(1.0, 1.0, 1.0), cells=(2, 2, 2))
-
-    mesh, tags, facets, tag = _mesh(comm, build)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    block = nts.Body(V, tags, tag["block"], nts.SaintVenantKirchhoff(1e4, 0.0, 10.0))
-    integrator, enforcement = SCHEMES[scheme]
-    pair = nts.ContactPair(
-        nodes=nts.Surface(V, facets, tag["block_bottom"]),
-        # Overlapping by nothing, so that round-off does not decide who touches.
-        segments=nts.RigidPlane((0.0, 0.0, 1e-14), (0.0, 0.0, 1.0)),
-        enforcement=enforcement(),
-    )
-    stepper = integrator([block], [pair], dt=h, loads=[nts.Gravity([block], (0.0, 0.0, -20.0))])
-    g, stiffness = 20.0, 1e4 / 10.0  # E / rho
-    stepper.set_displacement(
-        block, lambda x: [0.0 * x[2], 0.0 * x[2], -g / stiffness * (x[2] - x[2] ** 2 / 2)]
-    )
-    # Nothing moves across the plane at its height.
-    stepper.set_velocity(block, lambda x: [1.0 + 0.3 * x[2], 0.1 * x[2], 0.0 * x[2]])
-    return Scene(stepper, block)
-
-
-def _mesh(comm: MPI.Comm, build: Any) -> MeshData:
-    """Mesh of a gmsh model that rank 0 builds."""
-    if comm.rank == 0:
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        build(gmsh.model)
-    try:
-        return nts.read_mesh(gmsh.model, comm)
-    finally:
-        if comm.rank == 0:
-            gmsh.finalize()

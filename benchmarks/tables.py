@@ -96,7 +96,7 @@ def _targets(steps: Rows) -> str:
 
     def beside(scene: str) -> Callable[[], float]:
         def value() -> float:
-            element = "one point" if "one point" in scene else "full"
+            element = "default" if "default" in scene else "full"
             row, other = _find(steps, scene=scene, element=element), "beside nu = 0.499"
             name = "residuals_per_step" if scene == "thin wall" else "cpu_seconds_per_step"
             return float(row[name] / _find(steps, scene=other)[name])
@@ -210,7 +210,7 @@ def _targets(steps: Rows) -> str:
             for name, scene, bound in (
                 ("nu = 0.499", "nu = 0.499", 8.0),
                 ("nu = 0.499, friction,", "nu = 0.499, friction", 15.0),
-                ("nu = 0.49, one point,", "nu = 0.49, one point", 3.0),
+                ("nu = 0.49, default element,", "nu = 0.49, default element", 3.0),
             )
         ),
         ("thin wall against thick, step in residuals", beside("thin wall"), "<=", 2.0),
@@ -295,20 +295,20 @@ def _errors(errors: Rows) -> str:
     """Error and cost of each run, but for the displacements of `_orders`."""
     keys = list(
         dict.fromkeys(
-            (row["scene"], row["quantity"])
+            (row["problem"], row["quantity"])
             for row in errors
             if row["quantity"] not in ("displacement", "v_y")
         )
     )
     parts = []
-    for scene, quantity in keys:
+    for problem, quantity in keys:
         rows = [
             [row[k] for k in ("scheme", "element", "dofs", "h", "cpu_seconds", "value", "error")]
             for row in errors
-            if (row["scene"], row["quantity"]) == (scene, quantity)
+            if (row["problem"], row["quantity"]) == (problem, quantity)
         ]
         head = ("scheme", "element", "unknowns", "h [s]", "CPU s", "value", "error")
-        parts.append(f"{scene}, {quantity}:\n\n{_table(head, rows)}")
+        parts.append(f"{problem}, {quantity}:\n\n{_table(head, rows)}")
     return "\n\n".join(parts)
 
 
@@ -316,14 +316,14 @@ def _orders(errors: Rows) -> str:
     """Observed order of the displacements between steps."""
     rows = []
     keys = dict.fromkeys(
-        (row["scene"], row["scheme"]) for row in errors if row["quantity"] == "displacement"
+        (row["problem"], row["scheme"]) for row in errors if row["quantity"] == "displacement"
     )
-    for scene, scheme in keys:
+    for problem, scheme in keys:
         points = sorted(
             (
                 (row["h"], row["error"])
                 for row in errors
-                if (row["scene"], row["scheme"]) == (scene, scheme)
+                if (row["problem"], row["scheme"]) == (problem, scheme)
                 and row["quantity"] == "displacement"
             ),
             reverse=True,
@@ -332,14 +332,14 @@ def _orders(errors: Rows) -> str:
         orders = np.log(e[1:] / e[:-1]) / np.log(h[1:] / h[:-1])
         rows.append(
             (
-                scene,
+                problem,
                 scheme,
                 " → ".join(f"{value:.2g}" for value in h),
                 " → ".join(f"{value:.1e}" for value in e),
                 ", ".join(f"{order:.2f}" for order in orders),
             )
         )
-    head = ("scene", "scheme", "h [s]", "rms error of displacements [m]", "order")
+    head = ("problem", "scheme", "h [s]", "rms error of displacements [m]", "order")
     return "Order of accuracy (reference: the same scheme at a small step):\n\n" + _table(
         head, rows
     )

@@ -31,7 +31,7 @@ STEPS = {
     "peak_mb",
 }
 ERRORS = {
-    "scene",
+    "problem",
     "scheme",
     "element",
     "h",
