@@ -1,8 +1,8 @@
 """Run time against error: ``python3 -m benchmarks [--size SIZE] [--folder FOLDER]``.
 
-Writes ``steps.csv``, ``errors.csv``, ``messages.csv``, figures and
-``tables.md``, and prints the tables and whether the targets are met. Each
-case runs in a process of its own, one at a time.
+Writes ``steps.csv``, ``errors.csv``, ``messages.csv``, ``start.csv``, ``output.csv``, figures
+and ``tables.md``, and prints the tables and whether the targets are met. Each case runs in a
+process of its own, one at a time.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -25,12 +26,22 @@ ROOT = Path(__file__).parents[1]
 _OF_PROCESS = ("ranks", "runs")  # not of its cases
 
 
-def child(module: str, argument: Any, ranks: int = 1, preload: str = "") -> Any:
-    """Run a module on ranks of its own; what it prints as JSON."""
+def child(module: str, argument: Any, ranks: int = 1, preload: str = "", cache: str = "") -> Any:
+    """Run a module on ranks of its own; what it prints as JSON.
+
+    Args:
+        module: The module.
+        argument: Given to it as JSON.
+        ranks: Number of ranks.
+        preload: Library that is loaded first.
+        cache: Folder of compiled kernels, if it is not that of the user.
+    """
     # A process that has started MPI leaves traces that confuse mpirun.
     traces = ("OMPI_COMM", "PMIX_")
     environment = {k: v for k, v in os.environ.items() if not k.startswith(traces)}
     environment["OMP_NUM_THREADS"] = "1"
+    if cache:
+        environment["XDG_CACHE_HOME"] = cache
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     command = [sys.executable, "-m", module, json.dumps(argument)]
     if preload:
@@ -109,6 +120,27 @@ def count_messages(size: str, folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
+def measure_start(size: str) -> list[dict[str, Any]]:
+    """Rows of ``start.csv``: with nothing compiled, and again."""
+    rows = []
+    for law in cases.LAWS[size]:
+        with tempfile.TemporaryDirectory() as cache:
+            for state in ("cold", "warm"):
+                progress(f"start: {law}, {state}")
+                row = child("benchmarks.start", {"law": law}, cache=cache)
+                rows.append({"state": state, **row})
+    return rows
+
+
+def measure_output(size: str) -> list[dict[str, Any]]:
+    """Rows of ``output.csv``."""
+    rows = []
+    for case in cases.OUTPUT[size]:
+        progress(f"output: {case}")
+        rows.append(child("benchmarks.output", case))
+    return rows
+
+
 def main() -> None:
     """Run everything of a size."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -117,14 +149,18 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
+    start = measure_start(arguments.size)
+    write(folder / "start.csv", start)
     steps = measure_steps(arguments.size)
     write(folder / "steps.csv", steps)
+    output = measure_output(arguments.size)
+    write(folder / "output.csv", output)
     errors = measure_errors(arguments.size)
     write(folder / "errors.csv", errors)
     messages = count_messages(arguments.size, folder)
     write(folder / "messages.csv", messages)
     plots.draw(folder, steps, errors)
-    text = tables.markdown(steps, errors, messages)
+    text = tables.markdown(tables.Results(steps, errors, messages, start, output))
     (folder / "tables.md").write_text(text)
     print(text)
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-__all__ = ["ERRORS", "MESSAGES", "STEPS"]
+__all__ = ["ERRORS", "LAWS", "MESSAGES", "OUTPUT", "STEPS"]
 
 Rows = list[dict[str, Any]]
 
@@ -29,6 +29,9 @@ _STIFF_STEP = {"h": 0.005, "E": 1e7}
 _WIDE = {"model": "sliding block", "h": 1.0, "t_start": 4.0, "t_end": 7.0}
 _FRICTION = {"n": 12, "friction": 0.3, **_WINDOW}
 
+_PILE = {"h": 0.004, "t_start": 0.04, "t_end": 0.16}
+_PILES = (("pile", 0.0), ("pile, friction", 0.3))
+
 # Each item is measured in a process of its own. Machines change their speed: cases
 # that are compared share a process and take their steps in turn, or, where they
 # cannot, the processes take turns. Several runs where steps are short, or the
@@ -54,7 +57,9 @@ _DEFAULT: list[Rows] = [
         {"scene": "nu = 0.499, friction", "n": 12, "nu": 0.499, "friction": 0.3, **_HARD},
         {"scene": "nu = 0.49, default element", "n": 12, "nu": 0.49, "element": "default", **_HARD},
         {"scene": "thin wall", "n": 12, "wall": 0.02, **_HARD},
+        {"scene": "neo-Hooke", "n": 12, "law": "NeoHookean", **_HARD},
     ],
+    *([{"scene": scene, "model": "pile", "n": 3, "friction": mu, **_PILE}] for scene, mu in _PILES),
     *(
         [
             {"scene": "wide contact", "scheme": scheme, "n": n, **_WIDE},
@@ -216,3 +221,15 @@ MESSAGES: dict[str, Rows] = {
     ],
 }
 MESSAGES["full"] = MESSAGES["default"]
+
+# Whose first step is timed: laws of the package, and a user's energy.
+LAWS = {"tiny": ("psi",), "default": ("SaintVenantKirchhoff", "NeoHookean", "psi")}
+LAWS["full"] = LAWS["default"]
+
+OUTPUT: dict[str, Rows] = {
+    "tiny": [{"scheme": "EM elastic", "n": 3}],
+    "default": [
+        {"scheme": scheme, "n": n} for scheme in ("EM elastic", EXPLICIT) for n in (6, 12, 24)
+    ],
+}
+OUTPUT["full"] = OUTPUT["default"]

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.meshing.gmsh import add_box, add_hollow_ball
+from dolfinx_nts.meshing.gmsh import add_box, add_hollow_ball, add_solid_ball
 
 __all__ = [
     "ELEMENTS",
@@ -18,6 +18,7 @@ __all__ = [
     "Scene",
     "Scheme",
     "ball_on_plate",
+    "pile",
     "sliding_block",
 ]
 
@@ -116,6 +117,7 @@ def ball_on_plate(
     rho: float = 1e3,
     nu: float = 0.4,
     wall: float = 0.2,
+    law: str = "SaintVenantKirchhoff",
     friction: Any = None,
     element: str = "default",
 ) -> Scene:
@@ -133,6 +135,7 @@ def ball_on_plate(
         nu: Poisson's ratio.
         wall: Thickness of the ball [m]; it has a layer of cells for each n // 3 in 0.2 m, and
             at least two.
+        law: Name of the material of the package.
         friction: Law of friction or None.
         element: Key of `ELEMENTS`.
     """
@@ -161,7 +164,7 @@ def ball_on_plate(
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
     kind = ELEMENTS[element]
     V = fem.functionspace(mesh, ("Lagrange", kind.degree, (3,)))
-    material = nts.SaintVenantKirchhoff(E, nu, rho, one_point=kind.one_point)
+    material = getattr(nts, law)(E, nu, rho, one_point=kind.one_point)
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
     outer, top = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
     pair = SCHEMES[scheme].pair(outer, top, friction)
@@ -211,3 +214,45 @@ def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: An
     integrator = SCHEMES[scheme].integrator
     stepper = integrator([block, table], [pair], dt=h, bcs=bcs, update=update)
     return Scene(stepper, block)
+
+
+def pile(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, friction: Any = None) -> Scene:
+    """Cube of n^3 soft balls that falls in a box, where each ball touches its neighbours.
+
+    Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        scheme: Key of `SCHEMES`.
+        h: Step [s]; None: what central differences choose.
+        n: Balls along an edge.
+        friction: Law of friction or None.
+    """
+    radius, distance = 0.1, 0.201
+    places = [(i, j, k) for i in range(n) for j in range(n) for k in range(n)]
+
+    def build(model: Any) -> None:
+        for number, (i, j, k) in enumerate(places):
+            # Layers lean, so that balls roll over each other.
+            centre = (distance * i + 0.02 * k, distance * j - 0.01 * k, distance * k + radius)
+            shape = {"centre": centre, "radius": radius, "cells_per_edge": 3, "layers": 1}
+            add_solid_ball(model, f"ball {number}", **shape)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    balls = [nts.Body(V, cells, tag[f"ball {number}"], rubber) for number in range(len(places))]
+    ends = (-2 * radius, distance * n + radius)
+    walls = [nts.RigidPlane((0.0, 0.0, -1e-3), (0.0, 0.0, 1.0))]
+    for axis in (0, 1):
+        for end, sign in zip(ends, (1.0, -1.0), strict=True):
+            point, normal = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+            point[axis], normal[axis] = end, sign
+            walls.append(nts.RigidPlane(point, normal))
+    enforcement = SCHEMES[scheme].enforcement()
+    pairs = nts.all_pairs(balls, obstacles=walls, enforcement=enforcement, friction=friction)
+    weight = nts.Gravity(balls, (0.0, 0.0, -9.81))
+    stepper = SCHEMES[scheme].integrator(balls, pairs, dt=h, loads=[weight])
+    for ball in balls:
+        stepper.set_velocity(ball, (0.2, 0.1, -1.0))
+    return Scene(stepper, balls[-1])

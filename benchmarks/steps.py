@@ -21,7 +21,7 @@ import numpy as np
 
 import dolfinx_nts as nts
 from benchmarks.profile import CONTACT, Profile
-from benchmarks.scenes import Scene, ball_on_plate, sliding_block
+from benchmarks.scenes import Scene, ball_on_plate, pile, sliding_block
 
 __all__ = ["Case", "measure"]
 
@@ -37,8 +37,8 @@ class Case:
 
     Attributes:
         scene: Name of the row.
-        model: "ball on plate", or "sliding block", which knows no data of the former but n, h
-            and friction.
+        model: "ball on plate", or "sliding block" or "pile", which know no data of the former but
+            n, h and friction.
         scheme: Key of `scenes.SCHEMES`.
         n: Cells along an edge of the ball.
         h: Step [s]; None: what central differences choose.
@@ -48,6 +48,7 @@ class Case:
         rho: Density [kg/m^3].
         nu: Poisson's ratio.
         wall: Thickness of the ball [m].
+        law: Name of the material.
         friction: Coefficient of friction, 0 for none.
         eps_T: StickSlip spring [N/m^3], 0 for exact stick.
         element: Key of `scenes.ELEMENTS`.
@@ -64,6 +65,7 @@ class Case:
     rho: float = 1e3
     nu: float = 0.4
     wall: float = 0.2
+    law: str = "SaintVenantKirchhoff"
     friction: float = 0.0
     eps_T: float = 0.0
     element: str = "full"
@@ -76,6 +78,8 @@ class Case:
             law = nts.Coulomb(self.friction, **spring)
         if self.model == "sliding block":
             return sliding_block(comm, self.scheme, self.h or 1.0, n=self.n, friction=law)
+        if self.model == "pile":
+            return pile(comm, self.scheme, self.h, n=self.n, friction=law)
         return ball_on_plate(
             comm,
             self.scheme,
@@ -85,6 +89,7 @@ class Case:
             rho=self.rho,
             nu=self.nu,
             wall=self.wall,
+            law=self.law,
             friction=law,
             element=self.element,
         )

@@ -2,34 +2,28 @@
 
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.targets import Results, Rows, measured
+
 __all__ = ["markdown"]
 
-Rows = Sequence[Mapping[str, Any]]
 
-_EM, _EXPLICIT = "EM elastic", "central differences"
-
-
-def markdown(steps: Rows, errors: Rows, messages: Rows) -> str:
-    """All tables.
-
-    Args:
-        steps: Rows of ``steps.csv``.
-        errors: Rows of ``errors.csv``.
-        messages: Rows of ``messages.csv``.
-    """
+def markdown(results: Results) -> str:
+    """All tables."""
     parts = [
         f"Measured on {machine()}; CPU time of the slowest rank, start-up excluded.",
-        _targets(steps),
-        _steps(steps),
-        _errors(errors),
-        _orders(errors),
-        _messages(messages) if messages else "",
+        _targets(results),
+        _steps(results.steps),
+        _start(results.start),
+        _output(results.output),
+        _errors(results.errors),
+        _orders(results.errors),
+        _messages(results.messages) if results.messages else "",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -54,202 +48,13 @@ def _text(value: Any) -> str:
     return f"{value:,}".replace(",", " ") if isinstance(value, int) else str(value)
 
 
-def _find(steps: Rows, **values: Any) -> Mapping[str, Any]:
-    """First row with these values; KeyError if there is none."""
-    values = {"scheme": _EM, "element": "full", "ranks": 1} | values
-    for row in steps:
-        if all(row[name] == value for name, value in values.items()):
-            return row
-    raise KeyError(str(values))
-
-
-def _exponent(steps: Rows, n: int) -> float:
-    """Of the growth from a mesh that was measured beside another one."""
-    a = _find(steps, scene=f"beside n = {n}")
-    b = _find(steps, scene="contact", n=n)
-    ratio = b["cpu_seconds_per_step"] / a["cpu_seconds_per_step"]
-    return float(np.log(ratio) / np.log(b["dofs"] / a["dofs"]))
-
-
-def _difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
-    """Largest relative difference of the results of two runs."""
-    return max(abs(a[name] / b[name] - 1) for name in ("v_y", "v_z", "strain_energy"))
-
-
-def _wide(steps: Rows, n: int, name: str) -> float:
-    """Ratio of wide contact with friction to that without."""
-    rows = (_find(steps, scene=f"wide {s}", scheme="statics", n=n) for s in ("friction", "contact"))
-    with_friction, without = (float(row[name]) for row in rows)
-    return with_friction / without
-
-
-def _targets(steps: Rows) -> str:
-    """What was asked for, and what came out."""
-
-    def ratio(name: str, **values: Any) -> Callable[[], float]:
-        def value() -> float:
-            scene, other = values["scene"], values["other"]
-            row = _find(steps, scene=scene[0], n=scene[1])
-            return float(row[name] / _find(steps, scene=other[0], n=other[1])[name])
-
-        return value
-
-    def beside(scene: str) -> Callable[[], float]:
-        def value() -> float:
-            element = "default" if "default" in scene else "full"
-            row, other = _find(steps, scene=scene, element=element), "beside nu = 0.499"
-            name = "residuals_per_step" if scene == "thin wall" else "cpu_seconds_per_step"
-            return float(row[name] / _find(steps, scene=other)[name])
-
-        return value
-
-    def speedup(name: str) -> float:
-        one, two = (_find(steps, scene="contact", n=24, ranks=ranks) for ranks in (1, 2))
-        return float(one[name] / two[name])
-
-    def explicit(n: int) -> Mapping[str, Any]:
-        return _find(steps, scene="contact", scheme=_EXPLICIT, n=n)
-
-    cost, sizes = "cpu_seconds_per_step", (6, 12, 24, 36)
-    soft = "E = 1e5, same step"
-    targets: list[tuple[str, Callable[[], float], str, float]] = [
-        (
-            "2 688 unknowns, 100 steps [CPU s]",
-            lambda: _find(steps, scene="impact", n=6)["cpu_seconds"],
-            "<=",
-            2.0,
-        ),
-        (
-            "16 959 unknowns, first 20 steps [CPU s]",
-            lambda: _find(steps, scene="first 20 steps", n=12)["cpu_seconds"],
-            "<=",
-            2.5,
-        ),
-        (
-            "E = 1e7 against 1e5, cost of a step",
-            ratio(cost, scene=("E = 1e7", 6), other=(soft, 6)),
-            "<=",
-            1.5,
-        ),
-        (
-            "E = 1e7, energy drift",
-            lambda: _find(steps, scene="E = 1e7", n=6)["energy_drift"],
-            "<=",
-            1e-10,
-        ),
-        (
-            "118 581 unknowns, step in residual evaluations",
-            lambda: _find(steps, scene="contact", n=24)["residuals_per_step"],
-            "<=",
-            60,
-        ),
-        (
-            "118 581 unknowns, peak memory [MB]",
-            lambda: _find(steps, scene="contact", n=24)["peak_mb"],
-            "<=",
-            2500,
-        ),
-        ("time ~ dofs^p, n = 6 to 24", lambda: _exponent(steps, 24), "<=", 1.15),
-        ("time ~ dofs^p, n = 6 to 36", lambda: _exponent(steps, 36), "<=", 1.15),
-        *(
-            (
-                f"part of contact in a step, n = {n} [%]",
-                lambda n=n: 100 * _find(steps, scene="contact", n=n)["contact_share"],
-                "<=",
-                25,
-            )
-            for n in sizes
-        ),
-        (
-            "part of contact in the whole impact, n = 6 [%]",
-            lambda: 100 * _find(steps, scene="impact", n=6)["contact_share"],
-            "<=",
-            25,
-        ),
-        *(
-            (
-                f"central differences, step in residuals of EM elastic, n = {n}",
-                lambda n=n: (
-                    explicit(n)["cpu_seconds_per_step"]
-                    / _find(steps, scene="contact", n=n)["residual_seconds"]
-                ),
-                "<=",
-                1.5,
-            )
-            for n in sizes
-        ),
-        *(
-            (
-                f"central differences, step in evaluations of their own forces, n = {n}",
-                lambda n=n: explicit(n)["residuals_per_step"],
-                "<=",
-                1.5,
-            )
-            for n in sizes
-        ),
-        (
-            "rho = 1 against 1000, n = 24, cost of a step",
-            ratio(cost, scene=("rho = 1", 24), other=("rho = 1000", 24)),
-            "<=",
-            5,
-        ),
-        (
-            "exact friction, cost of a step",
-            ratio(cost, scene=("friction", 12), other=("contact", 12)),
-            "<=",
-            2,
-        ),
-        (
-            "friction with a spring, cost of a step",
-            ratio(cost, scene=("friction, spring", 12), other=("contact", 12)),
-            "<=",
-            2,
-        ),
-        *(
-            (f"{name} against 0.4, cost of a step", beside(scene), "<=", bound)
-            for name, scene, bound in (
-                ("nu = 0.499", "nu = 0.499", 8.0),
-                ("nu = 0.499, friction,", "nu = 0.499, friction", 15.0),
-                ("nu = 0.49, default element,", "nu = 0.49, default element", 3.0),
-            )
-        ),
-        ("thin wall against thick, step in residuals", beside("thin wall"), "<=", 2.0),
-        *(
-            (
-                f"{(n + 1) ** 2} nodes slide, Krylov iterations with friction against none",
-                lambda n=n: _wide(steps, n, "krylov_iterations"),
-                "<=",
-                2.0,
-            )
-            for n in (20, 44)
-        ),
-        (
-            "2 025 nodes slide, 66 675 unknowns [CPU s / step]",
-            lambda: _find(steps, scene="wide friction", scheme="statics", n=44)[cost],
-            "<=",
-            2.0,
-        ),
-        ("2 ranks against 1, n = 24, wall time", lambda: speedup("wall_seconds"), ">=", 1.6),
-        ("the same, CPU time of the slower rank", lambda: speedup("cpu_seconds"), ">=", 1.6),
-        (
-            "2 ranks against 1, difference of results",
-            lambda: _difference(
-                *(_find(steps, scene="contact", n=24, ranks=ranks) for ranks in (1, 2))
-            ),
-            "<=",
-            1e-9,
-        ),
+def _targets(results: Results) -> str:
+    """What is aimed at, and what came out."""
+    rows = [
+        (t.name, f"{t.sign} {t.aim:g}", f"{t.sign} {t.gate:g}", value, t.verdict(value))
+        for t, value in measured(results)
     ]
-    rows = []
-    for name, measured, relation, bound in targets:
-        try:
-            value = measured()
-        except KeyError:
-            continue
-        met = value <= bound if relation == "<=" else value >= bound
-        sign = {"<=": "≤", ">=": "≥"}[relation]
-        rows.append((name, f"{sign} {bound:g}", float(value), "met" if met else "**missed**"))
-    return _table(("target", "asked", "measured", ""), rows) if rows else ""
+    return _table(("target", "aim", "gate", "measured", ""), rows) if rows else ""
 
 
 def _steps(steps: Rows) -> str:
@@ -343,6 +148,32 @@ def _orders(errors: Rows) -> str:
     return "Order of accuracy (reference: the same scheme at a small step):\n\n" + _table(
         head, rows
     )
+
+
+def _start(start: Rows) -> str:
+    """Time to the first step."""
+    rows = [[row[k] for k in ("law", "state", "cpu_seconds", "wall_seconds")] for row in start]
+    head = ("material", "kernels", "CPU s", "wall s")
+    return (
+        "From the start of the process to the first step of the first impact, nothing compiled "
+        "and everything, with the compilers (`psi`: an energy in UFL):\n\n" + _table(head, rows)
+    )
+
+
+def _output(output: Rows) -> str:
+    """Cost of files."""
+    rows = [
+        (
+            row["scheme"],
+            row["n"],
+            row["step_seconds"],
+            f"{100 * row['row_in_steps']:.0f} %",
+            f"{100 * row['row_and_fields_in_steps']:.0f} %",
+        )
+        for row in output
+    ]
+    head = ("scheme", "n", "CPU s / step", "row of the table", "row and fields")
+    return "A `Recorder` in every step, relative to the step:\n\n" + _table(head, rows)
 
 
 def _messages(messages: Rows) -> str:

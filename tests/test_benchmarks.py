@@ -12,6 +12,7 @@ import dolfinx_nts as nts
 from benchmarks import __main__ as driver
 from benchmarks import publish
 from benchmarks.scenes import ball_on_plate
+from benchmarks.targets import Target
 
 ROOT = Path(__file__).parents[1]
 
@@ -102,7 +103,7 @@ def test_each_scheme_and_rank_count_has_a_row_of_costs(folder):
 @pytest.mark.serial
 @pytest.mark.parametrize(("scheme", "h"), [("EM elastic", 0.01), ("central differences", None)])
 def test_measuring_leaves_the_steps_as_they_are(comm, folder, scheme, h):
-    scene = ball_on_plate(comm, scheme, h, n=3)
+    scene = ball_on_plate(comm, scheme, h, n=3, element="full")
     stepper = scene.stepper
     for _ in range(round(0.14 / stepper.dt)):
         report = stepper.advance()
@@ -120,6 +121,22 @@ def test_errors_fall_with_the_square_of_the_step_while_contact_persists(folder):
     for scheme in ("EM elastic", "EM plastic"):
         coarse, fine = (float(row["error"]) for row in table if row["scheme"] == scheme)
         assert coarse / fine == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.serial
+def test_the_first_step_and_files_have_their_cost(folder):
+    cold, warm = rows(folder / "start.csv")
+    # Kernels are compiled in the first process only.
+    assert float(cold["cpu_seconds"]) > 2 * float(warm["cpu_seconds"]) > 0
+    (row,) = rows(folder / "output.csv")
+    assert 0 < float(row["row_seconds"]) < float(row["row_and_fields_seconds"])
+
+
+@pytest.mark.serial
+def test_a_target_has_an_aim_and_a_gate():
+    target = Target("speed-up", lambda results: 1.65, aim=1.7, gate=1.6, is_least=True)
+    verdicts = [target.verdict(value) for value in (1.7, 1.65, 1.5)]
+    assert verdicts == ["met", "within the gate", "**missed**"]
 
 
 @pytest.mark.serial
