@@ -53,11 +53,13 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
     V = stepper.u.function_space
     mesh, element = V.mesh, Element.of(V)
     comm: MPI.Comm = mesh.comm
-    points = V.tabulate_dof_coordinates()
-    # The vertices as they were read: tabulated ones have a round-off error that depends on the
-    # partition.
-    corners = geometry_nodes(mesh)
-    points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
+    # The nodes as they were read, and middles between these: tabulated coordinates have a
+    # round-off error that depends on the partition.
+    points, read = V.tabulate_dof_coordinates(), mesh.geometry.x[geometry_nodes(mesh)]
+    if read.shape[1] < len(element.points):
+        for node, pairs in enumerate(element.diagonals):
+            points[V.dofmap.list[:, node]] = read[:, pairs].mean(axis=2).mean(axis=1)
+    points[V.dofmap.list[:, : read.shape[1]]] = read
     cell = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local)
     original = mesh.topology.original_cell_index[cell]
     body = np.empty(len(cell), dtype=np.int32)

@@ -10,6 +10,8 @@ import errno
 import io
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -62,8 +64,8 @@ def write_hdf5(
 
     with unchanged(path, comm.rank == 0):
         offsets = on_root(comm, lay_out)
-        with agreed(comm, f"write {path}"):
-            _write(comm, beside(path), [*image.pieces, *_pieces(arrays, offsets)], durable)
+        pieces = chain(image.pieces, _pieces(arrays, offsets))
+        _write(comm, beside(path), pieces, durable)
         on_root(comm, lambda: take_name(path, durable=durable))
 
 
@@ -119,21 +121,28 @@ def _write(
             for offset, data in pieces:
                 _put(alone, offset, data)
         return
-    file = None
-    try:
-        # MPI keeps ranks on several hosts apart also where their file systems do not.
+    # MPI keeps ranks on several hosts apart also where their file systems do not.
+    with _as_os_error(path):
         file = MPI.File.Open(comm, path, MPI.MODE_WRONLY)
-        for offset, data in pieces:
-            file.Write_at(offset, data)
+    try:
+        with agreed(comm, f"write {path}"), _as_os_error(path):
+            for offset, data in pieces:
+                file.Write_at(offset, data)
         if durable:
             file.Sync()
+    finally:
+        file.Close()
+
+
+@contextmanager
+def _as_os_error(path: Path) -> Iterator[None]:
+    """Context in which errors of MPI become those of the operating system. Local."""
+    try:
+        yield
     except MPI.Exception as error:
         free = shutil.disk_usage(path.parent).free
         reason = f"{error.error_string}, with {free} bytes free in this folder"
         raise OSError(errno.EIO, reason) from None
-    finally:
-        if file is not None:
-            file.Close()
 
 
 def _put(file: BinaryIO, offset: int, data: Any) -> None:

@@ -313,6 +313,7 @@ def once(function, *arguments):
     if calls == int(sys.argv[5]):
         if when == "_write":
             comm, path, pieces, durable = arguments
+            pieces = list(pieces)
             function(comm, path, pieces[: len(pieces) // 2], durable)
         os.kill(os.getpid(), signum)
     return function(*arguments)
