@@ -55,11 +55,8 @@ def save(path: Path, stepper: Stepper, *others: HasState) -> None:
     archive = _Writer(stepper)
     for part in (stepper, *others):
         part.serialize(archive)
-    sha256 = archive.digest(scene)
-    arrays = archive.arrays
-    write_hdf5(
-        archive.comm, path, arrays, durable=True, format=FORMAT, scene=scene, sha256=sha256
-    )
+    attributes = {"format": FORMAT, "scene": scene, "sha256": archive.digest(scene)}
+    write_hdf5(archive.comm, path, archive.arrays, attributes, durable=True)
 
 
 def load(path: Path, stepper: Stepper, *others: HasState) -> None:
@@ -98,7 +95,7 @@ class _Writer(Archive):
     """Archive that collects what this rank writes."""
 
     def __init__(self, stepper: Stepper) -> None:
-        self.comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self.comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self.arrays: dict[str, list[Slab]] = {}
         self.local("partition", [_partition(stepper)])
 

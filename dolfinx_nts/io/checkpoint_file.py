@@ -57,7 +57,7 @@ class CheckpointFile:
             except Exception as error:  # damaged files make h5py raise errors of many kinds
                 raise ValueError(f"expected a checkpoint, given {path}: {error}") from None
         sums = reductions.total(comm, sums)
-        if digest(text, kinds, dict(zip(kinds, sums.tolist(), strict=True))) != sha256:
+        if digest(text, kinds, dict(zip(kinds, map(int, sums), strict=True))) != sha256:
             raise ValueError(f"expected a whole checkpoint, given {path}, whose values are damaged")
         self.scene: dict[str, str] = json.loads(text)
         self._file = h5py.File(path, "r")

@@ -18,7 +18,8 @@ __all__ = ["FieldsFolder"]
 class FieldsFolder:
     """The folder ``run_fields`` beside ``run.xdmf`` or ``run.vtkhdf``.
 
-    Each file in it appears as a whole in one instant. All methods but `write` are local, for rank 0.
+    Each file in it appears as a whole in one instant. All methods but `write` are for
+    rank 0.
 
     Args:
         index: The file that refers to the folder.
@@ -61,14 +62,14 @@ class FieldsFolder:
 
     def write(
         self,
-        comm: MPI.Comm,
+        comm: MPI.Intracomm,
         name: str,
         arrays: Mapping[str, Sequence[Slab]],
-        **attributes: float | Sequence[float],
+        attributes: Mapping[str, float | Sequence[float]],
     ) -> None:
         """Write a file, or give it a new content, see `write_hdf5`. Collective."""
         path = self.path / name
-        write_hdf5(comm, path, arrays, **attributes)
+        write_hdf5(comm, path, arrays, attributes)
         if comm.rank == 0:
             self._unsynced.append(path)
 

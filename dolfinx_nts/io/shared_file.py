@@ -29,12 +29,12 @@ __all__ = ["write_hdf5"]
 
 
 def write_hdf5(
-    comm: MPI.Comm,
+    comm: MPI.Intracomm,
     path: Path,
     arrays: Mapping[str, Sequence[Slab]],
+    attributes: Mapping[str, str | float | Sequence[float]],
     *,
     durable: bool = False,
-    **attributes: str | float | Sequence[float],
 ) -> None:
     """Give an HDF5 file a new content in one instant, or create it. Collective.
 
@@ -44,8 +44,8 @@ def write_hdf5(
         arrays: Datasets by name, in which the arrays of the slabs lie one behind the other. A
             name may contain slashes for groups. A rank may leave out an array of which it has
             no rows.
-        durable: Also wait until the disk has it, so that it survives a power failure.
         attributes: Attributes of the file; those of rank 0 count.
+        durable: Also wait until the disk has it, so that it survives a power failure.
 
     Raises:
         OSError: The content cannot be written, for instance because the disk is full. A file
@@ -113,7 +113,7 @@ def _pieces(
 
 
 def _write(
-    comm: MPI.Comm, path: Path, pieces: Iterable[tuple[int, Any]], durable: bool
+    comm: MPI.Intracomm, path: Path, pieces: Iterable[tuple[int, Any]], durable: bool
 ) -> None:
     """Write bytes into a file. Collective."""
     if comm.size == 1:

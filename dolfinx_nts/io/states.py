@@ -2,9 +2,6 @@
 
 from mpi4py import MPI
 
-import numpy as np
-
-from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.parallel.slabs import Slab, Slabs
@@ -39,22 +36,8 @@ class States:
             Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the pieces of
             cells, also tensors ``(m, 9)``, by names that begin with ``cells/``.
         """
-        fields = _ordered(self._nodes, self._fields.nodal())
-        for name, slab in _ordered(self._cells, self._fields.of_cells()).items():
+        fields = self._nodes.together(self._fields.nodal())
+        for name, slab in self._cells.together(self._fields.of_cells()).items():
             pieces, *shape = slab.values.shape[1:]
             fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)
         return fields
-
-
-def _ordered(slabs: Slabs, fields: dict[str, Array]) -> dict[str, Slab]:
-    """Slabs of fields, which are sent together."""
-    if not fields:
-        return {}
-    parts = [values.reshape(len(values), -1) for values in fields.values()]
-    ends = np.cumsum([part.shape[1] for part in parts])
-    every = slabs.slab(np.concatenate(parts, axis=1, dtype=np.float64))
-    columns = np.split(every.values, ends[:-1], axis=1)
-    return {
-        name: every._replace(values=np.ascontiguousarray(part).reshape(-1, *values.shape[1:]))
-        for part, (name, values) in zip(columns, fields.items(), strict=True)
-    }

@@ -59,7 +59,7 @@ class VtkHdfFile:
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
         self._stepper, self._path = stepper, path
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._present = States(stepper, fields).present
         self._folder = FieldsFolder(path, _OWN)
         self._steps: set[int] = set()
@@ -103,7 +103,7 @@ class VtkHdfFile:
         self._grid = {name: Field.of(slab) for name, slab in arrays.items()}
         self._held, self._due = [], 0.0
         self._steps = on_root(self._comm, lambda: self._begin(resume))
-        self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()})
+        self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
     def write(self) -> None:
         """Take the present state, unless that has been done, and write it sooner or later.
@@ -143,7 +143,7 @@ class VtkHdfFile:
         steps, times, states = zip(*held, strict=True)
         name = f"{steps[0]:09d}-{steps[-1]:09d}.h5"
         slabs = {of: [state[of] for state in states] for of in states[0]}
-        self._folder.write(self._comm, name, slabs, steps=steps, times=times)
+        self._folder.write(self._comm, name, slabs, {"steps": steps, "times": times})
         fields = {of: Field.of(slab) for of, slab in states[0].items()}
         block = Block(self._reference(name), steps, times, fields)
         on_root(self._comm, lambda: self._add(block, start))
@@ -152,7 +152,8 @@ class VtkHdfFile:
 
     def _must_write(self) -> bool:
         """Whether the states that are held back must be written now."""
-        size = sum(slab.values.nbytes for *_, state in self._held for slab in state.values())
+        _, _, state = self._held[-1]
+        size = len(self._held) * sum(slab.values.nbytes for slab in state.values())
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:

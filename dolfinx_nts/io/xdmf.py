@@ -66,7 +66,7 @@ class XdmfFile:
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
         self._stepper = stepper
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._present = States(stepper, fields).present
         self._folder = FieldsFolder(path, _OWN)
         first = path.name[0]
@@ -108,7 +108,7 @@ class XdmfFile:
         """
         mesh = mesh_arrays(self._stepper)
         self._steps = on_root(self._comm, lambda: self._begin(mesh, resume))
-        self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()})
+        self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
     def write(self) -> None:
         """Write the present state, unless that has been done.
@@ -122,7 +122,7 @@ class XdmfFile:
             return
         fields, name, t = self._present(), f"{step:09d}.h5", self._stepper.t
         slabs = {of: [slab] for of, slab in fields.items()}
-        self._folder.write(self._comm, name, slabs, time=t)
+        self._folder.write(self._comm, name, slabs, {"time": t})
         on_root(self._comm, lambda: self._series.append(self._state_xml(name, t, fields)))
         self._steps.add(step)
 

@@ -4,13 +4,14 @@ The order does not depend on the partition, and no rank has the rows of all. So 
 write an array to a file, each its slab, and the file is the same on any number of ranks.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, GlobalInts
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined
 
@@ -88,6 +89,23 @@ class Slabs:
         """
         ordered = self._exchanged(rows.take(self._order, axis=0))[self._merge]
         return Slab(ordered, self._begin, self._length)
+
+    def together(self, fields: Mapping[str, Floats]) -> dict[str, Slab]:
+        """Bring rows of several fields into slabs, by one message between any two ranks.
+
+        Args:
+            fields: Rows of this rank by name, see `slab`.
+        """
+        if self._comm.size == 1 or not fields:
+            return {name: self.slab(rows) for name, rows in fields.items()}
+        parts = [rows.reshape(len(rows), -1) for rows in fields.values()]
+        ends = np.cumsum([part.shape[1] for part in parts])
+        every = self.slab(np.concatenate(parts, axis=1, dtype=np.float64))
+        columns = np.split(every.values, ends[:-1], axis=1)
+        return {
+            name: every._replace(values=part.reshape(-1, *rows.shape[1:]))
+            for part, (name, rows) in zip(columns, fields.items(), strict=True)
+        }
 
     def numbers(self) -> Slab:
         """Numbers of the rows, sorted. Local."""

@@ -30,7 +30,7 @@ def moved(stepper):
     """Give each node a displacement and a velocity that its number decides."""
     V = stepper.u.function_space
     ids = input_ids(V)[:, None] % 1013
-    stepper.u.x.array[:] = (1e-3 * np.sin(ids + [1, 2, 3])).ravel()
+    stepper.u.x.array[:] = (1e-3 * np.sin(ids * [0.1, 0.2, 0.3])).ravel()
     stepper.v.x.array[:] = np.cos(ids * [1, 2, 3]).ravel()
     return stepper
 

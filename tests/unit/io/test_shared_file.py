@@ -39,8 +39,9 @@ def test_hdf5_reads_what_the_ranks_have_written(comm, folder, agree):
     }
     if comm.rank == 0:
         arrays["number"] = [Slab.whole(np.array(0.5))]
+    attributes = {"time": 0.1, "name": "ä", "steps": (1, 2)}
     for durable in (False, True):
-        write_hdf5(comm, path, arrays, durable=durable, time=0.1, name="ä", steps=(1, 2))
+        write_hdf5(comm, path, arrays, attributes, durable=durable)
     comm.barrier()
     with h5py.File(path) as file:
         assert agree(np.array_equal(file["x"], np.concatenate([x, -x])))
@@ -50,15 +51,15 @@ def test_hdf5_reads_what_the_ranks_have_written(comm, folder, agree):
             own = file[f"own/{rank}"]
             assert agree(own.dtype == np.int32 and len(own) == rank + 1)
             assert agree(np.array_equal(own, np.arange(rank + 1)))
-        attributes = {key: np.asarray(value).tolist() for key, value in file.attrs.items()}
-        assert agree(attributes == {"time": 0.1, "name": "ä", "steps": [1, 2]})
+        found = {key: np.asarray(value).tolist() for key, value in file.attrs.items()}
+        assert agree(found == {"time": 0.1, "name": "ä", "steps": [1, 2]})
     comm.barrier()
     assert agree(list(folder.iterdir()) == [path])
 
 
 def test_many_names_find_room(comm, folder, agree):
     whole = {f"group {n % 7}/{n}": np.arange(n + 1.0) for n in range(300)}
-    write_hdf5(comm, folder / "a", {of: [rows(comm, a)] for of, a in whole.items()})
+    write_hdf5(comm, folder / "a", {of: [rows(comm, a)] for of, a in whole.items()}, {})
     comm.barrier()
     with h5py.File(folder / "a") as file:
         assert agree(all(np.array_equal(file[name], array) for name, array in whole.items()))
@@ -71,7 +72,7 @@ def test_an_error_leaves_the_former_file_and_nothing_beside_it(comm, folder, ref
         (path / "mine").touch()
     comm.barrier()
     with refused(OSError, "Is a directory; a file of this name from before is unchanged"):
-        write_hdf5(comm, path, {"x": [rows(comm, np.ones(4))]})
+        write_hdf5(comm, path, {"x": [rows(comm, np.ones(4))]}, {})
     comm.barrier()
     assert agree([p.name for p in folder.iterdir()] == ["a"])
 
@@ -82,24 +83,22 @@ def test_an_error_on_one_rank_is_one_on_all(comm, folder, refused, monkeypatch):
             "dolfinx_nts.io.shared_file._pieces", lambda *_: map(os.stat, [folder / "nowhere"])
         )
     with refused(FileNotFoundError, "No such file.*; a file of this name from before is unchanged"):
-        write_hdf5(comm, folder / "a", {"x": [rows(comm, np.ones(4))]})
+        write_hdf5(comm, folder / "a", {"x": [rows(comm, np.ones(4))]}, {})
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize("exists", [True, False])
-def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(
-    tmp_path, monkeypatch, exists
-):
+def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(tmp_path, monkeypatch, exists):
     path, count, found = tmp_path / "a", 0, []
     while not found or found[-1] != [1.0, 1.0]:
         count += 1
         path.unlink(missing_ok=True)
         if exists:
-            write_hdf5(MPI.COMM_SELF, path, {"x": [Slab.whole(np.zeros(3))]})
+            write_hdf5(MPI.COMM_SELF, path, {"x": [Slab.whole(np.zeros(3))]}, {})
         with monkeypatch.context() as patch:
             kill_at(patch, count)
             try:
-                write_hdf5(MPI.COMM_SELF, path, {"x": [Slab.whole(np.ones(2))]})
+                write_hdf5(MPI.COMM_SELF, path, {"x": [Slab.whole(np.ones(2))]}, {})
             except Killed:
                 pass
         found.append(h5py.File(path)["x"][()].tolist() if path.exists() else None)
