@@ -122,7 +122,7 @@ def _write(
                 _put(alone, offset, data)
         return
     # MPI keeps ranks on several hosts apart also where their file systems do not.
-    with _as_os_error(path):
+    with agreed(comm, f"open {path}"), _as_os_error(path):
         file = MPI.File.Open(comm, path, MPI.MODE_WRONLY)
     try:
         with agreed(comm, f"write {path}"), _as_os_error(path):
@@ -140,8 +140,10 @@ def _as_os_error(path: Path) -> Iterator[None]:
     try:
         yield
     except MPI.Exception as error:
-        free = shutil.disk_usage(path.parent).free
-        reason = f"{error.error_string}, with {free} bytes free in this folder"
+        reason = "a rank does not see this folder, as all must that write a file together"
+        if path.parent.is_dir():
+            free = shutil.disk_usage(path.parent).free
+            reason = f"{error.error_string}, with {free} bytes free in this folder"
         raise OSError(errno.EIO, reason) from None
 
 

@@ -1,6 +1,7 @@
 """Files that all ranks write are those of one rank, and no rank needs the memory for all."""
 
 import tracemalloc
+from contextlib import suppress
 
 from mpi4py import MPI
 
@@ -12,6 +13,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.io import checkpoint
 from helpers.boxed import Box
+from helpers.readers import read_grids
 from helpers.scenes import blocks
 
 # Gaps, of lengths of about one.
@@ -74,6 +76,16 @@ def test_files_of_several_ranks_are_those_of_one_bit_for_bit(comm, folder, agree
             # that depends on the partition.
             atol = ROUND_OFF if of.endswith("gap") else 0
             assert agree(np.allclose(other[of], values, rtol=0, atol=atol, equal_nan=True)), of
+
+
+def test_an_error_that_all_ranks_have_leaves_the_states_held_back(comm, folder, agree):
+    stepper = blocks(comm).stepper
+    with suppress(ZeroDivisionError), nts.Recorder(folder / "run", stepper) as record:
+        for step in stepper.run(until=3 * stepper.dt):
+            record.write(step)
+        raise ZeroDivisionError
+    comm.barrier()
+    assert agree(len(read_grids(folder / "run.vtkhdf")[0]) == 4)
 
 
 def peak(write):
