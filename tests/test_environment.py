@@ -182,6 +182,32 @@ def test_one_debian_is_not_entered_from_another(host: Host) -> None:
     assert host.builds() == 0
 
 
+def test_debian_sees_all_folders_of_users(host: Host) -> None:
+    host.stub("bwrap", '(($# < 5)) || echo "$@" > "$HOME/binds"' + STUBS["bwrap"])
+    assert host.call("true")[0] == 0
+    binds = (host.home / "binds").read_text()
+    folders = {path for path in Path("/").iterdir() if path.is_dir()}
+    system = set(
+        "bin boot dev etc lib lib32 lib64 libx32 lost+found proc run sbin sys usr var".split()
+    )
+    for folder in folders - {Path("/", name) for name in (*system, "tmp")}:
+        assert f"--bind {folder} {folder} " in binds
+    assert not [name for name in system if f"--bind /{name} " in binds]
+
+
+def test_what_debian_hides_is_named(host: Host) -> None:
+    host.call("true")
+    hidden = "/usr/bin/env"
+    where = "copy it to a folder outside of /usr/"
+    for argument in (hidden, f"--mesh={hidden}"):
+        status, _, error = host.call("true", argument, "/tmp", "/nowhere", "-x", "")
+        assert status == 0 and hidden in error and error.endswith(where)
+    (there,) = host.cache.glob("debian-*/root")
+    (there / "usr" / "bin").mkdir(parents=True)
+    (there / "usr" / "bin" / "env").touch()
+    assert host.call("true", hidden)[1:] == ("", "")
+
+
 @pytest.mark.parametrize("command", ["exit 3", "kill -TERM $$", "kill -KILL $$"])
 def test_exit_status_passes_bubblewrap(host: Host, command: str) -> None:
     expected = subprocess.run(["bash", "-c", f"bash -c '{command}'; exit $?"]).returncode

@@ -19,9 +19,6 @@ from dolfinx_nts.search.overlaps import Overlap
 
 __all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]
 
-# How much farther nodes look where the last look found nothing [-].
-_FARTHER = 4.0
-
 
 @dataclass(frozen=True)
 class PairBalance:
@@ -168,8 +165,8 @@ class ContactDiagnostics:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
 
         Pairs whose bounding boxes are farther apart than the least gap found so far are left
-        out, and so are segments farther from a node than that. Otherwise nodes look farther and
-        farther until one finds a segment.
+        out, and so are segments farther from a node than that. Where no node finds a segment at
+        once, nodes look at any distance.
         """
         x, pairs, least = self.stepper.x, self.stepper.contacts, np.inf
         nearest, farthest = self._distances(x)
@@ -178,15 +175,16 @@ class ContactDiagnostics:
             # The point of a gap may lie beside a facet, by up to its size.
             limit = min(least, farthest[i]) + size
             # Nodes that face nothing look at all segments in reach, so most looks are short.
-            reach = limit if nearest[i] < 0 else nearest[i] + size
+            reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
-                gap = pair.gap(x, min(reach, limit))
+                gap = pair.gap(x, reach)
                 own = reductions.least(self._comm, float(gap[~np.isnan(gap)].min(initial=np.inf)))
                 enough = min(own + size, limit)
                 if reach >= enough:
                     least = min(least, own)
                     break
-                reach = enough if own < np.inf else _FARTHER * reach
+                # Without a limit a node soon knows that it faces nothing.
+                reach = enough if own < np.inf else np.inf
         return least if least < np.inf else np.nan
 
     def overlaps(self) -> list[Overlap]:

@@ -1,7 +1,7 @@
 """Fields at the nodes: motion, and contact where there is a surface."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,12 +20,14 @@ class _Rule(NamedTuple):
         of: Values at the nodes of a pair, from the pair and the positions of all nodes.
         joined: Joins the values of a node that belongs to several pairs.
         elsewhere: Value of nodes without a pair.
+        shape: Shape of the value of a node.
         needs_friction: Whether only pairs with friction have the field.
     """
 
     of: Callable[[PairState, Floats], Array]
     joined: Callable[[Array, Array], Array]
-    elsewhere: Any = 0.0
+    elsewhere: float = 0.0
+    shape: tuple[int, ...] = ()
     needs_friction: bool = False
 
 
@@ -34,15 +36,15 @@ _RULES = {
     "contact_pressure": _Rule(lambda pair, x: pair.pressure, np.add),
     "active": _Rule(lambda pair, x: pair.history.active.astype(np.float64), np.maximum),
     "contact_traction": _Rule(
-        lambda pair, x: pair.nodes.per_area(pair.history.force), np.add, np.zeros(3)
+        lambda pair, x: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
     ),
     "friction_traction": _Rule(
-        lambda pair, x: -pair.nodes.per_area(pair.history.traction), np.add, np.zeros(3), True
+        lambda pair, x: -pair.nodes.per_area(pair.history.traction), np.add, 0.0, (3,), True
     ),
     "slip_state": _Rule(
-        lambda pair, x: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, True
+        lambda pair, x: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, (), True
     ),
-    "accumulated_slip": _Rule(lambda pair, x: pair.history.slip, np.add, 0.0, True),
+    "accumulated_slip": _Rule(lambda pair, x: pair.history.slip, np.add, 0.0, (), True),
 }
 
 
@@ -56,10 +58,13 @@ def contact_field(stepper: Stepper, name: str) -> Array:
     Returns:
         Values, shape ``(n,)`` or ``(n, 3)``.
     """
-    rule, x = _RULES[name], stepper.x
-    values: Array = np.tile(rule.elsewhere, (len(stepper.node_ids), 1))
-    if not np.ndim(rule.elsewhere):
-        values = values[:, 0]
+    return _of_contact(stepper, name, stepper.x)
+
+
+def _of_contact(stepper: Stepper, name: str, x: Floats) -> Array:
+    """The same, given the positions of the nodes."""
+    rule = _RULES[name]
+    values: Array = np.full((len(stepper.node_ids), *rule.shape), rule.elsewhere)
     for contact in stepper.contacts:
         if contact.pair.friction is not None or not rule.needs_friction:
             at = contact.nodes.nodes
@@ -94,7 +99,8 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
         "velocity": in_space(nodal(stepper.v)[:n]),
     }
     has_friction = any(pair.friction is not None for pair in stepper.pairs)
+    x = stepper.x
     for name, rule in _RULES.items():
         if stepper.pairs and (has_friction or not rule.needs_friction):
-            fields[name] = contact_field(stepper, name)
+            fields[name] = _of_contact(stepper, name, x)
     return fields

@@ -7,14 +7,21 @@ one, never a part of one.
 
 import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
 
-from dolfinx_nts.common.arrays import Array
-
-__all__ = ["check_replaceable", "hdf5_file_image", "hdf5_image", "replace", "sync"]
+__all__ = [
+    "beside",
+    "check_replaceable",
+    "hdf5_file_image",
+    "replace",
+    "sync",
+    "take_name",
+    "unchanged",
+]
 
 
 def check_replaceable(*paths: Path) -> None:
@@ -29,27 +36,6 @@ def check_replaceable(*paths: Path) -> None:
     for path in paths:
         if path.exists() and not (path.is_file() and os.access(path, os.W_OK)):
             raise OSError(f"expected a file that can be replaced, given {path}")
-
-
-def hdf5_image(
-    values: Mapping[str, Array], **attributes: str | float | Sequence[float]
-) -> memoryview:
-    """Content of an HDF5 file, which is made in memory. Local.
-
-    Args:
-        values: Datasets by name; a name may contain slashes for groups.
-        attributes: Attributes of the file.
-
-    Returns:
-        The bytes of the file.
-    """
-
-    def fill(file: h5py.File) -> None:
-        for name, array in values.items():
-            file[name] = array
-        file.attrs.update(attributes)
-
-    return hdf5_file_image(fill)
 
 
 def hdf5_file_image(fill: Callable[[h5py.File], None]) -> memoryview:
@@ -80,18 +66,48 @@ def replace(path: Path, image: bytes | memoryview, *, durable: bool = False) -> 
         OSError: The content cannot be written, for instance because the disk is full. A file
             that existed before is unchanged.
     """
-    beside = path.with_name(f"{path.name}.new")
-    try:
-        beside.write_bytes(image)
-        if durable:
-            sync(beside)
-        os.replace(beside, path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        reason = f"{error.strerror}; a file of this name from before is unchanged"
-        raise OSError(error.errno, reason, str(path)) from None
+    with unchanged(path):
+        beside(path).write_bytes(image)
+        take_name(path, durable=durable)
+
+
+def beside(path: Path) -> Path:
+    """File in which the new content of another one is made. Local."""
+    return path.with_name(f"{path.name}.new")
+
+
+def take_name(path: Path, *, durable: bool = False) -> None:
+    """Give a file the content that lies beside it, in one instant. Local.
+
+    Args:
+        path: The file.
+        durable: Also wait until the disk has the new content and the name.
+    """
+    if durable:
+        sync(beside(path))
+    os.replace(beside(path), path)
     if durable:
         sync(path.parent)
+
+
+@contextmanager
+def unchanged(path: Path, removes: bool = True) -> Iterator[None]:
+    """Context after whose errors nothing lies beside a file. Local.
+
+    Args:
+        path: The file.
+        removes: Whether this rank removes what lies there.
+
+    Raises:
+        OSError: That of the context, with the remark that the file is unchanged.
+    """
+    try:
+        yield
+    except OSError as error:
+        if removes:
+            beside(path).unlink(missing_ok=True)
+        reason = f"{error.strerror}; a file of this name from before is unchanged"
+        raise OSError(error.errno, reason, str(path)) from None
 
 
 def sync(*paths: Path) -> None:

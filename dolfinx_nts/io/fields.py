@@ -18,8 +18,8 @@ from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress
-from dolfinx_nts.parallel.communication import gathered
 from dolfinx_nts.parallel.errors import agreed
+from dolfinx_nts.parallel.slabs import Slab, Slabs
 
 __all__ = ["OwnField", "RunFields", "mesh_arrays"]
 
@@ -35,8 +35,8 @@ _VTK_ORDER = {
 }
 
 
-def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
-    """Collect the mesh on rank 0, in the numbering of the file it was read from.
+def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
+    """Arrays of the mesh, in the numbering of the file it was read from.
 
     Collective. A cell of degree 2 becomes eight cells of degree 1 between its nodes, so that
     every reader can show all nodes.
@@ -45,20 +45,21 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
         stepper: Stepper whose bodies fill the mesh.
 
     Returns:
-        On rank 0 ``points``, the reference positions of the nodes, shape ``(n, 3)`` [m];
-        ``cells``, the nodes of each cell in the order of VTK, shape ``(m, 3)``,
+        Rows for this rank: ``points``, the reference positions of the nodes, shape ``(n, 3)``
+        [m]; ``cells``, the nodes of each cell in the order of VTK, shape ``(m, 3)``,
         ``(m, 4)`` or ``(m, 8)``;
-        and ``body``, the position of each cell's body in ``stepper.bodies``, shape ``(m,)``. On
-        other ranks the arrays have no meaning.
+        and ``body``, the position of each cell's body in ``stepper.bodies``, shape ``(m,)``.
     """
     V = stepper.u.function_space
     mesh, element = V.mesh, Element.of(V)
     comm: MPI.Comm = mesh.comm
-    points = V.tabulate_dof_coordinates()
-    # The vertices as they were read: tabulated ones have a round-off error that depends on the
-    # partition.
-    corners = geometry_nodes(mesh)
-    points[V.dofmap.list[:, : corners.shape[1]]] = mesh.geometry.x[corners]
+    # The nodes as they were read, and middles between these: tabulated coordinates have a
+    # round-off error that depends on the partition.
+    points, read = V.tabulate_dof_coordinates(), mesh.geometry.x[geometry_nodes(mesh)]
+    if read.shape[1] < len(element.points):
+        for node, pairs in enumerate(element.diagonals):
+            points[V.dofmap.list[:, node]] = read[:, pairs].mean(axis=2).mean(axis=1)
+    points[V.dofmap.list[:, : read.shape[1]]] = read
     cell = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local)
     original = mesh.topology.original_cell_index[cell]
     body = np.empty(len(cell), dtype=np.int32)
@@ -66,14 +67,15 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Array]:
         body[b.cells] = number
     order = _VTK_ORDER[mesh.topology.cell_name()]
     pieces = input_ids(V)[V.dofmap.list[cell]][:, element.pieces[:, order]]
-    cells = gathered(comm, original, pieces)[1].reshape(-1, len(order))
     ids = stepper.node_ids
-    numbers, points = gathered(comm, ids, points[: len(ids)])
-    bodies = gathered(comm, original, body)[1]
+    nodes, cells = Slabs(comm, ids), Slabs(comm, original)
+    pieces = nodes.places(pieces.ravel()).reshape(len(pieces), -1)
     return {
-        "points": points,
-        "cells": np.searchsorted(numbers, cells),
-        "body": np.repeat(bodies, len(element.pieces)),
+        "points": nodes.slab(points[: len(ids)]),
+        "cells": cells.slab(pieces).split(len(element.pieces), len(order)),
+        "body": cells.slab(np.repeat(body[:, None], len(element.pieces), axis=1)).split(
+            len(element.pieces)
+        ),
     }
 
 

@@ -8,7 +8,7 @@ __all__ = ["FieldsFile"]
 
 
 class FieldsFile(Protocol):
-    """File with the fields of a run. Collective, as all its methods except `check` and `leave`."""
+    """File with the fields of a run. Collective, as all its methods except `check`."""
 
     def check(self) -> None:
         """Refuse names under which nothing can be written. Local."""
@@ -29,4 +29,4 @@ class FieldsFile(Protocol):
         """Complete the files."""
 
     def leave(self) -> None:
-        """Write what is held back, after an error. Local, as ranks may be apart."""
+        """Write what is held back after an error, unless the ranks are apart."""

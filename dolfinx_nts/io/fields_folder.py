@@ -3,18 +3,23 @@
 import itertools
 import os
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from dolfinx_nts.io.atomic_file import check_replaceable, replace, sync
+from mpi4py import MPI
+
+from dolfinx_nts.io.atomic_file import check_replaceable, sync
+from dolfinx_nts.io.shared_file import write_hdf5
+from dolfinx_nts.parallel.slabs import Slab
 
 __all__ = ["FieldsFolder"]
 
 
 class FieldsFolder:
-    """The folder ``run_fields`` beside ``run.xdmf`` or ``run.vtkhdf``. Local, as its methods.
+    """The folder ``run_fields`` beside ``run.xdmf`` or ``run.vtkhdf``.
 
-    Each file in it appears as a whole in one instant.
+    Each file in it appears as a whole in one instant. All methods but `write` are for
+    rank 0.
 
     Args:
         index: The file that refers to the folder.
@@ -25,7 +30,7 @@ class FieldsFolder:
     """
 
     def __init__(self, index: Path, own: re.Pattern[str]) -> None:
-        """Take the names; `replace` creates files."""
+        """Take the names; `write` creates files."""
         self.path = index.with_name(f"{index.stem}_fields")
         self._index, self._own = index, own
         self._unsynced: list[Path] = []
@@ -55,11 +60,18 @@ class FieldsFolder:
                 path.unlink()
         self.path.mkdir(exist_ok=True)
 
-    def replace(self, name: str, image: memoryview) -> None:
-        """Write a file, or give it a new content."""
+    def write(
+        self,
+        comm: MPI.Intracomm,
+        name: str,
+        arrays: Mapping[str, Sequence[Slab]],
+        attributes: Mapping[str, float | Sequence[float]],
+    ) -> None:
+        """Write a file, or give it a new content, see `write_hdf5`. Collective."""
         path = self.path / name
-        replace(path, image)
-        self._unsynced.append(path)
+        write_hdf5(comm, path, arrays, attributes)
+        if comm.rank == 0:
+            self._unsynced.append(path)
 
     def sync(self) -> None:
         """Wait until the disk has all files, so that they survive a power failure."""

@@ -15,10 +15,10 @@ from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.schemes import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.checkpoint import Reader, read
+from dolfinx_nts.io.checkpoint import Reader
+from dolfinx_nts.io.checkpoint_file import CheckpointFile
 from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import on_root
 
 __all__ = ["load_state"]
 
@@ -70,24 +70,17 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     """
     path, comm = Path(path), stepper.u.function_space.mesh.comm
     now = fingerprint(stepper)
-    values, scene = {}, {}
-
-    def matching() -> None:
-        read_values, read_scene = read(path)
-        if read_scene["mesh"] != now["mesh"]:
+    with CheckpointFile(comm, path) as file:
+        scene = file.scene
+        if scene["mesh"] != now["mesh"]:
             raise ValueError(
                 f"expected a checkpoint of this mesh, nodes and cells, given {path}, in which it "
-                f"is {read_scene['mesh']} instead of {now['mesh']}"
+                f"is {scene['mesh']} instead of {now['mesh']}"
             )
-        values.update(read_values)
-        scene.update(read_scene)
-
-    on_root(comm, matching)
-    scene = comm.bcast(scene)
-    kept = _kept(scene, now)
-    contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
-    same_scheme = scene["integrator"] == now["integrator"]
-    stepper.adopt(Reader(stepper, values), contacts, same_scheme=same_scheme)
+        kept = _kept(scene, now)
+        contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
+        same_scheme = scene["integrator"] == now["integrator"]
+        stepper.adopt(Reader(stepper, file), contacts, same_scheme=same_scheme)
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
     names = pair_names(stepper.pairs)
     for i, name in enumerate(names):

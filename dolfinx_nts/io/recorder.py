@@ -54,8 +54,9 @@ class Recorder:
     The **fields** ``name.vtkhdf`` can be opened with ParaView 5.13 and VTK 9.4 or newer. Their
     values lie in the folder ``name_fields``, in one HDF5 file for the mesh and one for several
     states, which are held back for about a second so that writing them costs little: a kill
-    loses them, an error does not. With ``fields="xdmf"`` the file is ``name.xdmf``, which
-    older programs and meshio read too, and each state has a file of its own, at once.
+    loses them, an error that all ranks have does not. With ``fields="xdmf"`` the file is
+    ``name.xdmf``, which older programs and meshio read too, and each state has a file of its
+    own, at once.
 
     A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
     ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.

@@ -33,7 +33,7 @@ _KINDS: dict[str, tuple[str, Callable[[Path, Stepper, RunFields], FieldsFile]]] 
 class RunFiles:
     """Table, fields and checkpoint of a run.
 
-    Collective, as all its methods except `close`.
+    Collective, as all its methods except `how_to_go_on`.
 
     Args:
         name: Path of the files without suffix.
@@ -149,7 +149,7 @@ class RunFiles:
         return ledger, self._table, self.fields, self._script
 
     def close(self) -> None:
-        """Close the files and release the name. Local, as ranks may be apart after an error.
+        """Close the files and release the name, also where ranks are apart after an error.
 
         Raises:
             OSError: States that were held back cannot be written.

@@ -1,13 +1,10 @@
-"""States of a run, collected for the files of its fields."""
+"""States of a run for the files of its fields."""
 
 from mpi4py import MPI
 
-import numpy as np
-
-from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
-from dolfinx_nts.parallel.ordered_rows import OrderedRows
+from dolfinx_nts.parallel.slabs import Slab, Slabs
 
 __all__ = ["CELLS", "States"]
 
@@ -16,11 +13,11 @@ CELLS = "cells/"
 
 
 class States:
-    """Collects the fields of the present state on rank 0, in the numbering of the mesh as read.
+    """Brings the fields of the present state into the order of the mesh as read.
 
     Args:
         stepper: Stepper of the run.
-        fields: What is collected of each state.
+        fields: What is taken of each state.
     """
 
     def __init__(self, stepper: Stepper, fields: RunFields) -> None:
@@ -29,33 +26,18 @@ class States:
         mesh = stepper.u.function_space.mesh
         comm: MPI.Comm = mesh.comm
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        self._nodes = OrderedRows(comm, stepper.node_ids)
-        self._cells = OrderedRows(comm, mesh.topology.original_cell_index[:owned])
+        self._nodes = Slabs(comm, stepper.node_ids)
+        self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
-    def present(self) -> dict[str, Array]:
-        """Collect the present state. Collective.
+    def present(self) -> dict[str, Slab]:
+        """Rows of the present state for this rank. Collective.
 
         Returns:
-            On rank 0 values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the
-            pieces of cells, also tensors ``(m, 9)``, by names that begin with ``cells/``. On
-            other ranks they have no meaning.
+            Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the pieces of
+            cells, also tensors ``(m, 9)``, by names that begin with ``cells/``.
         """
-        values = _collected(self._nodes, self._fields.nodal())
-        for name, rows in _collected(self._cells, self._fields.of_cells()).items():
-            values[f"{CELLS}{name}"] = rows.reshape(-1, *rows.shape[2:])
-        return values
-
-
-def _collected(order: OrderedRows, fields: dict[str, Array]) -> dict[str, Array]:
-    """Fields of all ranks, which are sent together."""
-    if not fields:
-        return {}
-    shapes = [values.shape[1:] for values in fields.values()]
-    ends = np.cumsum([int(np.prod(shape, dtype=int)) for shape in shapes])
-    parts = [values.reshape(len(values), -1) for values in fields.values()]
-    every: Floats = order.collected(np.concatenate(parts, axis=1))
-    columns = np.split(every, ends[:-1], axis=1)
-    return {
-        name: np.ascontiguousarray(part).reshape(-1, *shape)
-        for name, part, shape in zip(fields, columns, shapes, strict=True)
-    }
+        fields = self._nodes.together(self._fields.nodal())
+        for name, slab in self._cells.together(self._fields.of_cells()).items():
+            pieces, *shape = slab.values.shape[1:]
+            fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)
+        return fields

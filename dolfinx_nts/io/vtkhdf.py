@@ -6,8 +6,8 @@ in ``000000051-000000080.h5``. States are held back for a second at most, or unt
 much memory, and then written together, which takes a tenth of the time. Each file appears
 as a whole in one instant, so a killed program leaves whole states.
 
-Rank 0 collects and writes everything in the numbering of the mesh as read. What readers find
-does not depend on the partition, and a run on another number of ranks can continue the files.
+All ranks write their rows, in the numbering of the mesh as read. What readers find does not
+depend on the partition, and a run on another number of ranks can continue the files.
 """
 
 import logging
@@ -20,14 +20,15 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.atomic_file import hdf5_file_image, hdf5_image, replace
+from dolfinx_nts.io.atomic_file import hdf5_file_image, replace
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
 from dolfinx_nts.io.states import States
 from dolfinx_nts.io.vtkhdf_index import Block, Field, grid_arrays, write_index
 from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.parallel.errors import all_come
+from dolfinx_nts.parallel.slabs import Slab
 
 __all__ = ["VtkHdfFile"]
 
@@ -38,7 +39,7 @@ _BLOCK = re.compile(r"\d{9}-\d{9}\.h5")
 # A killed program leaves ``.new`` of a file that it was about to replace.
 _OWN = re.compile(r"(\d{9}-\d{9}|grid)\.h5(\.new)?")
 # Longest time for which a state is held back [s], also relative to that of the last writing [-],
-# as the index grows, and most memory for states that are [bytes].
+# as the index grows, and most memory of a rank for states that are [bytes].
 _LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
 
 
@@ -46,7 +47,7 @@ class VtkHdfFile:
     """Writes the fields of a run and the number of the body of each cell.
 
     Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
-    all its methods except `check` and `leave`.
+    all its methods except `check`.
 
     Args:
         path: The VTKHDF file. The folder beside it has its name with ``_fields`` in the place
@@ -58,14 +59,14 @@ class VtkHdfFile:
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
         self._stepper, self._path = stepper, path
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._present = States(stepper, fields).present
         self._folder = FieldsFolder(path, _OWN)
         self._steps: set[int] = set()
         self._grid: dict[str, Field] = {}
         self._blocks: list[Block] = []
         # States that are held back, with step and time, and when they must be written [s].
-        self._held: list[tuple[int, float, dict[str, Array]]] = []
+        self._held: list[tuple[int, float, dict[str, Slab]]] = []
         self._due = 0.0
 
     def check(self) -> None:
@@ -97,8 +98,12 @@ class VtkHdfFile:
         Raises:
             OSError: The files cannot be written.
         """
-        mesh = mesh_arrays(self._stepper)
-        self._steps = on_root(self._comm, lambda: self._open(mesh, resume))
+        cell = self._stepper.u.function_space.mesh.topology.cell_name()
+        arrays = grid_arrays(mesh_arrays(self._stepper), cell)
+        self._grid = {name: Field.of(slab) for name, slab in arrays.items()}
+        self._held, self._due = [], 0.0
+        self._steps = on_root(self._comm, lambda: self._begin(resume))
+        self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
     def write(self) -> None:
         """Take the present state, unless that has been done, and write it sooner or later.
@@ -110,53 +115,56 @@ class VtkHdfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        state = self._present()
-        on_root(self._comm, lambda: self._hold(step, state))
+        self._held.append((step, self._stepper.t, self._present()))
         self._steps.add(step)
+        if on_root(self._comm, self._must_write):
+            self._write_held()
 
     def flush(self) -> None:
         """Wait until the disk has all states, so that they survive a power failure."""
-
-        def wait() -> None:
-            self.leave()
-            self._folder.sync()
-
-        on_root(self._comm, wait)
+        self._write_held()
+        on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
         """Write the states that are held back."""
-        on_root(self._comm, self.leave)
-
-    # --- on rank 0 --------------------------------------------------------
+        self._write_held()
 
     def leave(self) -> None:
-        """Write the states that are held back, also after an error. Local."""
+        """Write the states that are held back after an error, unless the ranks are apart."""
+        if self._held and all_come(self._comm, f"write the last fields of {self._path}"):
+            self._write_held()
+
+    def _write_held(self) -> None:
+        """Write the states that are held back."""
         held, self._held = self._held, []
         if not held:
             return
         start = time.monotonic()
         steps, times, states = zip(*held, strict=True)
         name = f"{steps[0]:09d}-{steps[-1]:09d}.h5"
-        fields = {of: np.concatenate([state[of] for state in states]) for of in states[0]}
-        self._folder.replace(name, hdf5_image(fields, steps=steps, times=times))
-        shapes = {of: Field.of(values) for of, values in states[0].items()}
-        self._blocks.append(Block(self._reference(name), steps, times, shapes))
+        slabs = {of: [state[of] for state in states] for of in states[0]}
+        self._folder.write(self._comm, name, slabs, {"steps": steps, "times": times})
+        fields = {of: Field.of(slab) for of, slab in states[0].items()}
+        block = Block(self._reference(name), steps, times, fields)
+        on_root(self._comm, lambda: self._add(block, start))
+
+    # --- on rank 0 --------------------------------------------------------
+
+    def _must_write(self) -> bool:
+        """Whether the states that are held back must be written now."""
+        _, _, state = self._held[-1]
+        size = len(self._held) * sum(slab.values.nbytes for slab in state.values())
+        return time.monotonic() >= self._due or size >= _MOST
+
+    def _add(self, block: Block, start: float) -> None:
+        """Let the index refer to one block more, whose writing began at a time [s]."""
+        self._blocks.append(block)
         self._write_index()
         now = time.monotonic()
         self._due = now + max(_LATEST, _RARELY * (now - start))
 
-    def _hold(self, step: int, state: dict[str, Array]) -> None:
-        self._held.append((step, self._stepper.t, state))
-        size = len(self._held) * sum(values.nbytes for values in state.values())
-        if time.monotonic() >= self._due or size >= _MOST:
-            self.leave()
-
-    def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
+    def _begin(self, resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
-        cell = self._stepper.u.function_space.mesh.topology.cell_name()
-        arrays = grid_arrays(mesh, cell)
-        self._grid = {name: Field.of(values) for name, values in arrays.items()}
-        self._held, self._due = [], 0.0
         self._blocks = self._found() if resume else []
         # Before states are removed nothing refers to them any more.
         if self._blocks:
@@ -164,7 +172,6 @@ class VtkHdfFile:
         else:
             self._path.unlink(missing_ok=True)
         self._folder.begin({_GRID, *(Path(block.file).name for block in self._blocks)})
-        self._folder.replace(_GRID, hdf5_image(arrays))
         return {step for block in self._blocks for step in block.steps}
 
     def _found(self) -> list[Block]:

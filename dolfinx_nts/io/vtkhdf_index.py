@@ -14,8 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.io.states import CELLS
+from dolfinx_nts.parallel.slabs import Slab
 
 __all__ = ["Block", "Field", "grid_arrays", "write_index"]
 
@@ -76,7 +76,7 @@ class Block:
         return cls(f"{path.parent.name}/{path.name}", steps, times, fields)
 
 
-def grid_arrays(mesh: Mapping[str, Array], cell: str) -> dict[str, Array]:
+def grid_arrays(mesh: Mapping[str, Slab], cell: str) -> dict[str, Slab]:
     """Arrays of a mesh by which VTK describes it. Local.
 
     Args:
@@ -84,14 +84,17 @@ def grid_arrays(mesh: Mapping[str, Array], cell: str) -> dict[str, Array]:
         cell: Kind of the cells, as DOLFINx names it.
 
     Returns:
-        Arrays by their names in VTK, and ``body``.
+        Rows for this rank of arrays by their names in VTK, and of ``body``.
     """
-    number, size = mesh["cells"].shape
+    (cells, begin, length), size = mesh["cells"], mesh["cells"].shape[1]
+    # There is one offset more than cells, which the rank with the last cell writes.
+    more = 1 if len(cells) and begin + len(cells) == length else 0
+    offsets = size * np.arange(begin, begin + len(cells) + more, dtype=np.int64)
     return {
         "Points": mesh["points"],
-        "Connectivity": mesh["cells"].astype(np.int64).ravel(),
-        "Offsets": size * np.arange(number + 1, dtype=np.int64),
-        "Types": np.full(number, _CELLS[cell], dtype=np.uint8),
+        "Connectivity": mesh["cells"].split(size),
+        "Offsets": Slab(offsets, begin, length + 1),
+        "Types": Slab(np.full(len(cells), _CELLS[cell], dtype=np.uint8), begin, length),
         "CellData/body": mesh["body"],
     }
 

@@ -83,7 +83,7 @@ class VtxFile:
         self._writer.close()
 
     def leave(self) -> None:
-        """Do nothing: no state is held back. Local."""
+        """Do nothing: no state is held back."""
 
     def _set(self) -> list[fem.Function]:
         """Give the Functions the values of the present state."""

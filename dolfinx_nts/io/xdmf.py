@@ -5,8 +5,8 @@
 ``000000050.h5``. Each of these files appears as a whole in one instant, so a killed program
 leaves whole states.
 
-Rank 0 collects and writes everything in the numbering of the mesh as read. The files do not
-depend on the partition, and a run on another number of ranks can continue them.
+All ranks write their rows, in the numbering of the mesh as read. The files do not depend on the
+partition, and a run on another number of ranks can continue them.
 """
 
 import logging
@@ -21,15 +21,14 @@ import h5py
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.io.atomic_file import hdf5_image
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
 from dolfinx_nts.io.states import States
 from dolfinx_nts.io.xdmf_grid import mesh_xml, state_xml
 from dolfinx_nts.io.xml_series import XmlSeries
 from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.parallel.slabs import Slab
 
 __all__ = ["XdmfFile"]
 
@@ -67,7 +66,7 @@ class XdmfFile:
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
         """Remember the names of the files; `open` creates them."""
         self._stepper = stepper
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._present = States(stepper, fields).present
         self._folder = FieldsFolder(path, _OWN)
         first = path.name[0]
@@ -108,7 +107,8 @@ class XdmfFile:
             OSError: The files cannot be written.
         """
         mesh = mesh_arrays(self._stepper)
-        self._steps = on_root(self._comm, lambda: self._open(mesh, resume))
+        self._steps = on_root(self._comm, lambda: self._begin(mesh, resume))
+        self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
     def write(self) -> None:
         """Write the present state, unless that has been done.
@@ -120,8 +120,10 @@ class XdmfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        fields = self._present()
-        on_root(self._comm, lambda: self._append(f"{step:09d}.h5", fields))
+        fields, name, t = self._present(), f"{step:09d}.h5", self._stepper.t
+        slabs = {of: [slab] for of, slab in fields.items()}
+        self._folder.write(self._comm, name, slabs, {"time": t})
+        on_root(self._comm, lambda: self._series.append(self._state_xml(name, t, fields)))
         self._steps.add(step)
 
     def flush(self) -> None:
@@ -133,18 +135,17 @@ class XdmfFile:
         on_root(self._comm, self._series.close)
 
     def leave(self) -> None:
-        """Do nothing: no state is held back. Local."""
+        """Do nothing: no state is held back."""
 
     # --- on rank 0 --------------------------------------------------------
 
-    def _open(self, mesh: dict[str, Array], resume: bool) -> set[int]:
+    def _begin(self, mesh: dict[str, Slab], resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
         self._mesh_xml = mesh_xml(self._reference(_MESH), mesh, self._cell)
         states = self._states() if resume else {}
         # Before the states are removed nothing refers to them any more.
         self._series.start(states.values())
         self._folder.begin({_MESH, *states})
-        self._folder.replace(_MESH, hdf5_image(mesh))
         return {int(Path(name).stem) for name in states}
 
     def _states(self) -> dict[str, str]:
@@ -165,11 +166,6 @@ class XdmfFile:
                 )
                 return {}
         return states
-
-    def _append(self, name: str, fields: dict[str, Array]) -> None:
-        time = self._stepper.t
-        self._folder.replace(name, hdf5_image(fields, time=time))
-        self._series.append(self._state_xml(name, time, fields))
 
     def _state_xml(self, name: str, time: float, fields: Mapping[str, Any]) -> str:
         return state_xml(self._reference(name), self._mesh_xml, time, fields)

@@ -32,7 +32,7 @@ def mesh_xml(file: str, mesh: Mapping[str, Any], cell: str) -> str:
     Returns:
         XML, a part of that of each state.
     """
-    number = len(mesh["cells"])
+    number = mesh["cells"].shape[0]
     return (
         f'        <Topology TopologyType="{_CELLS[cell]}" NumberOfElements="{number}">\n'
         f"{_item(file, 'cells', mesh['cells'])}        </Topology>\n"

@@ -93,9 +93,10 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def moduli(self) -> Floats:
-        """Moduli 4 psi''(1) in the basis `strain_basis`, shape ``(6, 6)`` [Pa].
+        """Moduli 4 psi''(1) of strains 11, 12, 13, 22, 23, 33, shape ``(6, 6)`` [Pa].
 
-        Only for energies without fields.
+        The basis is orthonormal: strains 12, 13 and 23 count sqrt(2) times. Only for energies
+        without fields.
         """
         basis = strain_basis()
         curvature = np.zeros((6, 6))

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from dolfinx_nts.parallel.meeting import Meeting, leave_with_notes
 
-__all__ = ["agreed", "end_together", "portable"]
+__all__ = ["agreed", "all_come", "end_together", "portable"]
 
 # Time [s] that a rank which failed waits for the others to reach the end of a context: ranks
 # with little more to do get there, and nobody waits much longer for the error.
@@ -66,6 +66,22 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[None]:
     if first < comm.size:
         shared = comm.bcast(None if error is None else portable(error), root=first)
         raise error if comm.rank == first and error is not None else shared
+
+
+def all_come(comm: MPI.Comm, call: str) -> bool:
+    """Whether all ranks make this call soon, after an error that may have parted them.
+
+    Args:
+        comm: Communicator.
+        call: What the ranks are about to do, as in `meet`.
+    """
+    if comm.size == 1:
+        return True
+    meeting = Meeting(comm, call)
+    try:
+        return meeting.wait(_PATIENCE) and meeting.largest() == []
+    except ValueError:  # Others do something else.
+        return False
 
 
 def portable(error: Exception) -> Exception:

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from dolfinx_nts.io import xml_series
+from dolfinx_nts.io import shared_file, xml_series
 
 
 class Killed(BaseException):
@@ -31,5 +31,6 @@ def kill_at(monkeypatch, count):
 
     counted(Path, "write_bytes", True)
     counted(xml_series, "_put", True)
+    counted(shared_file, "_put", True)
     for name in ("replace", "rename", "unlink", "mkdir"):
         counted(os, name, False)

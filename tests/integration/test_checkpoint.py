@@ -299,10 +299,10 @@ def test_a_run_goes_on_without_fields_that_somebody_has_removed(comm, folder, ag
 
 SCRIPT = """
 import os, sys
-from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from mpi4py import MPI
 import dolfinx_nts as nts
+from dolfinx_nts.io import shared_file
 from helpers.scenes import blocks
 stepper = blocks(MPI.COMM_WORLD, num_bodies=3).stepper
 when, signum = sys.argv[3], int(sys.argv[4])
@@ -311,11 +311,13 @@ def once(function, *arguments):
     global calls
     calls += 1
     if calls == int(sys.argv[5]):
-        if when == "write_bytes":
-            function(arguments[0], arguments[1][: len(arguments[1]) // 2])
+        if when == "_write":
+            comm, path, pieces, durable = arguments
+            pieces = list(pieces)
+            function(comm, path, pieces[: len(pieces) // 2], durable)
         os.kill(os.getpid(), signum)
     return function(*arguments)
-for owner, name in ((os, "fsync"), (os, "replace"), (Path, "write_bytes")):
+for owner, name in ((os, "fsync"), (os, "replace"), (shared_file, "_write")):
     if when == name:
         function = getattr(owner, name)
         setattr(owner, name, lambda *arguments: once(function, *arguments))
@@ -345,9 +347,9 @@ def run_script(path, fields, when="never", signum=0, call=0):
         # The second checkpoint, of step 4, is about to reach the disk, and to get its name,
         ("fsync", signal.SIGKILL, 17, "xdmf"),
         ("replace", signal.SIGKILL, 9, "xdmf"),
-        ("write_bytes", signal.SIGKILL, 9, "xdmf"),  # and is half written.
+        ("_write", signal.SIGKILL, 9, "xdmf"),  # and is half written.
         ("replace", signal.SIGKILL, 8, "xdmf"),  # The state of step 4 is about to get its name,
-        ("write_bytes", signal.SIGKILL, 8, "xdmf"),  # and is half written.
+        ("_write", signal.SIGKILL, 8, "xdmf"),  # and is half written.
         ("step", signal.SIGTERM, 5, "vtkhdf"),
         ("step", signal.SIGINT, 5, "vtkhdf"),
     ],

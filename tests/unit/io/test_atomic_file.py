@@ -2,12 +2,10 @@
 
 import os
 
-import h5py
-import numpy as np
 import pytest
 
 from dolfinx_nts.io import atomic_file
-from dolfinx_nts.io.atomic_file import hdf5_image, replace, sync
+from dolfinx_nts.io.atomic_file import replace
 from helpers.killed import Killed, kill_at
 
 pytestmark = pytest.mark.serial
@@ -55,14 +53,3 @@ def test_an_error_leaves_the_former_file_and_nothing_beside_it(tmp_path, monkeyp
     with pytest.raises(FileNotFoundError, match="a file of this name from before is unchanged"):
         replace(path, b"new")
     assert path.read_bytes() == b"former" and list(tmp_path.iterdir()) == [path]
-
-
-def test_an_image_is_the_file_that_hdf5_reads(tmp_path):
-    path = tmp_path / "a.h5"
-    replace(path, hdf5_image({"x": np.arange(3.0), "group/y": np.eye(2)}, time=0.1, name="a"))
-    sync(path, tmp_path)
-    with h5py.File(path) as file:
-        assert np.array_equal(file["x"], np.arange(3.0)) and np.array_equal(
-            file["group/y"], np.eye(2)
-        )
-        assert dict(file.attrs) == {"time": 0.1, "name": "a"}

@@ -1,8 +1,10 @@
 """Ranks that make the same call, and ranks that do not."""
 
+import time
+
 import pytest
 
-from dolfinx_nts.parallel.errors import agreed
+from dolfinx_nts.parallel.errors import agreed, all_come
 from dolfinx_nts.parallel.meeting import meet
 
 
@@ -34,3 +36,16 @@ def test_a_context_that_other_ranks_do_not_enter_is_refused_on_all(comm, refused
 
     with refused(ValueError, "do the same, given context on some and call on others"):
         act()
+
+
+def test_ranks_that_come_soon_are_told_from_those_that_do_not(comm, agree):
+    assert agree(all_come(comm, "leave"))
+    if comm.size == 1:
+        return
+    assert not agree(all_come(comm, "leave" if comm.rank else "go on"))
+    if comm.rank == 0:
+        assert not all_come(comm, "leave")
+    else:
+        time.sleep(1.0)
+        all_come(comm, "leave")  # as late as this, nobody waits any more
+    comm.barrier()

@@ -1,0 +1,41 @@
+"""Sums of rows by which a change is noticed, the same on any number of ranks."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, GlobalInts
+
+__all__ = ["checksum"]
+
+
+def checksum(numbers: GlobalInts, values: Array) -> int:
+    """Sum of rows and their numbers, each scrambled, modulo 2^64. Local.
+
+    The rows may come in any order and in any parts: the sums of parts add up. Two different
+    arrays hardly ever have the same sum by chance.
+
+    Args:
+        numbers: Number of each row, shape ``(n,)``.
+        values: The rows, shape ``(n, ...)``.
+
+    Returns:
+        The sum.
+    """
+    if not values.size:
+        return 0
+    rows = np.ascontiguousarray(values).reshape(len(numbers), -1).view(np.uint8)
+    words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 8))).view(np.uint64)
+    keys = np.asarray(numbers).astype(np.uint64)[:, None] * np.uint64(words.shape[1])
+    keys = keys + np.arange(words.shape[1], dtype=np.uint64)
+    return int(_scrambled(_scrambled(keys) + words).sum(dtype=np.uint64))
+
+
+def _scrambled(words: Array) -> Array:
+    """Words that look random, different ones for different words.
+
+    Finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014, section 4).
+    """
+    words = words + np.uint64(0x9E3779B97F4A7C15)
+    words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    scrambled: Array = words ^ (words >> np.uint64(31))
+    return scrambled

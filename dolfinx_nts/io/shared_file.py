@@ -1,0 +1,200 @@
+"""HDF5 files that all ranks write together, each its slabs of the arrays.
+
+Rank 0 lays the file out: it lets HDF5 make a file whose arrays lie in one piece each and have no
+values yet, and tells the other ranks where they begin. Then each rank writes its rows there by
+MPI, without HDF5, so any build of h5py serves. Nothing is gathered. The file appears as a whole
+in one instant, as that of `atomic_file.replace`.
+"""
+
+import errno
+import io
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mpi4py import MPI
+
+import h5py
+import numpy as np
+
+from dolfinx_nts.io.atomic_file import beside, take_name, unchanged
+from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.parallel.errors import agreed
+from dolfinx_nts.parallel.slabs import Slab
+
+__all__ = ["write_hdf5"]
+
+
+def write_hdf5(
+    comm: MPI.Intracomm,
+    path: Path,
+    arrays: Mapping[str, Sequence[Slab]],
+    attributes: Mapping[str, str | float | Sequence[float]],
+    *,
+    durable: bool = False,
+) -> None:
+    """Give an HDF5 file a new content in one instant, or create it. Collective.
+
+    Args:
+        comm: Communicator.
+        path: The file; ``.new`` is added to its name until it is complete.
+        arrays: Datasets by name, in which the arrays of the slabs lie one behind the other. A
+            name may contain slashes for groups. A rank may leave out an array of which it has
+            no rows.
+        attributes: Attributes of the file; those of rank 0 count.
+        durable: Also wait until the disk has it, so that it survives a power failure.
+
+    Raises:
+        OSError: The content cannot be written, for instance because the disk is full. A file
+            that existed before is unchanged.
+    """
+    mine = {name: (_shape(slabs), slabs[0].dtype.str) for name, slabs in arrays.items()}
+    every: list[Any] | None = comm.gather(mine)
+    image = _SparseImage()
+
+    def lay_out() -> dict[str, int]:
+        shapes = {name: shape for part in every or () for name, shape in part.items()}
+        offsets = _laid_out(image, shapes, attributes)
+        with beside(path).open("wb") as file:
+            file.truncate(image.size)
+        return offsets
+
+    with unchanged(path, comm.rank == 0):
+        offsets = on_root(comm, lay_out)
+        pieces = chain(image.pieces, _pieces(arrays, offsets))
+        _write(comm, beside(path), pieces, durable)
+        on_root(comm, lambda: take_name(path, durable=durable))
+
+
+def _shape(slabs: Sequence[Slab]) -> tuple[int, ...]:
+    """Shape of an array in which those of the slabs lie one behind the other."""
+    first = slabs[0].shape
+    return (len(slabs) * first[0], *first[1:]) if first else ()
+
+
+def _laid_out(
+    image: "_SparseImage", shapes: Mapping[str, tuple[tuple[int, ...], str]], attributes: Any
+) -> dict[str, int]:
+    """Let HDF5 make a file whose arrays have no values yet; where they begin [bytes]."""
+    offsets = {}
+    parents = h5py.h5p.create(h5py.h5p.LINK_CREATE)
+    parents.set_create_intermediate_group(True)
+    in_one_piece = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    in_one_piece.set_layout(h5py.h5d.CONTIGUOUS)
+    in_one_piece.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    in_one_piece.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    with h5py.File(image, "w") as file:
+        for name, (shape, dtype) in shapes.items():
+            kind = h5py.h5t.py_create(np.dtype(dtype), logical=True)
+            space = h5py.h5s.create_simple(shape) if shape else h5py.h5s.create(h5py.h5s.SCALAR)
+            dataset = h5py.h5d.create(
+                file.id, name.encode(), kind, space, dcpl=in_one_piece, lcpl=parents
+            )
+            # An array without rows lies nowhere.
+            offsets[name] = dataset.get_offset() or 0
+        file.attrs.update(attributes)
+    return offsets
+
+
+def _pieces(
+    arrays: Mapping[str, Sequence[Slab]], offsets: Mapping[str, int]
+) -> Iterator[tuple[int, Any]]:
+    """What this rank writes: offsets in the file [bytes], and the bytes."""
+    for name, slabs in arrays.items():
+        for number, slab in enumerate(slabs):
+            values = np.ascontiguousarray(slab.values)
+            if values.size:
+                size = values.dtype.itemsize * int(np.prod(values.shape[1:], dtype=int))
+                row = number * slab.length + slab.begin
+                yield offsets[name] + size * row, values.reshape(-1).view(np.uint8)
+
+
+def _write(
+    comm: MPI.Intracomm, path: Path, pieces: Iterable[tuple[int, Any]], durable: bool
+) -> None:
+    """Write bytes into a file. Collective."""
+    if comm.size == 1:
+        with path.open("r+b") as alone:
+            for offset, data in pieces:
+                _put(alone, offset, data)
+        return
+    # MPI keeps ranks on several hosts apart also where their file systems do not.
+    with agreed(comm, f"open {path}"), _as_os_error(path):
+        file = MPI.File.Open(comm, path, MPI.MODE_WRONLY)
+    try:
+        with agreed(comm, f"write {path}"), _as_os_error(path):
+            for offset, data in pieces:
+                file.Write_at(offset, data)
+        if durable:
+            file.Sync()
+    finally:
+        file.Close()
+
+
+@contextmanager
+def _as_os_error(path: Path) -> Iterator[None]:
+    """Context in which errors of MPI become those of the operating system. Local."""
+    try:
+        yield
+    except MPI.Exception as error:
+        reason = "a rank does not see this folder, as all must that write a file together"
+        if path.parent.is_dir():
+            free = shutil.disk_usage(path.parent).free
+            reason = f"{error.error_string}, with {free} bytes free in this folder"
+        raise OSError(errno.EIO, reason) from None
+
+
+def _put(file: BinaryIO, offset: int, data: Any) -> None:
+    """Write bytes into a file. Local."""
+    file.seek(offset)
+    file.write(data)
+
+
+class _SparseImage(io.RawIOBase):
+    """File in memory for HDF5 that keeps only what is written. Local, as all its methods.
+
+    Attributes:
+        pieces: What has been written, by offset [bytes].
+        size: Length of the file [bytes].
+    """
+
+    def __init__(self) -> None:
+        """Start with an empty file."""
+        super().__init__()
+        self.pieces: list[tuple[int, bytes]] = []
+        self.size, self._at = 0, 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Go to an offset from the start, from here or from the end."""
+        self._at = offset + (0, self._at, self.size)[whence]
+        return self._at
+
+    def tell(self) -> int:
+        """Present offset."""
+        return self._at
+
+    def write(self, data: Any) -> int:
+        """Keep bytes."""
+        self.pieces.append((self._at, bytes(data)))
+        self._at += len(self.pieces[-1][1])
+        self.size = max(self.size, self._at)
+        return len(self.pieces[-1][1])
+
+    def readinto(self, buffer: Any) -> int:
+        """Give bytes back; those that have not been written are zero."""
+        view, first = memoryview(buffer).cast("B"), self._at
+        view[:] = bytes(len(view))
+        for offset, data in self.pieces:
+            begin, end = max(first, offset), min(first + len(view), offset + len(data))
+            if begin < end:
+                view[begin - first : end - first] = data[begin - offset : end - offset]
+        self._at += len(view)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length of the file."""
+        self.size = self._at if size is None else size
+        return self.size

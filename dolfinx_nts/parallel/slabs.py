@@ -1,0 +1,176 @@
+"""Numbered rows in the order of their numbers, in one slab for each rank.
+
+The order does not depend on the partition, and no rank has the rows of all. So all ranks can
+write an array to a file, each its slab, and the file is the same on any number of ranks.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import exchanged, joined
+
+__all__ = ["Slab", "Slabs", "looked_up"]
+
+# Numbers by which each rank describes where its own lie, if it has as many as the others [-].
+_SAMPLES = 64
+
+
+class Slab(NamedTuple):
+    """Rows of an array of which each rank has some, one rank behind the other.
+
+    Attributes:
+        values: Rows of this rank, or an array without rows that one rank has.
+        begin: Place of the first of them among all rows.
+        length: Number of all rows.
+    """
+
+    values: Array
+    begin: int
+    length: int
+
+    @classmethod
+    def whole(cls, values: Array) -> "Slab":
+        """Slab of an array that one rank has alone."""
+        return cls(values, 0, len(values) if values.ndim else 1)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole array."""
+        return (self.length, *self.values.shape[1:]) if self.values.ndim else ()
+
+    @property
+    def dtype(self) -> Any:
+        """Type of the values."""
+        return self.values.dtype
+
+    def split(self, number: int, *shape: int) -> "Slab":
+        """Slab of the same values with so many rows, of another shape, for each row."""
+        return Slab(self.values.reshape(-1, *shape), number * self.begin, number * self.length)
+
+
+class Slabs:
+    """Brings numbered rows of all ranks into slabs. Collective, as are its methods.
+
+    Slabs have about the same number of rows, whatever the numbers are.
+
+    Args:
+        comm: Communicator.
+        ids: Numbers of this rank's rows, of which no two ranks have the same, shape ``(n,)``.
+    """
+
+    def __init__(self, comm: MPI.Comm, ids: GlobalInts) -> None:
+        """Find out which rank gets which rows."""
+        self._comm = comm
+        self._order = np.argsort(ids)
+        ids = ids[self._order]
+        bounds = _bounds(comm, ids)
+        ends = [0, *np.searchsorted(ids, bounds), len(ids)]
+        self._sent = np.diff(ends)
+        self._received = np.array(comm.alltoall(self._sent.tolist()))
+        self._merge: Any = slice(None)
+        numbers = self._exchanged(ids)
+        self._merge = np.argsort(numbers, kind="stable") if comm.size > 1 else slice(None)
+        self._numbers: GlobalInts = numbers[self._merge]
+        last = np.cumsum(comm.allgather(len(numbers)))
+        self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
+
+    def slab(self, rows: Array) -> Slab:
+        """Bring rows into slabs.
+
+        Args:
+            rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
+                kind on all ranks.
+        """
+        ordered = self._exchanged(rows.take(self._order, axis=0))[self._merge]
+        return Slab(ordered, self._begin, self._length)
+
+    def together(self, fields: Mapping[str, Floats]) -> dict[str, Slab]:
+        """Bring rows of several fields into slabs, by one message between any two ranks.
+
+        Args:
+            fields: Rows of this rank by name, see `slab`.
+        """
+        if self._comm.size == 1 or not fields:
+            return {name: self.slab(rows) for name, rows in fields.items()}
+        parts = [rows.reshape(len(rows), -1) for rows in fields.values()]
+        ends = np.cumsum([part.shape[1] for part in parts])
+        every = self.slab(np.concatenate(parts, axis=1, dtype=np.float64))
+        columns = np.split(every.values, ends[:-1], axis=1)
+        return {
+            name: every._replace(values=part.reshape(-1, *rows.shape[1:]))
+            for part, (name, rows) in zip(columns, fields.items(), strict=True)
+        }
+
+    def numbers(self) -> Slab:
+        """Numbers of the rows, sorted. Local."""
+        return Slab(self._numbers, self._begin, self._length)
+
+    def places(self, ids: GlobalInts) -> GlobalInts:
+        """Places of numbers among all numbers.
+
+        Args:
+            ids: Any of the numbers, those of other ranks too, shape ``(k,)``.
+
+        Raises:
+            ValueError: A rank asks for a number that no rank has.
+        """
+        places = np.arange(self._begin, self._begin + len(self._numbers))
+        return looked_up(self._comm, ids, self._numbers, places)
+
+    def _exchanged(self, rows: Array) -> Array:
+        """Rows from all ranks, in the order of the ranks."""
+        if self._comm.size == 1:
+            return rows
+        received = np.empty((int(self._received.sum()), *rows.shape[1:]), dtype=rows.dtype)
+        # Rows as units, since counts of bytes may need more than 32 bits.
+        size = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=int))
+        row = MPI.BYTE.Create_contiguous(size).Commit()
+        self._comm.Alltoallv(
+            [np.ascontiguousarray(rows), self._sent, row], [received, self._received, row]
+        )
+        row.Free()
+        return received
+
+
+def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
+    """Least number of each slab but the first, from sorted numbers."""
+    step = max(1, reductions.total(comm, len(ids)) // (_SAMPLES * comm.size))
+    samples = np.sort(joined(comm, ids[step // 2 :: step]))
+    cuts = [len(samples) * rank // comm.size for rank in range(1, comm.size)]
+    return samples[cuts] if len(samples) else np.zeros(len(cuts), dtype=np.int64)
+
+
+def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
+    """Get numbered rows from the ranks that have them. Collective.
+
+    Args:
+        comm: Communicator.
+        ids: Numbers of the rows that this rank wants, shape ``(n,)``.
+        known: Sorted numbers of the rows that this rank has, larger than those of the ranks
+            before, shape ``(m,)``.
+        rows: These rows, shape ``(m, ...)``.
+
+    Returns:
+        Rows that this rank wants, shape ``(n, ...)``.
+
+    Raises:
+        ValueError: A rank asks for a number that no rank has.
+    """
+    largest = int(known[-1]) if len(known) else -1
+    lasts = np.maximum.accumulate(comm.allgather(largest))
+    rank = np.minimum(np.searchsorted(lasts, ids), comm.size - 1)
+    order = np.argsort(rank, kind="stable")
+    ends = np.searchsorted(rank[order], np.arange(1, comm.size))
+    requests = exchanged(comm, np.split(ids[order], ends))
+    if not reductions.everywhere(comm, all(np.isin(part, known).all() for part in requests)):
+        raise ValueError("expected the numbers of the same nodes, given others")
+    answers = exchanged(comm, [rows[np.searchsorted(known, part)] for part in requests])
+    found = np.empty((len(ids), *rows.shape[1:]), dtype=rows.dtype)
+    found[order] = np.concatenate(answers)
+    return found
