@@ -13,6 +13,7 @@ from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
 from dolfinx_nts.diagnostics.bodies import BodyBalance
 from dolfinx_nts.diagnostics.contact import PairBalance
 from dolfinx_nts.diagnostics.fields import Fields
+from dolfinx_nts.fem.axisymmetry import axisymmetric
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
@@ -31,7 +32,7 @@ from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import RigidBody
-from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.rigid_shapes import RigidCone, RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
@@ -75,6 +76,7 @@ __all__ = [
     "Reaction",
     "Recorder",
     "RigidBody",
+    "RigidCone",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",
@@ -87,6 +89,7 @@ __all__ = [
     "Traction",
     "Yeoh",
     "all_pairs",
+    "axisymmetric",
     "boundary_of",
     "load_state",
     "parts",

@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
-from dolfinx_nts.fem.components import dimension, in_space, moments, nodal
+from dolfinx_nts.fem.components import in_space, moments, nodal, resultants
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -28,9 +28,10 @@ class PairBalance:
     """Contact of one pair in the last step, the same on all ranks.
 
     Attributes:
-        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)`` [N].
+        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)``, of rings ``(1,)``,
+            along y [N].
         torque: Torque about the origin on the nodes, shape ``(3,)``, in the plane ``(1,)``, about
-            z [N m].
+            z, of rings ``(0,)`` [N m].
         contact_area: Reference area of the nodes that transmit force [m^2].
         largest_pressure: Largest contact pressure of a node [Pa].
 
@@ -61,10 +62,10 @@ class ObstacleBalance:
 
     Attributes:
         force: Resultant on the obstacle by all pairs that name it, shape ``(3,)``, in the plane
-            ``(2,)`` [N].
-        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z [N m]: about the
-            centre of the motion in the middle of the step, or about the origin if the obstacle
-            is at rest.
+            ``(2,)``, of rings ``(1,)``, along y [N].
+        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z, of rings ``(0,)``
+            [N m]: about the centre of the motion in the middle of the step, or about the origin
+            if the obstacle is at rest.
 
     Example:
         >>> down = nts.Motion(translation=lambda t: (0.0, 0.0, -t))
@@ -94,9 +95,8 @@ class ContactDiagnostics:
     def __init__(self, stepper: Stepper) -> None:
         """Take the stepper."""
         self.stepper = stepper
-        V = stepper.u.function_space
-        self._comm: MPI.Comm = V.mesh.comm
-        self._dim = dimension(V)
+        self._V = stepper.u.function_space
+        self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
         self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
 
@@ -105,11 +105,10 @@ class ContactDiagnostics:
         return float(self._sum(sum(pair.history.energy.sum() for pair in self.stepper.contacts)))
 
     def contact_force(self) -> Floats:
-        """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` or ``(2,)`` [N]."""
+        """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
         forces = [contact.history.force.sum(axis=0) for contact in self.stepper.contacts]
         force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
-        total: Floats = force[: self._dim]
-        return total
+        return resultants(force, self._V)
 
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
@@ -228,7 +227,7 @@ class ContactDiagnostics:
     def _parts(self, resultants: Floats) -> tuple[Floats, Floats]:
         """Components of force and torque, shape ``(2, 3)``, that exist in the dimension."""
         force, torque = resultants
-        return force[: self._dim], moments(torque, self._dim)
+        return resultants(force, self._V), moments(torque, self._V)
 
     def _sum(self, values: Any) -> Any:
         return reductions.total(self._comm, values)

@@ -278,10 +278,19 @@ class Stepper(TimeLoop):
 
     def _check_state(self) -> None:
         n = dimension(self.u.function_space) * len(self.node_ids)
-        bad = [np.count_nonzero(~np.isfinite(f.x.array[:n])) for f in (self.u, self.v)]
-        if not any(meet(self._comm, self._next(), *bad)):
+        functions, axis = (self.u, self.v), self.supports.on_axis
+        bad = [np.count_nonzero(~np.isfinite(f.x.array[:n])) for f in functions]
+        moved = [np.count_nonzero(f.x.array[axis]) for f in functions]
+        if not any(meet(self._comm, self._next(), *np.add(bad, moved).tolist())):
             return
-        counts = reductions.total(self._comm, bad)
-        for name, count in zip(("displacement", "velocity"), counts, strict=True):
+        counts = reductions.total(self._comm, [*bad, *moved])
+        names = "displacement", "velocity"
+        for name, count in zip(names, counts[:2], strict=True):
             if count:
                 raise ValueError(f"expected a finite {name}, given {count} dofs that are not")
+        for name, count in zip(names, counts[2:], strict=True):
+            if count:
+                raise ValueError(
+                    f"expected no radial {name} on the axis x = 0, given one at {count} nodes: "
+                    "there rings have no room; let it be proportional to x near the axis"
+                )

@@ -17,6 +17,7 @@ from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
+from dolfinx_nts.fem.axisymmetry import of_rings
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -132,7 +133,7 @@ def bulk_form(
             if value != 0:
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
-                terms.append((value, np.sort(cells), degree))
+                terms.append((of_rings(value, mesh), np.sort(cells), degree))
     if not terms:  # as the strain energy of rigid bodies
         terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes

@@ -39,7 +39,8 @@ class StressState(NamedTuple):
 class CellStress:
     """Evaluates the stress of a displacement. Collective, as it compiles; `evaluate` is local.
 
-    In the plane the stress is that of plane strain, with the component along z.
+    In the plane the stress is that of plane strain, with the component along z; of rings the last
+    component is that around the axis.
 
     Args:
         bodies: Bodies that fill the mesh.
@@ -51,7 +52,7 @@ class CellStress:
         """Compile an expression for each material."""
         self._mesh, self._num_points = u.function_space.mesh, len(points)
         self._num_cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
-        F = deformation_gradient(u)
+        F = deformation_gradient(u, on_axis=True)
 
         @cache
         def of(material: Hyperelastic) -> fem.Expression:
