@@ -126,8 +126,8 @@ class ContactDiagnostics:
         for part, pair in zip(parts, stepper.contacts, strict=True):
             force = pair.history.force
             part[:] = force.sum(axis=0), np.cross(x[pair.nodes.nodes], force).sum(axis=0)
-        resultants: Floats = self._sum(parts)
-        return resultants
+        total: Floats = self._sum(parts)
+        return total
 
     def pairs(self) -> dict[str, PairBalance]:
         """Contact of each pair in the last step, by names of its two sides."""
@@ -135,7 +135,7 @@ class ContactDiagnostics:
         area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
         pressures = [float(contact.pressure.max(initial=0.0)) for contact in contacts]
         pressures = reductions.largest(self._comm, pressures) if contacts else []
-        vectors = [self._parts(resultants) for resultants in self.pair_resultants()]
+        vectors = [self._parts(pair) for pair in self.pair_resultants()]
         numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
         return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
 
@@ -144,11 +144,11 @@ class ContactDiagnostics:
         stepper, totals = self.stepper, dict[Obstacle, Floats]()
         if not self._has_obstacles:
             return {}
-        resultants = self.pair_resultants()
+        by_pair = self.pair_resultants()
         for number, pair in enumerate(stepper.pairs):
             obstacle = pair.segments
             if isinstance(obstacle, Obstacle):
-                force, torque = resultants[number]
+                force, torque = by_pair[number]
                 centre = obstacle.motion.frame(stepper.t_n, stepper.t, obstacle.dim).centre
                 on_nodes = np.array([force, torque - np.cross(centre, force)])
                 totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes
@@ -224,9 +224,9 @@ class ContactDiagnostics:
         farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
-    def _parts(self, resultants: Floats) -> tuple[Floats, Floats]:
-        """Components of force and torque, shape ``(2, 3)``, that exist in the dimension."""
-        force, torque = resultants
+    def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
+        """Components of force and torque, shape ``(2, 3)``, that exist in the space."""
+        force, torque = vectors
         return resultants(force, self._V), moments(torque, self._V)
 
     def _sum(self, values: Any) -> Any:

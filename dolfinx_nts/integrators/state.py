@@ -13,12 +13,17 @@ from dolfinx import fem, la
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import axis_nodes
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["State", "current_positions", "serialize_nodal"]
+
+# Radial displacement or velocity on the axis, relative to the largest one [-], that is none.
+_ROUND_OFF = 1e-9
 
 
 class State(ABC):
@@ -164,7 +169,12 @@ class State(ABC):
                     f"expected a {function.name} of shape {shape[:1]} or {shape}, given "
                     f"{values.shape}"
                 )
-        nodal(function)[body.nodes] = values.T
+        given = nodal(function)
+        given[body.nodes] = values.T
+        largest = reductions.largest(self._comm, float(np.abs(values).max(initial=0.0)))
+        # What is proportional to the radius may not vanish exactly where the radius does.
+        axis = axis_nodes(V)
+        given[axis[np.abs(given[axis, 0]) <= _ROUND_OFF * largest], 0] = 0.0
         self._state_was_set()
 
     @abstractmethod

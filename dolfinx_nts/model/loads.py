@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call, instances, real_array
-from dolfinx_nts.fem.axisymmetry import of_rings
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric, of_rings
 from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -199,7 +199,8 @@ class Gravity(_LoadWithValue):
 
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: There are no bodies, or ``g`` has the wrong shape or is not finite.
+        ValueError: There are no bodies, or ``g`` has the wrong shape, is not finite, or in an
+            axisymmetric mesh is not along the axis.
 
     Example:
         >>> nts.Gravity([body, other], (0.0, 0.0, -9.81))  # m/s^2
@@ -220,6 +221,14 @@ class Gravity(_LoadWithValue):
     def acts_on(self, body: Body) -> bool:
         """Whether the body is one of those that were given. Local."""
         return body in self._bodies
+
+    def _set(self, value: Any) -> None:
+        super()._set(value)
+        if is_axisymmetric(self.V.mesh) and self._value.value[0] != 0:
+            raise ValueError(
+                f"expected Gravity along the axis y of an axisymmetric mesh, given {value}: a "
+                "BodyForce may be radial"
+            )
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
@@ -330,7 +339,8 @@ class FormLoad(Load):
 
     The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
     pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
-    The load may act on all bodies.
+    The load may act on all bodies. In an axisymmetric mesh the form needs the factor 2 pi x[0]
+    itself.
 
     Args:
         V: Space of the displacement.
