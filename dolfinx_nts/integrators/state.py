@@ -141,7 +141,8 @@ class State(ABC):
         Raises:
             TypeError: ``body`` is no body, or the value does not consist of real numbers.
             ValueError: The body belongs to another stepper, the Function to another space, or
-                the value has the wrong shape.
+                the value has the wrong shape, or leads away from the axis of an axisymmetric
+                mesh.
         """
         self._set(self.u, body, value)
 
@@ -169,13 +170,28 @@ class State(ABC):
                     f"expected a {function.name} of shape {shape[:1]} or {shape}, given "
                     f"{values.shape}"
                 )
-        given = nodal(function)
-        given[body.nodes] = values.T
-        largest = reductions.largest(self._comm, float(np.abs(values).max(initial=0.0)))
-        # What is proportional to the radius may not vanish exactly where the radius does.
-        axis = axis_nodes(V)
-        given[axis[np.abs(given[axis, 0]) <= _ROUND_OFF * largest], 0] = 0.0
+        before = function.x.array.copy()
+        nodal(function)[body.nodes] = values.T
+        try:
+            self._keep_axis(function)
+        except ValueError:
+            function.x.array[:] = before
+            raise
         self._state_was_set()
+
+    def _keep_axis(self, function: fem.Function) -> None:
+        """Raise if a displacement or a velocity leaves the axis of rings, but for round-off."""
+        values = nodal(function)
+        axis = axis_nodes(function.function_space)
+        radial = float(np.abs(values[axis, 0]).max(initial=0.0))
+        parts = [radial, float(np.abs(values).max(initial=0.0))]
+        radial, largest = reductions.largest(self._comm, parts)
+        if radial > _ROUND_OFF * largest:
+            raise ValueError(
+                f"expected no radial {function.name} on the axis x = 0, given one of {radial:g}: "
+                "there rings have no room; near the axis it is proportional to x"
+            )
+        values[axis, 0] = 0.0
 
     @abstractmethod
     def _check_body(self, body: Body) -> None:

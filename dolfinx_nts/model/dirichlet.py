@@ -36,7 +36,6 @@ class Supports:
     Attributes:
         conditions: The conditions in their order, and last that of the axis.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
-        on_axis: Those of them that the axis holds, shape ``(a,)``.
 
     Raises:
         TypeError: Something in the list is no condition.
@@ -63,7 +62,6 @@ class Supports:
         each = [dofs[dofs < size] for dofs in (bc.dof_indices()[0] for bc in self.conditions)]
         owned = np.concatenate([np.empty(0, dtype=np.int32), *each])
         self.fixed, first, count = np.unique(owned, return_index=True, return_counts=True)
-        self.on_axis: Ints = each[-1] if len(self.conditions) > len(given) else owned[:0]
         self._shared = reductions.anywhere(self._comm, bool((count > 1).any()))
         ends = np.cumsum([len(dofs) for dofs in each])
         # Number of the first condition of each fixed dof.
