@@ -24,6 +24,7 @@ from dolfinx_nts.io.load_state import load_state
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
+from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
@@ -71,6 +72,7 @@ __all__ = [
     "Overlap",
     "PairBalance",
     "Penalty",
+    "PlaneStress",
     "Pressure",
     "QuasiStatic",
     "Reaction",

@@ -39,7 +39,7 @@ class StressState(NamedTuple):
 class CellStress:
     """Evaluates the stress of a displacement. Collective, as it compiles; `evaluate` is local.
 
-    In the plane the stress is that of plane strain, with the component along z; of rings the last
+    In the plane the stress has the component along z, 0 in sheets; of rings the last
     component is that around the axis.
 
     Args:
@@ -59,7 +59,8 @@ class CellStress:
             # Constants, as numbers would become part of the compiled code.
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
-            sigma = F * material.stress(C, **parameters) * F.T / ufl.det(F)
+            J = ufl.det(F) * material.thickness_stretch(C, **parameters)
+            sigma = F * material.stress(C, **parameters) * F.T / J
             parts = [sigma[i, j] for i in range(3) for j in range(3)]
             energy = material.psi(C, **parameters)
             return compile_expression(ufl.as_vector([*parts, energy]), points)
