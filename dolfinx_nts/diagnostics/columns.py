@@ -110,8 +110,8 @@ class RunColumns:
     def _of_supports(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
         columns: dict[str, float] = {}
         works = ledger.each["supports"]
-        vectors = resultants(self._zero, self._V), moments(self._zero, self._V)
-        nothing = Reaction(*(tuple(vector.tolist()) for vector in vectors), 0.0)
+        force, moment = resultants(self._zero, self._V), moments(self._zero, self._V)
+        nothing = Reaction(tuple(map(float, force)), tuple(map(float, moment)), 0.0)
         reactions = [nothing] * len(works) if step is None else step.reactions
         for i, (reaction, work) in enumerate(zip(reactions, works, strict=True), start=1):
             values = {"force": reaction.force, "moment": reaction.moment, "work": float(work)}

@@ -4,8 +4,8 @@ The estimate of the longest step is on the safe side. With lumped mass no freque
 assembly exceeds the highest one of its parts (Irons and Treharne 1971). For a cell of degree 1
 that is taken from its uniform strains, with the moduli at C = 1: 2 c/h, with the speed c of the
 P-wave, for a cell of length h that can move in one direction only, and more for one that can
-swell. For a cell of degree 2, and for one that stands for a ring, it is an eigenvalue. It changes as 1/h when cells deform, and
-contact springs add to it.
+swell. For a cell of degree 2, and for one that stands for a ring, it is an eigenvalue. It changes
+as 1/h when cells deform, and contact springs add to it.
 """
 
 import math

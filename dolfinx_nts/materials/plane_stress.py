@@ -1,15 +1,14 @@
 r"""Thin sheets: materials without stress through their thickness.
 
-The stretch t along z adapts so that :math:`S_{33} = 0`. With it psi becomes a function of the part
-of C in the plane alone, :math:`\psi^*(C) = \min_{t} \psi(C, t^2)`, whose derivative is the stress in
-the plane: conserving stresses and all else are those of any energy.
+The stretch t along z adapts so that :math:`S_{33} = 0`. With it psi becomes a function of the
+part of C in the plane alone, :math:`\psi^*(C) = \min_t \psi(C, t^2)`, whose derivative is the
+stress in the plane: conserving stresses and all else are those of any energy.
 """
 
 from typing import Any
 
 import ufl
 
-from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
 __all__ = ["PlaneStress"]

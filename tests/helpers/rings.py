@@ -85,9 +85,7 @@ def round_block(
     """Mesh of a round block, or of a tube, with distorted cells where a skew is given [m]."""
 
     def build(model: Any) -> None:
-        meshing.add_rectangle(
-            model, "block", corner=corner, size=size, cells=cells, cell=cell
-        )
+        meshing.add_rectangle(model, "block", corner=corner, size=size, cells=cells, cell=cell)
 
     data = meshing.read_mesh(build, MPI.COMM_WORLD)
     x = data.mesh.geometry.x

@@ -15,6 +15,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from benchmarks.rings import impact as rings_impact
 from helpers.rings import half_disc, round_block
 
 pytestmark = pytest.mark.serial
@@ -34,10 +35,12 @@ def held(data: Any, V: fem.FunctionSpace, axis: int, *names: str) -> fem.Dirichl
 
 @pytest.mark.parametrize(
     ("cell", "degree", "nu"),
-    [("quadrilateral", 1, 0.2), ("quadrilateral", 1, 0.49), ("triangle", 1, 0.3)]
-    + [("quadrilateral", 2, 0.3), ("triangle", 2, 0.3)],
+    [
+        *(("quadrilateral", 1, 0.2), ("quadrilateral", 1, 0.49), ("triangle", 1, 0.3)),
+        *(("quadrilateral", 2, 0.3), ("triangle", 2, 0.3)),
+    ],
 )
-def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu):
+def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
     """Radial and axial tractions on a round block: u = (a x, b y), the same stress everywhere."""
     data, V = round_block((4, 3), cell, degree, skew=0.06)
     law = nts.NeoHookean(E, nu, 1.0, volumetric="quadratic")
@@ -58,7 +61,13 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu):
     assert reaction.force[0] == pytest.approx(-q * np.pi, rel=1e-9)
     stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
     expected = np.diag([p / (t * s), q / t**2, p / (t * s)])
-    assert np.abs(stress - expected).max() < 1e-8
+    error = np.abs(stress - expected).max()
+    told(
+        f"axisymmetric: uniform stress on distorted {cell}s of degree {degree}, nu = {nu:g}",
+        "radial and axial tractions: the same stress everywhere",
+        f"largest error {error:.0e} of the moduli",
+    )
+    assert error < 1e-8
 
 
 # --- a tube ------------------------------------------------------------
@@ -66,8 +75,10 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu):
 
 @pytest.mark.parametrize(
     ("cell", "degree", "nu", "margin"),
-    [("quadrilateral", 1, 0.3, 0.003), ("quadrilateral", 1, 0.4999, 0.003)]
-    + [("triangle", 1, 0.3, 0.01), ("quadrilateral", 2, 0.3, 1e-4), ("triangle", 2, 0.3, 1e-4)],
+    [
+        *(("quadrilateral", 1, 0.3, 0.003), ("quadrilateral", 1, 0.4999, 0.003)),
+        *(("triangle", 1, 0.3, 0.01), ("quadrilateral", 2, 0.3, 1e-4), ("triangle", 2, 0.3, 1e-4)),
+    ],
 )
 def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin, told):
     """Plane strain along the axis: u_r = (1 + nu) p a^2/(E (b^2 - a^2)) ((1 - 2 nu) r + b^2/r)."""
@@ -91,13 +102,32 @@ def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin,
     assert error <= margin
 
 
+# --- an impact in space ------------------------------------------------
+
+
+def test_ball_rebounds_as_one_of_tetrahedra(told):
+    """The same ball and plate, meshed in space with cells of the same size."""
+    fine, rings, space = rings_impact(16, 2), rings_impact(6, 2), rings_impact(6, 3)
+    told(
+        "axisymmetric: ball on a plate, 6 cells in its radius",
+        "the same bodies of tetrahedra in space, and 16 cells: rebound",
+        f"{rings.rebound:.3f}, in space {space.rebound:.3f}, with 16 cells {fine.rebound:.3f}",
+    )
+    assert abs(rings.rebound - fine.rebound) < 0.5 * abs(space.rebound - fine.rebound)
+    assert abs(space.rebound - fine.rebound) < 0.015
+    assert space.mass / rings.mass == pytest.approx(1, abs=0.02)
+    assert space.unknowns > 20 * rings.unknowns
+
+
 # --- rigid tools -------------------------------------------------------
 
 FAR, NU = 400.0, 0.3  # radius of the body over that of contact
 NEAR = "0.02 + 0.1 * Max(0, Sqrt(x * x + y * y) - 1.3)"  # 50 cells in the radius of contact
 
 
-def pressed(tool: Any, depth: float, size: str, edge: float = np.inf) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+def pressed(
+    tool: Any, depth: float, size: str, edge: float = np.inf
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Press a moving tool into the flat top of half a ball, whose round side is held.
 
     Args:
