@@ -175,6 +175,10 @@ class RigidCone(RigidPlane):
         tip, angle = self._point[: self.dim], self._half_angle
         return as_call(self, tip=tip, half_angle=angle, opens=self._opens)
 
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points of both halves of the section are inside, see `Obstacle.depth`."""
+        return super().depth(np.column_stack([np.abs(x[:, :1]), x[:, 1:]]))
+
 
 class _Round(_Exact):
     """Obstacle whose surface has one distance from a point or axis, a sphere or a cylinder.
