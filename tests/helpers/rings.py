@@ -74,6 +74,23 @@ def ball_on_plate(
     return BallOnPlate(V, *bodies)
 
 
+def shell(thickness: float = 0.08, size: float = 0.05) -> nts.Body:
+    """Hollow ball around the origin."""
+
+    def build(model: Any) -> None:
+        outer, inner = (half_disc(model.occ, 0.0, r) for r in (R, R - thickness))
+        ((_, left),), _ = model.occ.cut([(2, outer)], [(2, inner)])
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [left], name="shell")
+        model.mesh.setSize(model.getEntities(0), size)
+        model.mesh.generate(2)
+
+    data = meshing.read_mesh(build, MPI.COMM_WORLD)
+    nts.axisymmetric(data.mesh)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
+    return nts.Body(V, data.cells, data.tag["shell"], nts.NeoHookean(**RUBBER))
+
+
 def round_block(
     cells: tuple[int, int] = (4, 4),
     cell: str = "quadrilateral",

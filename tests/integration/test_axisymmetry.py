@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
-from helpers.rings import GAP, RUBBER, R, ball_on_plate, round_block
+from helpers.rings import GAP, RUBBER, R, ball_on_plate, round_block, shell
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -191,6 +191,42 @@ def test_a_ball_rests_on_a_plate_by_contact_alone():
     assert np.all(x[on_axis, 0] < 1e-9)
 
 
+def test_the_poles_of_a_shell_that_meet_on_the_axis_bounce():
+    body = shell()
+    pairs = nts.all_pairs([body], self_contact=[body], friction=nts.Coulomb(0.3))
+    stepper = nts.EnergyMomentum([body], pairs, dt=0.0025)
+    stepper.set_velocity(
+        body, lambda x: np.array([0 * x[0], -22 * x[1] * np.exp(-((x[0] / 0.25) ** 2))])
+    )
+    diagnostics = nts.Diagnostics(stepper)
+    first, given, most = diagnostics.balance(), 0.0, 0
+    for step in stepper.run(until=0.12):
+        given += sum(step.contact_work)
+        most = max(most, step.num_active)
+    last = diagnostics.balance()
+    assert most and diagnostics.min_gap() > -0.01
+    assert abs(last.total_energy - first.total_energy - given) < 1e-10 * first.total_energy
+    assert abs(last.linear_momentum - first.linear_momentum)[0] < 1e-9
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 1), ("triangle", 2)])
+def test_the_stable_step_is_estimated_on_the_safe_side(cell, degree):
+    """Against the highest frequency of the whole body, by its stiffness and lumped mass."""
+    data, V = round_block((4, 4), cell, degree, skew=0.05)
+    body = nts.Body(V, data.cells, data.tag["block"], nts.NeoHookean(**RUBBER))
+    explicit, static = nts.CentralDifference([body]), nts.QuasiStatic([body], dt=1.0)
+    mass, bulk = np.repeat(explicit.mass, 2), static._bulk
+    bulk.stabilisation = None
+    K = np.array([bulk.action(unit.reshape(-1, 2)).ravel() for unit in np.eye(len(mass))])
+    free = np.setdiff1d(np.arange(len(mass)), static.supports.fixed)
+    scale = 1 / np.sqrt(mass[free])
+    values = np.linalg.eigvalsh(K[np.ix_(free, free)] * scale * scale[:, None])
+    # One rigid motion, that along the axis.
+    assert np.count_nonzero(np.abs(values) < 1e-9 * values[-1]) == 1
+    assert 0.6 < explicit.stable_step / (2 / np.sqrt(values[-1])) <= 1
+
+
 def test_files_and_checkpoints_of_rings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path if MPI.COMM_WORLD.size == 1 else MPI.COMM_WORLD.bcast(str(tmp_path)))
 
@@ -229,6 +265,12 @@ def square(dim=2, low=0.0):
     if dim == 3:
         return mesh.create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
     return mesh.create_rectangle(MPI.COMM_WORLD, [(low, 0.0), (1.0, 1.0)], [3, 3])
+
+
+def square_body():
+    """Arguments of a body that is a round block."""
+    data, V = round_block()
+    return V, data.cells, data.tag["block"], 1e3
 
 
 @pytest.mark.parametrize(
@@ -293,6 +335,9 @@ def test_what_rings_cannot_do_is_refused():
     assert not stepper.v.x.array.any()
     with pytest.raises(ValueError, match="along the axis"):
         nts.Gravity(scene.bodies, (9.81, 0.0))
+    rigid = nts.RigidBody(*square_body())
+    with pytest.raises(ValueError, match="no RigidBody in an axisymmetric mesh"):
+        nts.EnergyMomentum([rigid], dt=0.01)
     every = fem.locate_dofs_geometrical(scene.V, lambda x: x[1] < -0.299)
     wrong = fem.dirichletbc(np.array([0.1, 0.0]), every, scene.V)
     with pytest.raises(ValueError, match="0 m by the axis in direction x"):
