@@ -33,7 +33,8 @@ from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import RigidBody
-from dolfinx_nts.model.rigid_shapes import RigidCone, RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.rigid_cone import RigidCone
+from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together

@@ -6,7 +6,7 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rigid_shapes import RigidCone
+from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method"]

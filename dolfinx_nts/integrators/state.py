@@ -13,7 +13,7 @@ from dolfinx import fem, la
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.axisymmetry import axis_nodes
+from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
@@ -181,8 +181,10 @@ class State(ABC):
 
     def _keep_axis(self, function: fem.Function) -> None:
         """Raise if a displacement or a velocity leaves the axis of rings, but for round-off."""
-        values = nodal(function)
-        axis = axis_nodes(function.function_space)
+        V, values = function.function_space, nodal(function)
+        if not is_axisymmetric(V.mesh):
+            return
+        axis = axis_nodes(V)
         radial = float(np.abs(values[axis, 0]).max(initial=0.0))
         parts = [radial, float(np.abs(values).max(initial=0.0))]
         radial, largest = reductions.largest(self._comm, parts)

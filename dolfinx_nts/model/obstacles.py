@@ -36,7 +36,6 @@ class Obstacle(Declaration):
         motion: How it moves.
         key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
         shortest_passage: Motion in a step below which no node passes the obstacle [m].
-        is_of_revolution: Whether turns about the axis y leave the obstacle as it is.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
@@ -48,7 +47,6 @@ class Obstacle(Declaration):
     key: GlobalInts = np.zeros(1, dtype=np.int64)
     shortest_passage = np.inf
     dim = 3
-    is_of_revolution = False
 
     def moving(self: Self, motion: Motion) -> Self:
         """Return the same obstacle with a prescribed motion. Local.
@@ -78,6 +76,11 @@ class Obstacle(Declaration):
         other = copy(self)
         vars(other)["motion"] = motion
         return other
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """Whether turns about the axis y leave the obstacle of the plane as it is."""
+        return False
 
     @property
     def name(self) -> str:

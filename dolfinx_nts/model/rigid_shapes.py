@@ -17,7 +17,7 @@ from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.trajectories import Trajectories
 
-__all__ = ["RigidCone", "RigidCylinder", "RigidPlane", "RigidSphere"]
+__all__ = ["RigidCylinder", "RigidPlane", "RigidSphere"]
 
 # By how much an obstacle may miss the axis of rings, relative to its size [-].
 _ROUND_OFF = 1e-10
@@ -122,7 +122,11 @@ class RigidPlane(_Exact):
         self.dim = _dimension("point", point)
         self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
-        self.is_of_revolution = self.dim == 2 and bool(abs(self._normal[0]) < _ROUND_OFF)
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """Whether it is normal to the axis, see `Obstacle.is_of_revolution`."""
+        return self.dim == 2 and bool(abs(self._normal[0]) < _ROUND_OFF)
 
     def _declaration(self) -> str:
         return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
@@ -139,45 +143,6 @@ class RigidPlane(_Exact):
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
-
-
-class RigidCone(RigidPlane):
-    """A cone about the axis of an axisymmetric mesh that bodies cannot enter. Local.
-
-    Args:
-        tip: Its tip on the axis, shape ``(2,)``, x = 0 [m].
-        half_angle: Angle between the axis and the surface [rad].
-        opens: Direction from the tip along the axis in which the cone opens, 1 for up, the
-            indenter of a body below, or -1 for down.
-
-    Raises:
-        ValueError: The tip is not on the axis, the angle is not between 0 and pi/2, or the
-            direction is neither 1 nor -1.
-
-    Example:
-        >>> nts.RigidCone(tip=(0, 1), half_angle=1.2)
-        RigidCone(tip=(0, 1), half_angle=1.2, opens=1)
-    """
-
-    def __init__(self, tip: Sequence[float], half_angle: float, *, opens: int = 1) -> None:
-        """Check the arguments."""
-        if vector("tip", tip, 2)[0] != 0:
-            raise ValueError(f"expected a tip on the axis x = 0, given {tip!r}")
-        if not 0 < half_angle < np.pi / 2:
-            raise ValueError(f"expected 0 < half_angle < pi/2, given {half_angle}")
-        if opens not in (1, -1):
-            raise ValueError(f"expected opens 1 or -1, given {opens!r}")
-        self._half_angle, self._opens = float(half_angle), int(opens)
-        super().__init__(tip, (np.cos(half_angle), -opens * np.sin(half_angle)))
-        self.is_of_revolution = True
-
-    def _declaration(self) -> str:
-        tip, angle = self._point[: self.dim], self._half_angle
-        return as_call(self, tip=tip, half_angle=angle, opens=self._opens)
-
-    def depth(self, x: Floats) -> Floats:
-        """Tell how deep points of both halves of the section are inside, see `Obstacle.depth`."""
-        return super().depth(np.column_stack([np.abs(x[:, :1]), x[:, 1:]]))
 
 
 class _Round(_Exact):
@@ -260,8 +225,11 @@ class RigidSphere(_Round):
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
         """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
-        off_axis = abs(self._centre[0]) / self._radius
-        self.is_of_revolution = self.dim == 2 and bool(off_axis < _ROUND_OFF)
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """Whether the centre is on the axis, see `Obstacle.is_of_revolution`."""
+        return self.dim == 2 and bool(abs(self._centre[0]) < _ROUND_OFF * self._radius)
 
     def _declaration(self) -> str:
         centre = self._centre[: self.dim]
