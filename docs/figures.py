@@ -37,6 +37,7 @@ DEMOS = {
     "ball_plate": ["ball_plate.png", "ball_plate_pressure.png"],
     "bar_impact": ["bar_impact_force.png"],
     "bowl": ["bowl.png"],
+    "drum": ["drum.png"],
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
     "ironing": ["ironing.png", "ironing_force.png"],

@@ -13,6 +13,7 @@ from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
 from dolfinx_nts.diagnostics.bodies import BodyBalance
 from dolfinx_nts.diagnostics.contact import PairBalance
 from dolfinx_nts.diagnostics.fields import Fields
+from dolfinx_nts.fem.axisymmetry import axisymmetric
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.report import StepReport
@@ -23,6 +24,7 @@ from dolfinx_nts.io.load_state import load_state
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
+from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
@@ -31,6 +33,7 @@ from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import RigidBody
+from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
@@ -70,11 +73,13 @@ __all__ = [
     "Overlap",
     "PairBalance",
     "Penalty",
+    "PlaneStress",
     "Pressure",
     "QuasiStatic",
     "Reaction",
     "Recorder",
     "RigidBody",
+    "RigidCone",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",
@@ -87,6 +92,7 @@ __all__ = [
     "Traction",
     "Yeoh",
     "all_pairs",
+    "axisymmetric",
     "boundary_of",
     "load_state",
     "parts",

@@ -13,14 +13,15 @@ __all__ = ["setup", "write"]
 
 # Heading of a part of the index, and its names in the order in which users meet them.
 PARTS = {
-    "Meshes": ["read_mesh", "MeshData", "parts"],
+    "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
+        "PlaneStress",
         "RigidBody",
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
-        *("RigidSurface", "Motion"),
+        *("RigidCone", "RigidSurface", "Motion"),
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),

@@ -2,8 +2,11 @@
 
 from typing import Any, Literal
 
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method"]
@@ -55,6 +58,7 @@ def check_dimension(pair: Any) -> None:
         )
     if dim == 3:
         return
+    _check_rings(pair)
     wrong = ""
     if pair.method != NODES:
         wrong = f"method {NODES!r}, given {pair.method!r}"
@@ -64,3 +68,21 @@ def check_dimension(pair: Any) -> None:
         wrong = "impact 'elastic' or 'plastic', given 'resolved'"
     if wrong:
         raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")
+
+
+def _check_rings(pair: Any) -> None:
+    """Raise ValueError if rings, or the plane, cannot have the contact of a pair. Local."""
+    has_rings, segments = is_axisymmetric(pair.nodes.V.mesh), pair.segments
+    if isinstance(segments, RigidCone) and not has_rings:
+        raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")
+    if not has_rings:
+        return
+    if pair.method != NODES:
+        raise ValueError(
+            f"expected, in an axisymmetric mesh, method {NODES!r}, given {pair.method!r}"
+        )
+    if isinstance(segments, Obstacle) and not segments.is_of_revolution:
+        raise ValueError(
+            "expected, in an axisymmetric mesh, a RigidPlane normal to the axis y, a RigidSphere "
+            f"with its centre on it or a RigidCone, given {segments!r}"
+        )

@@ -25,7 +25,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.diagnostics.bodies import BodyBalance, BodyDiagnostics
 from dolfinx_nts.diagnostics.contact import ContactDiagnostics
 from dolfinx_nts.diagnostics.names import flat
-from dolfinx_nts.fem.components import deformation_gradient, in_space, moments, nodal
+from dolfinx_nts.fem.components import deformation_gradient, in_space, moments, nodal, resultants
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -46,7 +46,8 @@ class Balance:
         angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
             ``(1,)``, about z [kg m^2/s].
         contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)``, in
-            the plane ``(2,)`` [N].
+            the plane ``(2,)`` [N]. Of rings, in an axisymmetric mesh, momentum and resultant
+            have one component, along y, and there is no angular momentum, shape ``(0,)``.
         active_nodes: Number of nodes that transmit force.
         min_gap: Least gap [m]; NaN if no node faces a segment.
 
@@ -162,15 +163,14 @@ class Diagnostics(ContactDiagnostics):
         Raises:
             ValueError: The body belongs to another stepper.
         """
-        x: Floats = self._bodies.mean(body, self.stepper.x)[: self._dim]
-        return x
+        return resultants(self._bodies.mean(body, self.stepper.x), self._V)
 
     def body_velocity(self, body: Body) -> Floats:
         """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
         Argument and error are those of `centre_of_mass`.
         """
-        return self._bodies.mean(body, nodal(self.stepper.v))
+        return resultants(self._bodies.mean(body, in_space(nodal(self.stepper.v))), self._V)
 
     def bodies(self) -> dict[str, BodyBalance]:
         """Mass, energies, momenta and motion of each body, by its name."""
@@ -186,9 +186,9 @@ class Diagnostics(ContactDiagnostics):
     def _motion(self) -> tuple[float, Floats, Floats]:
         """Kinetic energy, linear and angular momentum."""
         p = self.stepper.nodal_momentum()
-        n, d = p.shape
+        n = len(p)
         v = nodal(self.stepper.v)[:n]
         turning = np.cross(self.stepper.x[:n], in_space(p)).sum(axis=0)
-        parts = [[np.sum(v * p) / 2], p.sum(axis=0), turning]
+        parts = [[np.sum(v * p) / 2], in_space(p.sum(axis=0)), turning]
         sums = self._sum(np.concatenate(parts))
-        return float(sums[0]), sums[1 : 1 + d], moments(sums[1 + d :], d)
+        return float(sums[0]), resultants(sums[1:4], self._V), moments(sums[4:], self._V)

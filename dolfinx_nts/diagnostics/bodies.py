@@ -18,6 +18,7 @@ from dolfinx_nts.fem.components import (
     in_space,
     moments,
     nodal,
+    resultants,
 )
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.stepper import Stepper
@@ -41,6 +42,8 @@ class BodyBalance:
             ``(1,)``, about z [kg m^2/s].
         centre_of_mass: Current centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m].
         velocity: Velocity of the centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m/s].
+            Of rings, in an axisymmetric mesh, vectors have one component, along y, and there is
+            no angular momentum.
 
     Example:
         >>> upper = nts.Diagnostics(stepper).bodies()["upper"]
@@ -137,11 +140,12 @@ class BodyDiagnostics:
         ]
         sums = reductions.total(self._comm, np.array(rows))
         names = part_names("body", (body.name for body in stepper.bodies))
-        dim = dimension(stepper.u.function_space)
+        V = stepper.u.function_space
         balances = {}
         for name, (scalars, linear, turning, moment) in zip(names, sums, strict=True):
             mass, kinetic_energy, strain_energy = scalars.tolist()
             energies = mass, kinetic_energy, strain_energy
-            linear, moment, turning = linear[:dim], moment[:dim], moments(turning, dim)
+            linear, moment = resultants(linear, V), resultants(moment, V)
+            turning = moments(turning, V)
             balances[name] = BodyBalance(*energies, linear, turning, moment / mass, linear / mass)
         return balances

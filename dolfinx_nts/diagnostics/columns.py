@@ -5,11 +5,13 @@ from typing import Any, Literal, get_args
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dolfinx_nts.common.arguments import real_array
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.names import flat, part_names
-from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.components import dimension, moments, resultants
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.reaction import Reaction
@@ -45,7 +47,8 @@ class RunColumns:
             names = ", ".join(map(repr, get_args(Parts)))
             raise ValueError(f"expected columns_of some of {names}, given {unknown}")
         self._diagnostics, self._own = diagnostics, dict(own or {})
-        self._dim = dimension(diagnostics.stepper.u.function_space)
+        self._V = V = diagnostics.stepper.u.function_space
+        self._dim, self._zero = dimension(V), np.zeros(3)
         self._loads = part_names("load", (load.name for load in diagnostics.stepper.loads))
         groups: dict[str, Callable[[StepReport | None, EnergyLedger], dict[str, float]]] = {
             "pairs": self._of_pairs,
@@ -82,7 +85,7 @@ class RunColumns:
         for name, function in self._own.items():
             with agreed(comm, f"evaluate the column {name}"):
                 value = real_array(f"the column {name}", function(stepper))
-                if value.shape not in ((), (self._dim,)):
+                if value.shape not in ((), (self._dim,), resultants(self._zero, self._V).shape):
                     number = {2: "two", 3: "three"}[self._dim]
                     raise ValueError(
                         f"expected a number or {number} for the column {name}, given {value.shape}"
@@ -107,8 +110,8 @@ class RunColumns:
     def _of_supports(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
         columns: dict[str, float] = {}
         works = ledger.each["supports"]
-        dim = self._dim
-        nothing = Reaction((0.0,) * dim, (0.0,) * {2: 1, 3: 3}[dim], 0.0)
+        force, moment = resultants(self._zero, self._V), moments(self._zero, self._V)
+        nothing = Reaction(tuple(map(float, force)), tuple(map(float, moment)), 0.0)
         reactions = [nothing] * len(works) if step is None else step.reactions
         for i, (reaction, work) in enumerate(zip(reactions, works, strict=True), start=1):
             values = {"force": reaction.force, "moment": reaction.moment, "work": float(work)}

@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
-from dolfinx_nts.fem.components import dimension, in_space, moments, nodal
+from dolfinx_nts.fem.components import in_space, moments, nodal, resultants
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -25,9 +25,10 @@ class PairBalance:
     """Contact of one pair in the last step, the same on all ranks.
 
     Attributes:
-        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)`` [N].
+        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)``, of rings ``(1,)``,
+            along y [N].
         torque: Torque about the origin on the nodes, shape ``(3,)``, in the plane ``(1,)``, about
-            z [N m].
+            z, of rings ``(0,)`` [N m].
         contact_area: Reference area of the nodes that transmit force [m^2].
         largest_pressure: Largest contact pressure of a node [Pa].
 
@@ -58,10 +59,10 @@ class ObstacleBalance:
 
     Attributes:
         force: Resultant on the obstacle by all pairs that name it, shape ``(3,)``, in the plane
-            ``(2,)`` [N].
-        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z [N m]: about the
-            centre of the motion in the middle of the step, or about the origin if the obstacle
-            is at rest.
+            ``(2,)``, of rings ``(1,)``, along y [N].
+        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z, of rings ``(0,)``
+            [N m]: about the centre of the motion in the middle of the step, or about the origin
+            if the obstacle is at rest.
 
     Example:
         >>> down = nts.Motion(translation=lambda t: (0.0, 0.0, -t))
@@ -91,9 +92,8 @@ class ContactDiagnostics:
     def __init__(self, stepper: Stepper) -> None:
         """Take the stepper."""
         self.stepper = stepper
-        V = stepper.u.function_space
-        self._comm: MPI.Comm = V.mesh.comm
-        self._dim = dimension(V)
+        self._V = stepper.u.function_space
+        self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
         self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
 
@@ -102,11 +102,10 @@ class ContactDiagnostics:
         return float(self._sum(sum(pair.history.energy.sum() for pair in self.stepper.contacts)))
 
     def contact_force(self) -> Floats:
-        """Resultant of the last step on the nodes of all pairs, shape ``(3,)`` or ``(2,)`` [N]."""
+        """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
         forces = [contact.history.force.sum(axis=0) for contact in self.stepper.contacts]
         force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
-        total: Floats = force[: self._dim]
-        return total
+        return resultants(force, self._V)
 
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
@@ -124,8 +123,8 @@ class ContactDiagnostics:
         for part, pair in zip(parts, stepper.contacts, strict=True):
             force = pair.history.force
             part[:] = force.sum(axis=0), np.cross(x[pair.nodes.nodes], force).sum(axis=0)
-        resultants: Floats = self._sum(parts)
-        return resultants
+        total: Floats = self._sum(parts)
+        return total
 
     def pairs(self) -> dict[str, PairBalance]:
         """Contact of each pair in the last step, by names of its two sides."""
@@ -133,7 +132,7 @@ class ContactDiagnostics:
         area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
         pressures = [float(contact.pressure.max(initial=0.0)) for contact in contacts]
         pressures = reductions.largest(self._comm, pressures) if contacts else []
-        vectors = [self._parts(resultants) for resultants in self.pair_resultants()]
+        vectors = [self._parts(pair) for pair in self.pair_resultants()]
         numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
         return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
 
@@ -142,11 +141,11 @@ class ContactDiagnostics:
         stepper, totals = self.stepper, dict[Obstacle, Floats]()
         if not self._has_obstacles:
             return {}
-        resultants = self.pair_resultants()
+        by_pair = self.pair_resultants()
         for number, pair in enumerate(stepper.pairs):
             obstacle = pair.segments
             if isinstance(obstacle, Obstacle):
-                force, torque = resultants[number]
+                force, torque = by_pair[number]
                 centre = obstacle.motion.frame(stepper.t_n, stepper.t, obstacle.dim).centre
                 on_nodes = np.array([force, torque - np.cross(centre, force)])
                 totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes
@@ -223,10 +222,10 @@ class ContactDiagnostics:
         farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
-    def _parts(self, resultants: Floats) -> tuple[Floats, Floats]:
-        """Components of force and torque, shape ``(2, 3)``, that exist in the dimension."""
-        force, torque = resultants
-        return force[: self._dim], moments(torque, self._dim)
+    def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
+        """Components of force and torque, shape ``(2, 3)``, that exist in the space."""
+        force, torque = vectors
+        return resultants(force, self._V), moments(torque, self._V)
 
     def _sum(self, values: Any) -> Any:
         return reductions.total(self._comm, values)

@@ -135,6 +135,7 @@ class EnergyLedger:
                 f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} "
                 f"{unit}, largest change {self.drift[name]:.1e} {unit}"
                 for name, unit in _CONSERVED.items()
+                if np.size(getattr(self.first, name))  # rings have no angular momentum
             ),
             f"energy unaccounted for: at most {self.drift['unaccounted']:.1e} J",
         ]

@@ -20,8 +20,10 @@ __all__ = ["flat", "pair_names", "part_names"]
 _LONGEST = 40
 # Words without meaning in a column, as in "the boundary of ball".
 _LEFT_OUT = {"a", "an", "the", "of"}
-# Axes of the parts of a vector, by their number.
-_AXES = {1: "z", 2: "xy", 3: "xyz"}
+# Axes of the parts of a vector, by their number. Of rings vectors have one part along their axis;
+# moments of the plane, and they alone, have one about z.
+_AXES = {0: "", 1: "y", 2: "xy", 3: "xyz"}
+_MOMENTS, _TURNING = ("moment", "angular_momentum", "torque"), {0: "", 1: "z", 3: "xyz"}
 
 
 def part_names(kind: str, names: Iterable[str]) -> list[str]:
@@ -53,7 +55,8 @@ def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
 def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
     """Numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local.
 
-    In the plane vectors have two parts, ``_x`` and ``_y``, and moments one, ``_z``.
+    In the plane vectors have two parts, ``_x`` and ``_y``, and moments one, ``_z``. Of rings
+    vectors have one part, ``_y``, and moments none.
 
     Args:
         prefix: What all names begin with.
@@ -65,7 +68,8 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
             columns[f"{prefix}{name}"] = value
         else:
             vector: Floats = np.asarray(value)
-            for axis, v in zip(_AXES[len(vector)], vector, strict=True):
+            axes = (_TURNING if name in _MOMENTS else _AXES)[len(vector)]
+            for axis, v in zip(axes, vector, strict=True):
                 columns[f"{prefix}{name}_{axis}"] = float(v)
     return columns
 

@@ -12,8 +12,17 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import hoop_gradient, is_axisymmetric
 
-__all__ = ["deformation_gradient", "dimension", "gradient", "in_space", "moments", "nodal"]
+__all__ = [
+    "deformation_gradient",
+    "dimension",
+    "gradient",
+    "in_space",
+    "moments",
+    "nodal",
+    "resultants",
+]
 
 
 def dimension(V: fem.FunctionSpace) -> int:
@@ -39,24 +48,48 @@ def in_space(vectors: Floats) -> Floats:
     return padded
 
 
-def moments(vectors: Floats, dim: int) -> Floats:
-    """Components of moments, ``(..., 3)``, that exist in 2 or 3 dimensions: about z, or all. Local.
+def resultants(vectors: Floats, V: fem.FunctionSpace) -> Floats:
+    """Components of resultants, momenta and centres, ``(..., 3)``, that exist in a space. Local.
 
     Returns:
-        A view, shape ``(..., 1)`` or ``(..., 3)``.
+        A view, shape ``(..., 3)``; in the plane ``(..., 2)``; of rings ``(..., 1)``, along y.
     """
-    return vectors[..., 2:] if dim == 2 else vectors
+    if is_axisymmetric(V.mesh):
+        return vectors[..., 1:2]
+    return vectors[..., : dimension(V)]
 
 
-def gradient(v: Any) -> Any:
-    """Gradient of a vector field, UFL (3, 3); in the plane nothing changes along z."""
+def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
+    """Components of moments, ``(..., 3)``, that exist in a space. Local.
+
+    Returns:
+        A view, shape ``(..., 3)``; in the plane ``(..., 1)``, about z; of rings ``(..., 0)``.
+    """
+    if is_axisymmetric(V.mesh):
+        return vectors[..., 3:]
+    return vectors[..., 2:] if dimension(V) == 2 else vectors
+
+
+def gradient(v: Any, *, on_axis: bool = False) -> Any:
+    """Gradient of a vector field, UFL (3, 3).
+
+    In the plane nothing changes along z; of rings the last entry is that around the axis.
+
+    Args:
+        v: Vector field, UFL.
+        on_axis: Whether it is evaluated on the axis of rings too.
+    """
     grad = ufl.grad(v)
     if grad.ufl_shape == (3, 3):
         return grad
-    rows = [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, 0]]
+    hoop = hoop_gradient(v, on_axis=on_axis)
+    rows = [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, hoop]]
     return ufl.as_matrix(rows)
 
 
-def deformation_gradient(u: Any) -> Any:
-    """Deformation gradient of a displacement, UFL (3, 3); in the plane that of plane strain."""
-    return ufl.Identity(3) + gradient(u)
+def deformation_gradient(u: Any, *, on_axis: bool = False) -> Any:
+    """Deformation gradient of a displacement, UFL (3, 3); in the plane that of plane strain.
+
+    Arguments are those of `gradient`.
+    """
+    return ufl.Identity(3) + gradient(u, on_axis=on_axis)

@@ -16,6 +16,7 @@ from dolfinx.mesh import MeshTags
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.parallel.meeting import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
@@ -43,10 +44,10 @@ class Element:
     Args:
         cell: ``"tetrahedron"``, ``"hexahedron"``, ``"triangle"`` or ``"quadrilateral"``.
         degree: 1 or 2.
+        makes_rings: Whether cells stand for rings, so that integrals have the radius as a weight.
 
     Attributes:
-        cell: The cell.
-        degree: The degree.
+        cell, degree, makes_rings: The arguments.
         basix: The scalar element in Basix.
         points: Positions of the nodes on the reference cell, shape ``(n, d)``.
         mass_degree: Degree of the quadrature of inertia and of loads on facets, which is exact
@@ -59,22 +60,24 @@ class Element:
             hexahedra and quadrilaterals of degree 1.
     """
 
-    def __init__(self, cell: str, degree: int) -> None:
+    def __init__(self, cell: str, degree: int, makes_rings: bool = False) -> None:
         """Create the element in Basix and choose the degrees of quadrature."""
-        self.cell, self.degree = cell, degree
+        self.cell, self.degree, self.makes_rings = cell, degree, makes_rings
         self.basix = basix.create_element(
             basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.gll_warped
         )
         self.points: Floats = self.basix.points
-        self.mass_degree = 2 * degree
         self.is_simplex = cell in ("tetrahedron", "triangle")
+        # The rules of quadrilaterals have a degree to spare.
+        self.mass_degree = 2 * degree + (self.is_simplex and makes_rings)
         self.stress_degree = 2 if self.is_simplex else 2 * degree
         self.locks = not self.is_simplex and degree == 1
 
     @classmethod
     def of(cls, V: fem.FunctionSpace) -> "Element":
         """Element of a space, one object for all spaces with the same element."""
-        return _created(V.mesh.topology.cell_name(), V.ufl_element().degree)
+        mesh = V.mesh
+        return _created(mesh.topology.cell_name(), V.ufl_element().degree, is_axisymmetric(mesh))
 
     @cached_property
     def diagonals(self) -> list[Ints]:

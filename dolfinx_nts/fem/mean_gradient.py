@@ -1,4 +1,4 @@
-r"""Mean gradients of vector fields in hexahedra, for terms that are evaluated once a cell.
+r"""Mean gradients of vector fields in cells, for terms that are evaluated once a cell.
 
 The gradient in the middle of a distorted hexahedron differs from its mean,
 :math:`\bar G = \int \nabla v\, dX / V`, so that forces of a uniform stress would not be those
@@ -10,10 +10,12 @@ of its faces. The mean has a closed form (Flanagan and Belytschko 1981). With th
 
 and :math:`\bar G = \nabla v + \sum_{ij} (X_i \cdot \nabla\nabla v \cdot X_j) \otimes
 (\partial V/\partial X_{ij}) / V`, with the gradients in the middle. In tetrahedra, in triangles
-and in quadrilaterals of the plane the gradient in the middle is the mean.
+and in quadrilaterals of the plane the gradient in the middle is the mean. In quadrilaterals that
+stand for rings it is not, see `ring_means`.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,15 +28,15 @@ from ufl.corealg.multifunction import MultiFunction
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.cell_constant import CellConstant
+from dolfinx_nts.fem.ring_means import PLANE_ENTRIES, ring_means
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["with_mean_gradients"]
 
 # Entries of a symmetric tensor, in the order in which they are stored.
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
-# Numbers of a cell, see `_numbers`.
-_NUMBERS = 19
 # Of the coordinates of the vertices about the middle.
 _SIGNS = np.array([[2.0 * (i >> axis & 1) - 1.0 for axis in range(3)] for i in range(8)])
 
@@ -54,17 +56,21 @@ def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
         UFL scalar whose integral with one point has the volumes of the cells as weights.
     """
     mesh = V.mesh
-    if mesh.topology.cell_name() != "hexahedron":
+    has_rings = is_axisymmetric(mesh)
+    if mesh.topology.cell_name() != ("quadrilateral" if has_rings else "hexahedron"):
         return value
     known = _KNOWN.get(mesh)
     is_same = known is not None and np.array_equal(known[0], mesh.geometry.x)
     if known is None or not reductions.everywhere(mesh.comm, is_same):
-        new = CellConstant(mesh, _NUMBERS)
-        new.x.array.reshape(-1, _NUMBERS)[new.function_space.dofmap.list[:, 0]] = _numbers(mesh)
+        x = mesh.geometry.x[compat.geometry_nodes(mesh)]
+        numbers = (ring_means if has_rings else _numbers)(x)
+        new = CellConstant(mesh, numbers.shape[1])
+        new.x.array.reshape(numbers.shape)[new.function_space.dofmap.list[:, 0]] = numbers
         known = _KNOWN[mesh] = mesh.geometry.x.copy(), new.x
     # Forms of one mesh share the values.
-    coefficients = CellConstant(mesh, _NUMBERS, known[1])
-    return coefficients[_NUMBERS - 1] * map_expr_dag(_MeanGradients(V, coefficients), value)
+    coefficients = CellConstant(mesh, known[1].block_size, known[1])
+    means = (_RingMeans if has_rings else _MeanGradients)(V, coefficients)
+    return means.volume * map_expr_dag(means, value)
 
 
 class _MeanGradients(MultiFunction):  # type: ignore[misc]
@@ -76,36 +82,67 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
     """
 
     expr = MultiFunction.reuse_if_untouched
+    entries: ClassVar[Sequence[tuple[int, int]]] = _ENTRIES
 
     def __init__(self, V: fem.FunctionSpace, coefficients: CellConstant) -> None:
         super().__init__()
         self._V, self._coefficients = V, coefficients
+        self._axes = range(V.mesh.geometry.dim)
+
+    @property
+    def volume(self) -> Any:
+        """Volume of the cell over its estimate with the middle, UFL."""
+        return self._coefficients[len(self._coefficients) - 1]
 
     def grad(self, o: Any) -> Any:
         """Add to the gradient in the middle what the mean has beside it."""
-        (v,), axes = o.ufl_operands, range(3)
+        (v,), axes, d = o.ufl_operands, self._axes, len(self._axes)
         if any(f.ufl_function_space() != self._V for f in _functions(v)):
             return o
-        second, c = ufl.grad(o), self._coefficients
-        rest = [
-            [sum(second[i, j, k] * c[3 * n + m] for n, (j, k) in enumerate(_ENTRIES)) for m in axes]
-            for i in axes
-        ]
+        second = ufl.grad(o)
+        rest = [[self._times(second, i, slice(m, None, d)) for m in axes] for i in axes]
         return o + ufl.as_matrix(rest)
+
+    def _times(self, second: Any, i: int, places: slice) -> Any:
+        """Second derivatives of a component times numbers of the cell, at the first places."""
+        numbers = range(len(self._coefficients))[places]
+        return sum(
+            second[i, j, k] * self._coefficients[n]
+            for (j, k), n in zip(self.entries, numbers, strict=False)
+        )
+
+
+class _RingMeans(_MeanGradients):
+    """Replaces gradients, and values over the radius, by their means in rings.
+
+    Arguments are as of `_MeanGradients`, with what `ring_means` returns.
+    """
+
+    entries = PLANE_ENTRIES
+
+    def coefficient(self, o: Any) -> Any:
+        """Replace the radial component by the mean of that over r, times the radius r."""
+        if o.ufl_function_space() != self._V:
+            return o
+        c, first, r = self._coefficients, ufl.grad(o), ufl.SpatialCoordinate(self._V.mesh)[0]
+        mean = o[0] * c[6] + first[0, 0] * c[7] + first[0, 1] * c[8]
+        mean += self._times(ufl.grad(first), 0, slice(9, None))
+        return ufl.as_vector([r * mean, o[1]])
+
+    argument = coefficient
 
 
 def _functions(v: Any) -> list[Any]:
     return [*extract_coefficients(v), *extract_arguments(v)]
 
 
-def _numbers(mesh: Mesh) -> Floats:
-    r"""What means need of the geometry of each local cell, shape ``(c, 19)``. Local.
+def _numbers(x: Floats) -> Floats:
+    r"""What means need of the vertices of cells, ``(c, 8, 3)`` [m], shape ``(c, 19)``. Local.
 
     The vectors :math:`c_{jk}` of
     :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v \otimes c_{jk}` [m], and the
     volume over its estimate with the middle [-].
     """
-    x = mesh.geometry.x[compat.geometry_nodes(mesh)]
     first = [np.einsum("a,cai->ci", _SIGNS[:, i] / 4, x) for i in range(3)]
     pairs = ((1, 2), (2, 0), (0, 1))
     X23, X31, X12 = (np.einsum("a,cai->ci", _SIGNS[:, [i, j]].prod(1) / 2, x) for i, j in pairs)

@@ -128,7 +128,7 @@ class ImplicitStepper(Stepper):
             self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
         )
         self._free: Floats | None = None
-        if bcs:
+        if self.supports.exist:
             self._free = np.ones((len(self.node_ids), dimension(self._bulk.u.function_space)))
             self._free.ravel()[self.supports.fixed] = 0
         damping = self._inertia.forms.dissipation()

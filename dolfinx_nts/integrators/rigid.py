@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
@@ -34,8 +35,8 @@ def check_rigid_bodies(
         name: That of the stepper.
 
     Raises:
-        ValueError: The scheme moves no rigid bodies, two of them share nodes, or there is impact
-            "resolved".
+        ValueError: The scheme moves no rigid bodies, the mesh is axisymmetric, two of them share
+            nodes, or there is impact "resolved".
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -47,6 +48,11 @@ def check_rigid_bodies(
         raise ValueError(
             f"expected EnergyMomentum or Midpoint with rigid bodies ({names}), given {name}: there "
             "a stiff material, or a moving obstacle, can take their place"
+        )
+    if is_axisymmetric(V.mesh):
+        raise ValueError(
+            f"expected no RigidBody in an axisymmetric mesh, given {names}: a stiff material, or a "
+            "moving obstacle, can take its place"
         )
     for one, other in combinations(rigid, 2):
         common = np.intersect1d(one.nodes, other.nodes)

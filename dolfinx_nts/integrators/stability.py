@@ -4,8 +4,8 @@ The estimate of the longest step is on the safe side. With lumped mass no freque
 assembly exceeds the highest one of its parts (Irons and Treharne 1971). For a cell of degree 1
 that is taken from its uniform strains, with the moduli at C = 1: 2 c/h, with the speed c of the
 P-wave, for a cell of length h that can move in one direction only, and more for one that can
-swell. For a cell of degree 2 it is an eigenvalue. It changes as 1/h when cells deform, and
-contact springs add to it.
+swell. For a cell of degree 2, and for one that stands for a ring, it is an eigenvalue. It changes
+as 1/h when cells deform, and contact springs add to it.
 """
 
 import math
@@ -17,8 +17,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings
+from dolfinx_nts.fem.axisymmetry import is_on_axis
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -146,10 +147,12 @@ class Cells:
         squared = []
         for material, part in cells.items():
             x = X[nodes[part, :k], : self._dim]
-            if element.degree == 1:
+            # Circles that become longer count beside the strains in the plane.
+            if element.degree == 1 and not element.makes_rings:
                 squared.append(cell_frequency(material, x))
             else:
-                squared.append(highest_frequency(material, element, x))
+                on_axis = is_on_axis(V.mesh, X[nodes[part]])
+                squared.append(highest_frequency(material, element, x, on_axis))
         self._speed = np.sqrt(np.concatenate(squared)) * self._lengths(X) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
@@ -215,7 +218,9 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     return squared
 
 
-def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Floats:
+def highest_frequency(
+    material: Hyperelastic, element: Element, x: Floats, on_axis: Flags
+) -> Floats:
     """Highest squared frequency of cells of any degree, with the moduli at C = 1. Local.
 
     Args:
@@ -223,26 +228,33 @@ def highest_frequency(material: Hyperelastic, element: Element, x: Floats) -> Fl
         element: Their element.
         x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
             ``(c, k, 2)`` [m].
+        on_axis: Nodes of rings that keep their radius 0, shape ``(c, n)``.
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
     d, moduli = x.shape[2], material.moduli
-    basis = strain_basis()[:, :d, :d]  # in the plane the strains of plane strain
+    basis = strain_basis()  # in the plane the strains of plane strain
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
-    slopes = element.basix.tabulate(1, points)[1:, :, :, 0]
-    linear = Element(element.cell, 1).basix.tabulate(1, points)[1:, :, :, 0]
+    values, *slopes = element.basix.tabulate(1, points)[..., 0]
+    shape, *linear = Element(element.cell, 1).basix.tabulate(1, points)[..., 0]
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_MATRICES, len(x), _MATRICES)):
-        J = np.einsum("jqv,cvi->cqij", linear, x[block])
-        gradient = np.einsum("jqa,cqji->cqai", slopes, np.linalg.inv(J))
+        J = np.einsum("jqv,cvi->cqij", np.array(linear), x[block])
+        gradient = np.einsum("jqa,cqji->cqai", np.array(slopes), np.linalg.inv(J))
         volume = np.abs(np.linalg.det(J)) * weights
         scale = 1 / np.sqrt(material.rho * nodal_parts(element, x[block]))
-        gradient *= np.sqrt(volume)[:, :, None, None] * scale[:, None, :, None]
-        strain = np.einsum("sij,cqaj->cqsai", basis, gradient).reshape(*volume.shape, 6, -1)
+        strain = np.einsum("sij,cqaj->cqsai", basis[:, :d, :d], gradient)
+        if element.makes_rings:
+            r = x[block, :, 0] @ shape.T
+            volume *= 2 * np.pi * r
+            strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]
+            strain[..., 0] *= ~on_axis[block][:, None, None]
+        strain *= np.sqrt(volume)[:, :, None, None, None] * scale[:, None, None, :, None]
+        strain = strain.reshape(*volume.shape, 6, -1)
         stress = moduli @ strain
-        shape = len(block), -1, strain.shape[-1]
-        K = strain.reshape(shape).swapaxes(1, 2) @ stress.reshape(shape)
+        rows = len(block), -1, strain.shape[-1]
+        K = strain.reshape(rows).swapaxes(1, 2) @ stress.reshape(rows)
         squared[block] = np.linalg.eigvalsh(K)[:, -1]
     return squared
 

@@ -13,12 +13,17 @@ from dolfinx import fem, la
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["State", "current_positions", "serialize_nodal"]
+
+# Radial displacement or velocity on the axis, relative to the largest one [-], that is none.
+_ROUND_OFF = 1e-9
 
 
 class State(ABC):
@@ -136,7 +141,8 @@ class State(ABC):
         Raises:
             TypeError: ``body`` is no body, or the value does not consist of real numbers.
             ValueError: The body belongs to another stepper, the Function to another space, or
-                the value has the wrong shape.
+                the value has the wrong shape, or leads away from the axis of an axisymmetric
+                mesh.
         """
         self._set(self.u, body, value)
 
@@ -164,8 +170,30 @@ class State(ABC):
                     f"expected a {function.name} of shape {shape[:1]} or {shape}, given "
                     f"{values.shape}"
                 )
+        before = function.x.array.copy()
         nodal(function)[body.nodes] = values.T
+        try:
+            self._keep_axis(function)
+        except ValueError:
+            function.x.array[:] = before
+            raise
         self._state_was_set()
+
+    def _keep_axis(self, function: fem.Function) -> None:
+        """Raise if a displacement or a velocity leaves the axis of rings, but for round-off."""
+        V, values = function.function_space, nodal(function)
+        if not is_axisymmetric(V.mesh):
+            return
+        axis = axis_nodes(V)
+        radial = float(np.abs(values[axis, 0]).max(initial=0.0))
+        parts = [radial, float(np.abs(values).max(initial=0.0))]
+        radial, largest = reductions.largest(self._comm, parts)
+        if radial > _ROUND_OFF * largest:
+            raise ValueError(
+                f"expected no radial {function.name} on the axis x = 0, given one of {radial:g}: "
+                "there rings have no room; near the axis it is proportional to x"
+            )
+        values[axis, 0] = 0.0
 
     @abstractmethod
     def _check_body(self, body: Body) -> None:

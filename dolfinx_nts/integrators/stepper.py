@@ -169,6 +169,8 @@ class Stepper(TimeLoop):
             same_scheme: Whether the other stepper has the same scheme.
         """
         self._serialize_motion(archive)
+        for function in (self.u, self.v):
+            self._keep_axis(function)
         for number, name in contacts.items():
             self.contacts[number].serialize(archive, name)
         self._was_displaced = True

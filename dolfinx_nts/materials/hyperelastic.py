@@ -7,7 +7,7 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -64,6 +64,7 @@ class Hyperelastic(StrainEnergy):
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
+        is_sheet: Whether there is no stress along z, see `PlaneStress`.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
             energy of an equal change of volume, psi(J^(2/3) 1), has one point.
@@ -85,6 +86,8 @@ class Hyperelastic(StrainEnergy):
         >>> nts.Hyperelastic(psi, rho=1.0e3, mu=3.0e4, kappa=1.0e5)  # kg/m^3, Pa
         Hyperelastic(psi=psi, mu=30000, kappa=100000, rho=1000)
     """
+
+    is_sheet: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -197,6 +200,22 @@ class Hyperelastic(StrainEnergy):
         moduli = 2 * ufl.diff(self.stress(C, **parameters), C)
         i, j, m, n = ufl.indices(4)
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
+
+    def free_thickness(self, C: Any, **parameters: Any) -> Any:
+        """Square of the stretch along z of a sheet without stress there, see `PlaneStress`.
+
+        Args:
+            C: Right Cauchy-Green tensor, of which the part in the plane counts, UFL (3, 3).
+            **parameters: Values of parameters of the energy, by name; others have their own.
+
+        Returns:
+            UFL scalar; None where there is no closed form.
+        """
+        return None
+
+    def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
+        """Stretch along z beside that of C, 1 but for a sheet in `PlaneStress`, UFL."""
+        return 1
 
     def _check_parts(self) -> None:
         """Raise unless the energy is the sum of its parts for `one_point`."""

@@ -53,6 +53,12 @@ class SaintVenantKirchhoff(Hyperelastic):
         lmbda, mu = numbers["lmbda"], numbers["mu"]
         return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
 
+    def free_thickness(self, C: Any, **parameters: Any) -> Any:
+        """Linear in C, see `Hyperelastic.free_thickness`."""
+        numbers = self.parameters | parameters
+        lmbda, mu = numbers["lmbda"], numbers["mu"]
+        return 1 - lmbda / (lmbda + 2 * mu) * (C[0, 0] + C[1, 1] - 2)
+
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         """Stress at the mean of both tensors, which conserves as psi is quadratic in C.
 
@@ -98,6 +104,17 @@ class NeoHookean(Hyperelastic):
 
     def _described(self) -> dict[str, Any]:
         return {**_young(**self.parameters), "volumetric": self.volumetric}
+
+    def free_thickness(self, C: Any, **parameters: Any) -> Any:
+        """Root of a quadratic equation, see `Hyperelastic.free_thickness`."""
+        if self.volumetric == "log":
+            return None
+        numbers = self.parameters | parameters
+        lmbda, mu = numbers["lmbda"], numbers["mu"]
+        # The stress vanishes where (mu + lmbda j^2) t^2 - lmbda j t - mu = 0.
+        j = ufl.sqrt(C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0])
+        a = mu + lmbda * j**2
+        return ((lmbda * j + ufl.sqrt((lmbda * j) ** 2 + 4 * mu * a)) / (2 * a)) ** 2
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         """Closed form, as the energy is a sum of tr C and a function of det C.

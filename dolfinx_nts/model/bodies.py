@@ -17,6 +17,7 @@ from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric, of_rings
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -47,8 +48,8 @@ class Body(Declaration):
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``material`` no material.
-        ValueError: The space or the tag does not fit, or the material has terms with one point
-            a cell and the degree is 2.
+        ValueError: The space or the tag does not fit, the material has terms with one point
+            a cell and the degree is 2, or is `PlaneStress` and the mesh not of the plane.
 
     Example:
         >>> body = nts.Body(V, cells, tag["lower"], rubber)
@@ -72,6 +73,11 @@ class Body(Declaration):
             raise ValueError(
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
+            )
+        if material.is_sheet and (V.mesh.geometry.dim != 2 or is_axisymmetric(V.mesh)):
+            raise ValueError(
+                "expected a mesh of the plane, not axisymmetric, with PlaneStress, given "
+                f"{'an axisymmetric one' if is_axisymmetric(V.mesh) else 'one in space'}"
             )
         self.V, self.material, self._tag = V, material, tag
         self.name = NamedTag.name_of(tag, "body")
@@ -132,7 +138,7 @@ def bulk_form(
             if value != 0:
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
-                terms.append((value, np.sort(cells), degree))
+                terms.append((of_rings(value, mesh), np.sort(cells), degree))
     if not terms:  # as the strain energy of rigid bodies
         terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes

@@ -39,7 +39,8 @@ class StressState(NamedTuple):
 class CellStress:
     """Evaluates the stress of a displacement. Collective, as it compiles; `evaluate` is local.
 
-    In the plane the stress is that of plane strain, with the component along z.
+    In the plane the stress has the component along z, 0 in sheets; of rings the last
+    component is that around the axis.
 
     Args:
         bodies: Bodies that fill the mesh.
@@ -51,14 +52,15 @@ class CellStress:
         """Compile an expression for each material."""
         self._mesh, self._num_points = u.function_space.mesh, len(points)
         self._num_cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
-        F = deformation_gradient(u)
+        F = deformation_gradient(u, on_axis=True)
 
         @cache
         def of(material: Hyperelastic) -> fem.Expression:
             # Constants, as numbers would become part of the compiled code.
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
-            sigma = F * material.stress(C, **parameters) * F.T / ufl.det(F)
+            J = ufl.det(F) * material.thickness_stretch(C, **parameters)
+            sigma = F * material.stress(C, **parameters) * F.T / J
             parts = [sigma[i, j] for i in range(3) for j in range(3)]
             energy = material.psi(C, **parameters)
             return compile_expression(ufl.as_vector([*parts, energy]), points)

@@ -1,4 +1,7 @@
-"""Supports: Dirichlet conditions of the displacement, which may change in time."""
+"""Supports: Dirichlet conditions of the displacement, which may change in time.
+
+Nodes on the axis of rings have a condition of their own, which keeps them there.
+"""
 
 from collections.abc import Sequence
 
@@ -10,7 +13,8 @@ from dolfinx import fem
 from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.fem.components import dimension, moments
+from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
+from dolfinx_nts.fem.components import dimension, moments, resultants
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 
@@ -30,7 +34,7 @@ class Supports:
         bcs: The conditions. Their values may be changed between steps.
 
     Attributes:
-        conditions: The conditions, in their order.
+        conditions: The conditions in their order, and last that of the axis.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
 
     Raises:
@@ -40,10 +44,16 @@ class Supports:
 
     def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
         """Find the dofs with a condition, and whether any has several."""
-        self.conditions = instances(fem.DirichletBC, bcs)
-        for i, bc in enumerate(self.conditions):
+        given = instances(fem.DirichletBC, bcs)
+        for i, bc in enumerate(given):
             if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
                 raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
+        self._names = [f"bcs[{i}]" for i in range(len(given))]
+        self.conditions = given
+        if is_axisymmetric(V.mesh):
+            self.conditions = (*given, fem.dirichletbc(0.0, 2 * axis_nodes(V), V.sub(0)))
+            self._names.append("the axis")
+        self._V = V
         self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
         self._comm: MPI.Comm = V.mesh.comm
         self._dim = dimension(V)
@@ -59,8 +69,8 @@ class Supports:
         self._number: Ints = np.asarray(number, dtype=np.int32)
 
     def __len__(self) -> int:
-        """Number of conditions. Local."""
-        return len(self.conditions)
+        """Number of conditions that were given. Local."""
+        return len(self.conditions) - is_axisymmetric(self._V.mesh)
 
     @property
     def exist(self) -> bool:
@@ -89,8 +99,9 @@ class Supports:
                     k = int(np.argmax(wrong))
                     dof = self.fixed[k]
                     text = (
-                        f"expected one displacement per dof, given {a[k]:g} m by bcs[{j}] and "
-                        f"{b[k]:g} m by bcs[{i}] in direction {'xyz'[dof % self._dim]} near "
+                        f"expected one displacement per dof, given {a[k]:g} m by {self._names[j]} "
+                        f"and {b[k]:g} m by {self._names[i]} in direction "
+                        f"{'xyz'[dof % self._dim]} near "
                         f"{np.round(self._X[dof // self._dim], 6)}"
                     )
         given = self.applied(self._u.x.array)[self.fixed]
@@ -110,17 +121,20 @@ class Supports:
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
 
         Returns:
-            The reaction of each condition, in the order in which they were given.
+            The reaction of each given condition, in their order.
         """
-        d = self._dim
+        d, V = self._dim, self._V
         vectors = np.zeros((len(force), 3))
         vectors[np.arange(len(force)), self.fixed % d] = force
-        turning = moments(np.cross(x[self.fixed // d], vectors), d)
-        parts = np.column_stack([vectors[:, :d], turning, force * du])
+        turning = moments(np.cross(x[self.fixed // d], vectors), V)
+        resultant = resultants(vectors, V)
+        parts = np.column_stack([resultant, turning, force * du])
         sums = np.zeros((len(self.conditions), parts.shape[1]))
         np.add.at(sums, self._number, parts)
-        rows = reductions.total(self._comm, sums).tolist()
-        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
+        rows, c = reductions.total(self._comm, sums).tolist(), resultant.shape[1]
+        return tuple(
+            Reaction(tuple(row[:c]), tuple(row[c:-1]), row[-1]) for row in rows[: len(self)]
+        )
 
     def applied(self, values: Floats) -> Floats:
         """Put the present values of the conditions into displacements.

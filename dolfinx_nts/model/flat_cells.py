@@ -26,7 +26,9 @@ def check_volumes(bodies: Sequence[Body]) -> None:
         ValueError: There is such a cell; the message names one.
     """
     V = bodies[0].V
-    mesh, element = V.mesh, Element.of(V)
+    mesh, of_space = V.mesh, Element.of(V)
+    # The cells themselves, not the rings for which they may stand.
+    element = Element(of_space.cell, of_space.degree)
     with agreed(mesh.comm, "look at the volumes of cells"):
         for body in bodies:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]

@@ -50,9 +50,10 @@ class Frame:
         moves: Whether the frame moves in the step.
         centre: Point in the middle of the step about which moments are taken, ``(3,)`` [m].
         angle: Angle by which the frame turns in the step [rad].
+        stays_on_axis: Whether it has only moved along y since it was declared.
     """
 
-    moves = False
+    moves, stays_on_axis = False, True
     centre: Floats = np.zeros(3)
     angle = 0.0
 
@@ -115,6 +116,8 @@ class MovingFrame(Frame):
         self.centre = (start.centre + end.centre) / 2
         self.angle = start.angle_to(middle) + middle.angle_to(end)
         self.moves = bool(np.any(self._shift) or np.any(start.rotation != end.rotation))
+        is_turned = bool(np.any(end.rotation != np.eye(3)))
+        self.stays_on_axis = not is_turned and bool(end.centre[0] == origin[0])
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n, see `Frame.at_start`."""

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call, instances, real_array
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric, of_rings
 from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -198,7 +199,8 @@ class Gravity(_LoadWithValue):
 
     Raises:
         TypeError: Something in the list is no body.
-        ValueError: There are no bodies, or ``g`` has the wrong shape or is not finite.
+        ValueError: There are no bodies, or ``g`` has the wrong shape, is not finite, or in an
+            axisymmetric mesh is not along the axis.
 
     Example:
         >>> nts.Gravity([body, other], (0.0, 0.0, -9.81))  # m/s^2
@@ -219,6 +221,14 @@ class Gravity(_LoadWithValue):
     def acts_on(self, body: Body) -> bool:
         """Whether the body is one of those that were given. Local."""
         return body in self._bodies
+
+    def _set(self, value: Any) -> None:
+        super()._set(value)
+        if is_axisymmetric(self.V.mesh) and self._value.value[0] != 0:
+            raise ValueError(
+                f"expected Gravity along the axis y of an axisymmetric mesh, given {value}: a "
+                "BodyForce may be radial"
+            )
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
@@ -253,9 +263,10 @@ class _SurfaceLoad(_LoadWithValue):
         inside = bool(np.isin(self._surface.nodes, body.nodes).any())
         return reductions.anywhere(self.V.mesh.comm, inside)
 
-    def _ds(self) -> ufl.Measure:
-        """Measure of the surface, by a rule that is exact for a constant pressure."""
-        return self._surface.measure(Element.of(self.V).mass_degree)
+    def _integral(self, work: Any) -> ufl.Form:
+        """Integral over the surface, by a rule that is exact for a constant pressure."""
+        ds = self._surface.measure(Element.of(self.V).mass_degree)
+        return of_rings(work, self.V.mesh) * ds
 
 
 class Traction(_SurfaceLoad):
@@ -277,7 +288,7 @@ class Traction(_SurfaceLoad):
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
-        return ufl.inner(self._value, ufl.TestFunction(self.V)) * self._ds()
+        return self._integral(ufl.inner(self._value, ufl.TestFunction(self.V)))
 
 
 class Pressure(_SurfaceLoad):
@@ -311,9 +322,9 @@ class Pressure(_SurfaceLoad):
         F_mid, dF = deformation_gradient((u_n + u) / 2), gradient(u - u_n)
         N, eta = ufl.FacetNormal(self.V.mesh), ufl.TestFunction(self.V)
         cofactor = _cofactor(F_mid) + _cofactor(dF) / 12
-        # In the plane the normal has two components, and the cofactor of F33 = 1 is not needed.
+        # In the plane the normal has two components, and the cofactor of F33 is not needed.
         area = [sum(cofactor[i, j] * N[j] for j in range(len(N))) for i in range(len(N))]
-        return -self._value * ufl.inner(ufl.as_vector(area), eta) * self._ds()
+        return self._integral(-self._value * ufl.inner(ufl.as_vector(area), eta))
 
 
 def _cofactor(A: Any) -> Any:
@@ -328,7 +339,8 @@ class FormLoad(Load):
 
     The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
     pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
-    The load may act on all bodies.
+    The load may act on all bodies. In an axisymmetric mesh the form needs the factor 2 pi x[0]
+    itself.
 
     Args:
         V: Space of the displacement.

@@ -5,7 +5,8 @@ the vertices of tetrahedra. Instead the diagonal of the matrix on the reference 
 the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives the weights of a quadrature at
 the nodes: Simpson's in hexahedra, and 1/36 at the vertices and 4/27 at the edges of tetrahedra.
 Each straight cell has its exact mass and centre of mass. Of a curved cell, which may be flat at
-a node, the diagonal of its own matrix is scaled, and the mass is exact.
+a node, the diagonal of its own matrix is scaled, and the mass is exact; so are those of rings of
+degree 2.
 """
 
 from collections.abc import Sequence
@@ -52,21 +53,25 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     Returns:
         Volume of each node of each cell, shape ``(c, n)`` [m^3].
     """
-    if x.shape[1] > len(Element(element.cell, 1).points):
+    linear = Element(element.cell, 1, element.makes_rings)
+    is_curved = x.shape[1] > len(linear.points)
+    # At degree 2 a rule with points at the nodes would leave those on the axis without mass.
+    if is_curved or (element.makes_rings and element.degree > 1):
         points, weights, values = _matrix_rule(element)
-        volume = _weighted(element, points, weights, x)
+        volume = _weighted(element if is_curved else linear, points, weights, x)
         diagonal = volume @ values**2
         return np.asarray(diagonal * (volume.sum(axis=1) / diagonal.sum(axis=1))[:, None])
     points, weights, shares = _rule(element)
-    parts: Floats = _weighted(Element(element.cell, 1), points, weights, x) @ shares
+    parts: Floats = _weighted(linear, points, weights, x) @ shares
     return parts
 
 
 def _weighted(shape: Element, points: Floats, weights: Floats, x: Floats) -> Floats:
     """Volumes that belong to quadrature points of cells of a shape, ``(c, q)`` [m^3]."""
-    slopes = shape.basix.tabulate(1, points)[1:, :, :, 0]
-    det = np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, x[:, :, : len(slopes)]))
-    return np.asarray(np.abs(det) * weights)
+    values, *slopes = shape.basix.tabulate(1, points)[..., 0]
+    det = np.linalg.det(np.einsum("jqv,cvi->cqij", np.array(slopes), x[:, :, : len(slopes)]))
+    volumes: Floats = np.abs(det) * weights
+    return 2 * np.pi * (x[:, :, 0] @ values.T) * volumes if shape.makes_rings else volumes
 
 
 def _matrix_rule(element: Element) -> tuple[Floats, Floats, Floats]:

@@ -78,6 +78,11 @@ class Obstacle(Declaration):
         return other
 
     @property
+    def is_of_revolution(self) -> bool:
+        """Whether turns about the axis y leave the obstacle of the plane as it is."""
+        return False
+
+    @property
     def name(self) -> str:
         """Kind of the obstacle, for messages."""
         return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"

@@ -12,8 +12,8 @@ class Reaction(NamedTuple):
     the work of the support, and with loads and contact forces it is the rate of the momentum.
 
     Attributes:
-        force: Resultant on the bodies (x, y, z), in the plane (x, y) [N].
-        moment: Moment about the origin (x, y, z), in the plane (z,) [N m].
+        force: Resultant on the bodies (x, y, z), in the plane (x, y), of rings (y,) [N].
+        moment: Moment about the origin (x, y, z), in the plane (z,), of rings () [N m].
         work: Work in the step [J], zero where the support does not move.
 
     Example:

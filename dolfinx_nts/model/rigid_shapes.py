@@ -19,6 +19,9 @@ from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["RigidCylinder", "RigidPlane", "RigidSphere"]
 
+# By how much an obstacle may miss the axis of rings, relative to its size [-].
+_ROUND_OFF = 1e-10
+
 
 class _Exact(Obstacle):
     """Obstacle with an exact surface, given by the signed distance from it."""
@@ -98,6 +101,8 @@ class _Exact(Obstacle):
 class RigidPlane(_Exact):
     """A half space that bodies cannot enter, such as a floor or a wall. Local.
 
+    In an axisymmetric mesh it is normal to the axis; the surface of a `RigidCone` is not.
+
     Args:
         point: A point of the plane, shape ``(3,)``, or ``(2,)`` of a line in the plane [m].
         normal: Direction out of the obstacle, of any length, of the same shape.
@@ -117,6 +122,11 @@ class RigidPlane(_Exact):
         self.dim = _dimension("point", point)
         self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """Whether it is normal to the axis, see `Obstacle.is_of_revolution`."""
+        return self.dim == 2 and bool(abs(self._normal[0]) < _ROUND_OFF)
 
     def _declaration(self) -> str:
         return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
@@ -215,6 +225,11 @@ class RigidSphere(_Round):
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
         """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), hollow)
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """Whether the centre is on the axis, see `Obstacle.is_of_revolution`."""
+        return self.dim == 2 and bool(abs(self._centre[0]) < _ROUND_OFF * self._radius)
 
     def _declaration(self) -> str:
         centre = self._centre[: self.dim]

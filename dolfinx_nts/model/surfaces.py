@@ -20,6 +20,7 @@ from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
+from dolfinx_nts.fem.axisymmetry import is_on_axis, of_rings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled
@@ -56,6 +57,7 @@ class Surface(Declaration):
         name: Name of the region, or ``surface`` with the tag, for messages.
         nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
             ``(n,)``.
+        on_axis: Which of the nodes are on the axis of an axisymmetric mesh, shape ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
             V, owned or ghost, in Basix order, shape ``(s, k)``, ``k`` 3 or 4.
         orientation: +1 where the product a_1 x a_2 of the tangents of a segment points out of
@@ -116,10 +118,16 @@ class Surface(Declaration):
             parts.append(on_facet)
             outward.append(X[on_facet].mean(axis=1) - X[pieces].mean(axis=1))
         segments = np.concatenate(parts)
+        mine = np.repeat(owned, len(sides[0][0]))
         x = X[segments]
+        # The axis of rings bounds the mesh, but no body.
+        is_surface = ~is_on_axis(mesh, x).all(axis=1)
+        if not reductions.anywhere(mesh.comm, bool(is_surface.any())):
+            raise ValueError(f"expected facets of a surface, given tag {tag} on the axis only")
+        segments, mine, x = segments[is_surface], mine[is_surface], x[is_surface]
         # Not the normal in a corner, which does not exist if an edge has no length.
         normal = area_vectors(x, np.ones(len(x)))
-        height = np.einsum("si,si->s", normal, np.concatenate(outward))
+        height = np.einsum("si,si->s", normal, np.concatenate(outward)[is_surface])
         length = np.linalg.norm(normal, axis=1)
         height /= np.where(length > 0, length, np.inf)
 
@@ -128,8 +136,8 @@ class Surface(Declaration):
         marker.array[segments.ravel()] = 1
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
+        self.on_axis = is_on_axis(mesh, X[self.nodes])
 
-        mine = np.repeat(owned, len(sides[0][0]))
         self.segments: Ints = segments[mine]
         self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)
         self.thickness: Floats = Element.of(V).degree * (
@@ -197,6 +205,8 @@ class Surface(Declaration):
     def measure(self, degree: int | None = None) -> ufl.Measure:
         """Make a measure for integrals over the reference surface. Local.
 
+        In an axisymmetric mesh it is that of the half section, without 2 pi r.
+
         Args:
             degree: Degree to which the quadrature is exact; None for that which UFL estimates
                 of the integrand.
@@ -216,10 +226,12 @@ class Surface(Declaration):
     def area(self) -> Floats:
         """Reference area that belongs to each node, shape ``(n,)`` [m^2].
 
-        It is the integral of the node's shape function. Collective at the first use.
+        It is the integral of the node's shape function, of rings around their whole
+        circumference. Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, dimension(self.V))
+        form = of_rings(eta[0], self.V.mesh) * self.measure()
+        area: Floats = assembled(fem.form(form)).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
         return area
 

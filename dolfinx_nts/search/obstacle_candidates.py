@@ -6,6 +6,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
@@ -124,11 +125,17 @@ class ObstacleSearch(Search):
         super().__init__(nodes, np.empty(0, dtype=np.int32))
         self.candidates = ObstacleCandidates(obstacle, nodes)
         self._motion, self._dim = obstacle.motion, obstacle.dim
+        self._has_axis = is_axisymmetric(nodes.V.mesh)
         self.may_move = not obstacle.motion.is_rest
 
     def begin(self, t_n: float, t: float) -> None:
         """Go to the frame of the obstacle in a step, see `Search.begin`."""
         self.frame = self.candidates.frame = self._motion.frame(t_n, t, self._dim)
+        if self._has_axis and not self.frame.stays_on_axis:
+            raise ValueError(
+                "expected a motion along the axis y of an obstacle in an axisymmetric mesh, given "
+                f"{self._motion!r} with another one at t = {t:g}"
+            )
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
         """Return the candidates, see `Search.update`. Local."""

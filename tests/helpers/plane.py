@@ -49,6 +49,7 @@ def blocks(
     degree: int = 1,
     *,
     rigid: bool = False,
+    material: nts.Hyperelastic | None = None,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
@@ -87,7 +88,7 @@ def blocks(
     back = turn.T if gdim == 3 else turning(-angle)
     middle = mesh.compute_midpoints(domain, gdim, every)[:, :gdim] @ back.T
     tags = mesh.meshtags(domain, gdim, every, np.where(middle[:, 1] < 0, 1, 2).astype(np.int32))
-    rubber = nts.SaintVenantKirchhoff(**RUBBER)
+    rubber = nts.SaintVenantKirchhoff(**RUBBER) if material is None else material
     bodies = [nts.Body(V, tags, tag, rubber) for tag in (1, 2)]
     if rigid:
         bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"])

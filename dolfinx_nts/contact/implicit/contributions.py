@@ -70,8 +70,8 @@ class PairKinematics:
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _unit(self.normal)
 
-    def add_slip(self, slip: Slip) -> None:
-        """Fill the tangential parts."""
+    def add_slip(self, slip: Slip, never_sticks: Flags) -> None:
+        """Fill the tangential parts; ``never_sticks`` are pairs without friction, ``(m,)``."""
         self.slip = slip
         self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
@@ -80,7 +80,7 @@ class PairKinematics:
             self.columns[:, 1:] = slip.force * self._free[:, None]
             self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
-            self.fixed |= np.any(self._free[:, :3] != 1, axis=1)
+            self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
 
     @property
     def dofs(self) -> Ints:

@@ -132,6 +132,9 @@ class StickSlip(Friction):
         # until it is found to slide, as bodies may have no other hold.
         self._arrives_sliding = not is_static
         self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
+        # By symmetry nodes on the axis of rings have no traction: they slide without friction.
+        self._on_axis = state.nodes.on_axis
+        self.sliding |= self._on_axis
         self._arrivals = np.zeros(n, dtype=np.int32)
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
@@ -139,14 +142,16 @@ class StickSlip(Friction):
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
-        pairs.add_slip(self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment))
+        slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
+        pairs.add_slip(slip, self._on_axis[pairs.node])
 
     def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
         self.release(node[before & ~active])
         arrived = node[active & ~before]
         self._arrivals[arrived] += 1
-        self.sliding[arrived] = self._arrives_sliding & (self._arrivals[arrived] <= _SLIDES)
+        slides = self._arrives_sliding & (self._arrivals[arrived] <= _SLIDES)
+        self.sliding[arrived] = slides | self._on_axis[arrived]
         self._model.direction[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
@@ -181,7 +186,7 @@ class StickSlip(Friction):
             # where it is not known yet how much a node presses that has just arrived.
             excess = np.linalg.norm(trial, axis=1) - law.mu * p
             is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
-            after = np.where(is_open, before, after)
+            after = np.where(is_open, before, after) | self._on_axis[node]
             flips, violators = self._pivoting.select(
                 active & (after != before), self._state.nodes.node_ids[node], iteration
             )
@@ -191,6 +196,8 @@ class StickSlip(Friction):
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
+        for value in new:
+            value[self._on_axis[node]] = 0.0
         self.sliding[node], self._slip[node] = sliding, slip.value
         self.flips[node] += before != sliding
         for values, value in zip(model, new, strict=True):

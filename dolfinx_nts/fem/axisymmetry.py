@@ -1,0 +1,133 @@
+r"""Meshes of the plane that stand for bodies of revolution.
+
+x is the radius r, y the axis. Without twist the deformation gradient has, beside its part in the
+plane, the stretch of circles, 1 + u_x/r, and integrals over whole rings have the weight
+:math:`2\pi r`. Nodes on the axis keep u_x = 0.
+"""
+
+import logging
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from ufl.domain import extract_unique_domain
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.meeting import meet
+
+__all__ = [
+    "axis_nodes",
+    "axisymmetric",
+    "hoop_gradient",
+    "is_axisymmetric",
+    "is_on_axis",
+    "of_rings",
+]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Distance from the axis, relative to the largest radius [-], that is 0 but for round-off.
+_ON_AXIS = 1e-10
+
+# Distance from the axis that counts as none [m], by domain; None: the mesh is what it seems.
+_KNOWN: WeakKeyDictionary[ufl.Mesh, float | None] = WeakKeyDictionary()
+
+
+def axisymmetric(mesh: Mesh) -> None:
+    """Declare that a mesh of the plane is the half section of bodies of revolution. Collective.
+
+    x is the radius, y the axis, and nothing turns about it. All that is made of the mesh from then
+    on stands for whole rings: bodies and their masses, energies and forces, surfaces and their
+    areas, loads, obstacles. Nodes on the axis keep their radius 0, without a condition in ``bcs``;
+    facets on it are no surface.
+
+    Args:
+        mesh: Mesh of triangles or quadrilaterals, with coordinates x >= 0.
+
+    Raises:
+        ValueError: The mesh is not in the plane, reaches beyond the axis, or was used for bodies,
+            surfaces or spaces of the package before.
+
+    Example:
+        >>> from dolfinx.mesh import create_rectangle
+        >>> mesh = create_rectangle(MPI.COMM_WORLD, [(0, 0), (0.5, 1)], [2, 4])  # m
+        >>> nts.axisymmetric(mesh)
+        >>> V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+        >>> side = nts.Surface.where(V, lambda x: np.isclose(x[0], 0.5))
+        >>> round(float(side.area.sum()), 6)  # 2 pi 0.5 m x 1 m
+        3.141593
+    """
+    meet(mesh.comm, "make a mesh axisymmetric")
+    if mesh.geometry.dim != 2 or mesh.topology.dim != 2:
+        raise ValueError(
+            "expected a mesh of the plane, with x as the radius and y as the axis, given one of "
+            f"dimension {mesh.topology.dim} in {mesh.geometry.dim} dimensions"
+        )
+    r = mesh.geometry.x[:, 0]
+    largest = reductions.largest(mesh.comm, float(np.abs(r).max(initial=0.0)))
+    least = reductions.least(mesh.comm, float(r.min(initial=np.inf)))
+    if not least >= -_ON_AXIS * largest:
+        raise ValueError(
+            f"expected radii x >= 0 in an axisymmetric mesh, given one of {least:g} m: the mesh is "
+            "the half section of bodies of revolution, on one side of the axis x = 0"
+        )
+    if _KNOWN.setdefault(mesh.ufl_domain(), _ON_AXIS * largest) is None:
+        raise ValueError(
+            "expected axisymmetric(mesh) before bodies, surfaces and all else are made of the "
+            "mesh, given one of which they were made already"
+        )
+    if mesh.comm.rank == 0:
+        _logger.info(
+            "axisymmetric: x is the radius, y the axis, on which nodes keep their radius 0; "
+            "forces, masses and energies are those of whole rings"
+        )
+
+
+def is_axisymmetric(mesh: Mesh | ufl.Mesh) -> bool:
+    """Whether a mesh stands for bodies of revolution, which must not change any more. Local."""
+    return _tolerance(mesh) is not None
+
+
+def is_on_axis(mesh: Mesh, x: Floats) -> Flags:
+    """Whether positions, ``(..., 3)`` [m], are on the axis of an axisymmetric mesh. Local."""
+    tolerance = _tolerance(mesh)
+    flags: Flags = np.zeros(x.shape[:-1], dtype=bool)
+    return flags if tolerance is None else np.abs(x[..., 0]) <= tolerance
+
+
+def axis_nodes(V: fem.FunctionSpace) -> Ints:
+    """Local nodes of a space on the axis, owned and ghost; none without an axis. Local."""
+    on_axis = is_on_axis(V.mesh, V.tabulate_dof_coordinates())
+    return np.flatnonzero(on_axis).astype(np.int32)
+
+
+def of_rings(value: Any, mesh: Mesh) -> Any:
+    """Density, UFL, times what it is integrated over: 2 pi r in an axisymmetric mesh. Local."""
+    if not is_axisymmetric(mesh):
+        return value
+    return 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] * value
+
+
+def hoop_gradient(v: Any, *, on_axis: bool = False) -> Any:
+    """Part of the gradient of a vector field around the axis, UFL: v_x/r, 0 without an axis.
+
+    Args:
+        v: Vector field of the plane, UFL (2,).
+        on_axis: Whether it is evaluated on the axis too, where it has the limit of the quotient.
+    """
+    domain = extract_unique_domain(v)
+    if not is_axisymmetric(domain):
+        return 0
+    r = ufl.SpatialCoordinate(domain)[0]
+    if not on_axis:
+        return v[0] / r
+    return ufl.conditional(ufl.gt(r, _tolerance(domain)), v[0] / r, ufl.grad(v)[0, 0])
+
+
+def _tolerance(mesh: Mesh | ufl.Mesh) -> float | None:
+    domain = mesh if isinstance(mesh, ufl.Mesh) else mesh.ufl_domain()
+    return _KNOWN.setdefault(domain, None)

@@ -1,0 +1,76 @@
+r"""Thin sheets: materials without stress through their thickness.
+
+The stretch t along z adapts so that :math:`S_{33} = 0`. With it psi becomes a function of the
+part of C in the plane alone, :math:`\psi^*(C) = \min_t \psi(C, t^2)`, whose derivative is the
+stress in the plane: conserving stresses and all else are those of any energy.
+"""
+
+from typing import Any
+
+import ufl
+
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
+
+__all__ = ["PlaneStress"]
+
+
+class PlaneStress(Hyperelastic):
+    r"""Makes a sheet in plane stress of a material, for bodies in two dimensions. Local.
+
+    The thickness follows in closed form, which some laws have; others are refused. A law of your
+    own may be given as an energy of the entries of C in the plane: it has no stress along z either.
+    Forces, masses and energies are those of one metre of undeformed thickness, also of a
+    `Pressure`.
+
+    Args:
+        material: `SaintVenantKirchhoff`, or `NeoHookean` with ``volumetric="quadratic"``. Terms
+            with one point a cell get all of them, as sheets do not lock.
+
+    Raises:
+        TypeError: ``material`` is no material.
+        ValueError: The law has no closed form of the thickness.
+
+    Example:
+        >>> nts.PlaneStress(nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3))
+        PlaneStress(material=SaintVenantKirchhoff(E=100000, nu=0.4, rho=1000), rho=1000)
+    """
+
+    is_sheet = True
+
+    def __init__(self, material: Hyperelastic) -> None:
+        """Take over the numbers of the material."""
+        if not isinstance(material, Hyperelastic):
+            raise TypeError(f"expected a material, given {type(material).__name__}")
+        if material.free_thickness(ufl.Identity(3)) is None:
+            raise ValueError(
+                "expected SaintVenantKirchhoff, or NeoHookean with volumetric='quadratic', in "
+                "PlaneStress, whose thickness has a closed form, given "
+                f"{material!r}: Hyperelastic takes an energy of the entries of C in the plane"
+            )
+        self._material = material
+        super().__init__(
+            self._psi_of_sheet,
+            rho=material.rho,
+            mass_damping=material.mass_damping,
+            stiffness_damping=material.stiffness_damping,
+            one_point=(),
+            **material.parameters,
+        )
+        self._has_default = True
+
+    def _described(self) -> dict[str, Any]:
+        return {"material": self._material}
+
+    @property
+    def least_modulus(self) -> float:
+        """That of the material, see `StrainEnergy.least_modulus`."""
+        return self._material.least_modulus
+
+    def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
+        """Current thickness over that of the undeformed sheet, UFL."""
+        return ufl.sqrt(self._material.free_thickness(C, **parameters))
+
+    def _psi_of_sheet(self, C: Any, **parameters: Any) -> Any:
+        square = self._material.free_thickness(C, **parameters)
+        rows = [[C[0, 0], C[0, 1], 0], [C[1, 0], C[1, 1], 0], [0, 0, square]]
+        return self._material.psi(ufl.as_matrix(rows), **parameters)

@@ -1,0 +1,55 @@
+"""Cones about the axis of axisymmetric meshes, whose section is a line."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.motion import vector
+from dolfinx_nts.model.rigid_shapes import RigidPlane
+
+__all__ = ["RigidCone"]
+
+
+class RigidCone(RigidPlane):
+    """A cone about the axis of an axisymmetric mesh that bodies cannot enter. Local.
+
+    Args:
+        tip: Its tip on the axis, shape ``(2,)``, x = 0 [m].
+        half_angle: Angle between the axis and the surface [rad].
+        opens: Direction from the tip along the axis in which the cone opens, 1 for up, the
+            indenter of a body below, or -1 for down.
+
+    Raises:
+        ValueError: The tip is not on the axis, the angle is not between 0 and pi/2, or the
+            direction is neither 1 nor -1.
+
+    Example:
+        >>> nts.RigidCone(tip=(0, 1), half_angle=1.2)
+        RigidCone(tip=(0, 1), half_angle=1.2, opens=1)
+    """
+
+    def __init__(self, tip: Sequence[float], half_angle: float, *, opens: int = 1) -> None:
+        """Check the arguments."""
+        if vector("tip", tip, 2)[0] != 0:
+            raise ValueError(f"expected a tip on the axis x = 0, given {tip!r}")
+        if not 0 < half_angle < np.pi / 2:
+            raise ValueError(f"expected 0 < half_angle < pi/2, given {half_angle}")
+        if opens not in (1, -1):
+            raise ValueError(f"expected opens 1 or -1, given {opens!r}")
+        self._half_angle, self._opens = float(half_angle), int(opens)
+        super().__init__(tip, (np.cos(half_angle), -opens * np.sin(half_angle)))
+
+    @property
+    def is_of_revolution(self) -> bool:
+        """True, see `Obstacle.is_of_revolution`."""
+        return True
+
+    def _declaration(self) -> str:
+        tip, angle = self._point[: self.dim], self._half_angle
+        return as_call(self, tip=tip, half_angle=angle, opens=self._opens)
+
+    def depth(self, x: Floats) -> Floats:
+        """Tell how deep points of both halves of the section are inside, see `Obstacle.depth`."""
+        return super().depth(np.column_stack([np.abs(x[:, :1]), x[:, 1:]]))

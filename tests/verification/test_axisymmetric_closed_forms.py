@@ -1,0 +1,231 @@
+"""Closed forms of revolution: uniform stress, a thick tube, and rigid tools pressed into a body.
+
+With 1/E* = (1 - nu^2)/E, see K. L. Johnson, Contact Mechanics, chapters 3 to 5 (Boussinesq,
+Hertz, Sneddon); Lame's tube as in S. P. Timoshenko and J. N. Goodier, Theory of Elasticity. Forces
+are those of whole rings.
+"""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from benchmarks.rings import impact as rings_impact
+from helpers.rings import half_disc, round_block
+
+pytestmark = pytest.mark.serial
+
+E = 1.0  # Pa
+
+
+def held(data: Any, V: fem.FunctionSpace, axis: int, *names: str) -> fem.DirichletBC:
+    """Hold a component of the displacement on curves."""
+    facets = np.sort(np.concatenate([data.facets.find(data.tag[name]) for name in names]))
+    dofs = fem.locate_dofs_topological(V.sub(axis), 1, facets)
+    return fem.dirichletbc(0.0, dofs, V.sub(axis))
+
+
+# --- uniform stress ----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "nu"),
+    [
+        *(("quadrilateral", 1, 0.2), ("quadrilateral", 1, 0.49), ("triangle", 1, 0.3)),
+        *(("quadrilateral", 2, 0.3), ("triangle", 2, 0.3)),
+    ],
+)
+def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
+    """Radial and axial tractions on a round block: u = (a x, b y), the same stress everywhere."""
+    data, V = round_block((4, 3), cell, degree, skew=0.06)
+    law = nts.NeoHookean(E, nu, 1.0, volumetric="quadratic")
+    body = nts.Body(V, data.cells, data.tag["block"], law)
+    sides = {s: nts.Surface(V, data.facets, data.tag[f"block_{s}"]) for s in ("right", "top")}
+    p, q = 0.2, -0.1
+    loads = [nts.Traction(sides["right"], (p, 0.0)), nts.Traction(sides["top"], (0.0, q))]
+    stepper = nts.QuasiStatic([body], dt=1.0, bcs=[held(data, V, 1, "block_bottom")], loads=loads)
+    (reaction,) = stepper.advance().reactions
+    X, u = V.tabulate_dof_coordinates(), stepper.u.x.array.reshape(-1, 2)
+    a, b = (float(u[:, i] @ X[:, i] / (X[:, i] @ X[:, i])) for i in (0, 1))
+    assert np.abs(u - X[:, :2] * [a, b]).max() < 1e-9
+    # Piola's stress of the law at these stretches is that of the loads.
+    t, s = 1 + a, 1 + b
+    lmbda, mu, J = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)), t * t * s
+    assert mu * (t - 1 / t) + lmbda * (J - 1) * J / t == pytest.approx(p, abs=1e-9)
+    assert mu * (s - 1 / s) + lmbda * (J - 1) * J / s == pytest.approx(q, abs=1e-9)
+    assert reaction.force[0] == pytest.approx(-q * np.pi, rel=1e-9)
+    stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
+    expected = np.diag([p / (t * s), q / t**2, p / (t * s)])
+    error = np.abs(stress - expected).max()
+    told(
+        f"axisymmetric: uniform stress on distorted {cell}s of degree {degree}, nu = {nu:g}",
+        "radial and axial tractions: the same stress everywhere",
+        f"largest error {error:.0e} of the moduli",
+    )
+    assert error < 1e-8
+
+
+# --- a tube ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "nu", "margin"),
+    [
+        *(("quadrilateral", 1, 0.3, 0.003), ("quadrilateral", 1, 0.4999, 0.003)),
+        *(("triangle", 1, 0.3, 0.01), ("quadrilateral", 2, 0.3, 1e-4), ("triangle", 2, 0.3, 1e-4)),
+    ],
+)
+def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin, told):
+    """Plane strain along the axis: u_r = (1 + nu) p a^2/(E (b^2 - a^2)) ((1 - 2 nu) r + b^2/r)."""
+    a, b, p, n = 1.0, 2.0, 1e-5, 10
+    data, V = round_block((n, 2), cell, degree, corner=(a, 0.0), size=(b - a, 0.2))
+    body = nts.Body(V, data.cells, data.tag["block"], nts.SaintVenantKirchhoff(E, nu, 1.0))
+    inside = nts.Surface(V, data.facets, data.tag["block_left"])
+    ends = held(data, V, 1, "block_bottom", "block_top")
+    load = nts.Pressure(inside, p)
+    stepper = nts.QuasiStatic([body], dt=1.0, bcs=[ends], loads=[load])
+    stepper.advance()
+    r, u = V.tabulate_dof_coordinates()[:, 0], stepper.u.x.array[::2]
+    scale = (1 + nu) * p * a**2 / (E * (b**2 - a**2))
+    exact = scale * ((1 - 2 * nu) * r + b**2 / r)
+    error = np.abs(u / exact - 1).max()
+    told(
+        f"axisymmetric: tube of {n} {cell}s of degree {degree}, nu = {nu:g}, inner pressure",
+        "Lame: radial displacement",
+        f"largest error {100 * error:.2g} %",
+    )
+    assert error <= margin
+
+
+# --- an impact in space ------------------------------------------------
+
+
+def test_ball_rebounds_as_one_of_tetrahedra(told):
+    """The same ball and plate, meshed in space with cells of the same size."""
+    fine, rings, space = rings_impact(16, 2), rings_impact(6, 2), rings_impact(6, 3)
+    told(
+        "axisymmetric: ball on a plate, 6 cells in its radius",
+        "the same bodies of tetrahedra in space, and 16 cells: rebound",
+        f"{rings.rebound:.3f}, in space {space.rebound:.3f}, with 16 cells {fine.rebound:.3f}",
+    )
+    assert abs(rings.rebound - fine.rebound) < 0.5 * abs(space.rebound - fine.rebound)
+    assert abs(space.rebound - fine.rebound) < 0.015
+    assert space.mass / rings.mass == pytest.approx(1, abs=0.02)
+    assert space.unknowns > 20 * rings.unknowns
+
+
+# --- rigid tools -------------------------------------------------------
+
+FAR, NU = 400.0, 0.3  # radius of the body over that of contact
+NEAR = "0.02 + 0.1 * Max(0, Sqrt(x * x + y * y) - 1.3)"  # 50 cells in the radius of contact
+
+
+def pressed(
+    tool: Any, depth: float, size: str, edge: float = np.inf
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Press a moving tool into the flat top of half a ball, whose round side is held.
+
+    Args:
+        tool: Obstacle that touches the top at the origin.
+        depth: How far it moves [m]; contact has a radius of about 1 m.
+        size: Size of cells as a formula of gmsh [m].
+        edge: Radius up to which nodes may touch [m].
+
+    Returns:
+        Force on the tool [N]; radii [m], forces [N] and pressures [Pa] of the contact nodes.
+    """
+
+    def build(model: Any) -> None:
+        occ = model.occ
+        ball = half_disc(occ, 0.0, FAR)
+        below = occ.addRectangle(0, -2 * FAR, 0, 2 * FAR, 2 * FAR)
+        ((_, half),), _ = occ.intersect([(2, ball)], [(2, below)])
+        if np.isfinite(edge):
+            occ.fragment([(2, half)], [(0, occ.addPoint(edge, 0, 0))])
+        occ.synchronize()
+        model.addPhysicalGroup(2, [half], name="body")
+        field = model.mesh.field.add("MathEval")
+        model.mesh.field.setString(field, "F", size)
+        model.mesh.field.setAsBackgroundMesh(field)
+        for option in ("ExtendFromBoundary", "FromPoints"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+        model.mesh.generate(2)
+
+    data = nts.read_mesh(build, MPI.COMM_WORLD)
+    nts.axisymmetric(data.mesh)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
+    body = nts.Body(V, data.cells, data.tag["body"], nts.NeoHookean(E, NU, 1.0))
+    reach = min(edge, 3.0) * (1 + 1e-9)
+    top = nts.boundary_of(body, where=lambda x: (x[1] > -1e-9) & (x[0] < reach))
+    far = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > FAR * (1 - 1e-3))
+    clamp = fem.dirichletbc(np.zeros(2), far, V)
+    pair = nts.ContactPair(top, tool.moving(nts.Motion(lambda t: (0.0, -depth * t))))
+    stepper = nts.QuasiStatic([body], [pair], dt=0.5, bcs=[clamp])
+    for _ in stepper.run(1.0):
+        pass
+    (on,) = nts.Diagnostics(stepper).obstacles().values()
+    r = stepper.x[top.nodes, 0]
+    order = np.argsort(r)
+    return float(on.force[0]), r[order], -pair.history.lambda_N[order], pair.pressure[order]
+
+
+E_STAR = E / (1 - NU**2)
+
+
+def test_flat_punch_has_the_force_of_boussinesq(told):
+    """F = 2 a E* d, for a smooth flat end of radius a; pressure 1/sqrt(a^2 - r^2) inside."""
+    depth, a = 1e-3, 1.0
+    # Fine at the edge, where the pressure has no bound.
+    size = "0.002 + 0.06 * Sqrt((x - 1) * (x - 1) + y * y)"
+    F, r, _, pressure = pressed(nts.RigidPlane((0, 0), (0, -1)), depth, size, a)
+    error = F / (2 * a * E_STAR * depth) - 1
+    inside = r < 0.9
+    shape = E_STAR * depth / np.pi / np.sqrt(a**2 - r[inside] ** 2)
+    worst = np.abs(pressure[inside] / shape - 1).max()
+    told(
+        "axisymmetric: flat punch",
+        "Boussinesq: force, pressure up to 0.9 of the radius",
+        f"{100 * error:+.2f} %, within {100 * worst:.1f} %",
+    )
+    assert abs(error) <= 0.01
+    assert worst <= 0.02
+
+
+def test_sphere_has_force_and_radius_of_hertz(told):
+    """F = 4/3 E* sqrt(R) d^(3/2), a = sqrt(R d), p0 = 2 E* a/(pi R)."""
+    a, R = 1.0, 100.0
+    depth = a**2 / R
+    F, r, p, pressure = pressed(nts.RigidSphere((0, R), R), depth, NEAR)
+    # Hertz' pressure has sum p r^2 = 2/5 F a^2.
+    radius = np.sqrt(2.5 * p @ r**2 / p.sum())
+    force, greatest = 4 / 3 * E_STAR * np.sqrt(R) * depth**1.5, 2 * E_STAR * a / (np.pi * R)
+    errors = F / force - 1, radius / a - 1, pressure.max() / greatest - 1
+    told(
+        "axisymmetric: sphere pressed into a body, 50 cells in a",
+        "Hertz: force, radius, greatest pressure",
+        ", ".join(f"{100 * error:+.2f} %" for error in errors),
+    )
+    assert np.abs(errors).max() <= 0.01
+
+
+def test_cone_has_the_force_of_sneddon(told):
+    """F = 2/pi E* tan(half angle) d^2, a = 2/pi tan(half angle) d."""
+    steep = np.radians(0.5)  # angle between the cone and the surface
+    depth = np.pi / 2 * np.tan(steep)
+    cone = nts.RigidCone((0, 0), np.pi / 2 - steep)
+    F, r, p, _ = pressed(cone, depth, NEAR)
+    force = 2 / np.pi * E_STAR / np.tan(steep) * depth**2
+    # Sneddon's pressure, arcosh(a/r), has sum p r^2 = F a^2/3.
+    radius = np.sqrt(3 * p @ r**2 / p.sum())
+    told(
+        "axisymmetric: cone pressed into a body, 50 cells in a",
+        "Sneddon: force, radius",
+        f"{100 * (F / force - 1):+.2f} %, {100 * (radius - 1):+.2f} %",
+    )
+    assert abs(F / force - 1) <= 0.01
+    assert abs(radius - 1) <= 0.01
