@@ -22,7 +22,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
@@ -38,12 +38,13 @@ from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedBulk,
     RedistributedMass,
     RedistributedTangent,
 )
-from dolfinx_nts.solvers.surface_equilibrium import Holds, SurfaceEquilibrium
+from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
 
 __all__ = ["ResolvedImpact"]
 
@@ -56,20 +57,16 @@ _CLOSING, _MOST_SPENT = 0.05, 0.5
 _RESOLVED = 1.0
 
 
-class _Nodes(NamedTuple):
-    """Nodes that contact holds, of all pairs.
+class _Costs(NamedTuple):
+    """What it costs to close the gaps of held nodes, of all pairs.
 
     Attributes:
-        holds: The nodes and their directions; they go as far as closes their gaps.
-        cost: Energy that this costs, about, shape ``(m,)`` [J].
+        energy: About the energy for each, shape ``(m,)`` [J].
         group: Group of bodies of each, shape ``(m,)``.
-        active: Whether a node is held otherwise, shape ``(m,)``.
     """
 
-    holds: Holds
-    cost: Floats
+    energy: Floats
     group: Ints
-    active: Flags
 
 
 class ResolvedImpact(Inertia):
@@ -207,66 +204,62 @@ class ResolvedImpact(Inertia):
         """
         u = self._rates.u.x
         before = u.array.copy()
-        held = [HeldNodes.of(step) for step in steps]
-        nodes = self._nodes(steps, held)
+        held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
         if any(step.num_active for step in steps):
             self._tell()
-        closed = self._affordable(nodes, _CLOSING * energy)
+        closed = self._affordable(self._costs(held), _CLOSING * energy)
         for part in (closed, np.zeros_like(closed)):
-            kept = nodes.active | (part > 0)
-            way = part * nodes.holds.way
-            holds = Holds(nodes.holds.node[kept], nodes.holds.normal[kept], way[kept])
+            holds, rest = [], part
+            for step, some in held:
+                mine, rest = np.split(rest, [len(some.node)])
+                kept = (some.force > 0) | (mine > 0)
+                way = -(mine * some.gap)[kept]
+                scatter = step.candidates.scatter
+                holds.append(Holds(scatter, some.dofs[kept], some.gradient[kept], way))
             dx = self._equilibrium.find(holds, self._stiffness)
             u.array[: self.bulk.num_owned] += dx.ravel()
             u.scatter_forward()
             work = self._equilibrium.work(before)
             cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
             if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
-                self._remember(steps, held, dx)
+                self._remember(held, dx)
                 return cost
             u.array[:] = before
         return np.zeros(len(self._groups))
 
-    def _nodes(self, steps: Sequence[ContactStep], held: Sequence[HeldNodes]) -> _Nodes:
-        """Held nodes of all pairs in which impact is resolved."""
-        parts = [
-            (step.state.nodes.nodes[some.node], some)
-            for step, some in zip(steps, held, strict=True)
-            if is_resolved(step.state.pair)
-        ]
-        node = np.concatenate([node for node, _ in parts])
-        normal, gap, force = (
-            np.concatenate([getattr(some, name) for _, some in parts])
-            for name in ("normal", "gap", "force")
+    def _costs(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> _Costs:
+        """What it costs to close the gaps of held nodes."""
+        node = np.concatenate([step.state.nodes.nodes[some.node] for step, some in held])
+        gap, force = (
+            np.concatenate([getattr(some, name) for _, some in held]) for name in ("gap", "force")
         )
-        active = force > 0
-        cost = np.abs(gap) * np.where(active, force, self._stiffness[node] * np.abs(gap))
-        return _Nodes(Holds(node, normal, -gap), cost, self._group_of[node], active)
+        way = np.abs(gap)
+        energy = way * np.where(force > 0, force, self._stiffness[node] * way)
+        return _Costs(energy, self._group_of[node])
 
-    def _affordable(self, nodes: _Nodes, budget: Floats) -> Floats:
+    def _affordable(self, costs: _Costs, budget: Floats) -> Floats:
         """Parts of the gaps that may be closed, first of the cheapest, ``(m,)``. Collective."""
-        part: Floats = np.zeros(len(nodes.cost))
+        part: Floats = np.zeros(len(costs.energy))
         for number, most in enumerate(budget):
-            mine = nodes.group == number
-            costs = np.sort(np.concatenate(self._comm.allgather(nodes.cost[mine])))
-            sums = np.concatenate([[0.0], np.cumsum(costs)])
+            mine = costs.group == number
+            energies = np.sort(np.concatenate(self._comm.allgather(costs.energy[mine])))
+            sums = np.concatenate([[0.0], np.cumsum(energies)])
             num_paid = int(np.count_nonzero(sums[1:] <= most))
             rest = sums[-1] - sums[num_paid]
-            dearest = costs[num_paid - 1] if num_paid else -1.0
+            dearest = energies[num_paid - 1] if num_paid else -1.0
             part[mine] = np.where(
-                nodes.cost[mine] <= dearest,
+                costs.energy[mine] <= dearest,
                 1.0,
                 (most - sums[num_paid]) / rest if rest > 0 else 0.0,
             )
         return part
 
-    def _remember(
-        self, steps: Sequence[ContactStep], held: Sequence[HeldNodes], dx: Floats
-    ) -> None:
+    @staticmethod
+    def _remember(held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> None:
         """Let the contact of the step know the gaps of nodes that have moved."""
-        for step, some in zip(steps, held, strict=True):
-            history = step.state.history
+        for step, some in held:
+            history, ways = step.state.history, step.candidates.scatter.forward(dx)[some.dofs]
             gap = history.gap.copy()
-            way = dx[step.state.nodes.nodes[some.node]]
-            gap[some.node] = some.gap + (some.normal * way).sum(axis=1)
+            opened = some.gradient * ways.reshape(some.gradient.shape)
+            gap[some.node] = some.gap + opened.sum(axis=1)
             step.state.accept(replace(history, gap=gap))

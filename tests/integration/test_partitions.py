@@ -1,5 +1,7 @@
 """The result does not depend on numbering, partition and linear solver."""
 
+from functools import partial
+
 from mpi4py import MPI
 
 import numpy as np
@@ -19,6 +21,7 @@ POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 MORTAR, RESOLVED = SCHEMES["mortar"], SCHEMES["resolved"]
+RESOLVED_MORTAR = partial(RESOLVED, method="mortar")
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, MORTAR])
 
 
@@ -85,10 +88,10 @@ def scattered(middle):
 
 
 @cells_
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED])
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED, RESOLVED_MORTAR])
 @pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
 def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
-    layers = 2 if scheme is RESOLVED else 1
+    layers = 2 if scheme in (RESOLVED, RESOLVED_MORTAR) else 1
     special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
     alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, layers=layers)
     compare(special, alone, 10)

@@ -15,13 +15,15 @@ class HeldNodes(NamedTuple):
 
     Attributes:
         node: Positions among the nodes of the surface, shape ``(m,)``.
-        normal: Direction in which the gap opens, of unit length, shape ``(m, 3)``.
+        dofs: Nodes on which gaps depend, in the map of the candidates' scatter, ``(m, k)``.
+        gradient: Gradients of the gaps by these, shape ``(m, 3 k)``.
         gap: Gap, shape ``(m,)`` [m].
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].
     """
 
     node: Ints
-    normal: Floats
+    dofs: Ints
+    gradient: Floats
     gap: Floats
     force: Floats
 
@@ -31,10 +33,8 @@ class HeldNodes(NamedTuple):
         search, active = step.search, step.normal.active
         near = (search.segment >= 0) & (active | search.may_close)
         node = near.nonzero()[0].astype(np.int32)
-        points, segment = search.points.take(node), search.segment[node]
-        contact = step.candidates.contact("static", points, search.x_n, step.x, segment)
-        gradient = contact.gradient[:, :3]
-        length = np.linalg.norm(gradient, axis=1)
-        some = np.isfinite(contact.gap) & (length > 0) & (active[node] | (contact.gap < 0))
-        normal = gradient[some] / length[some, None]
-        return cls(node[some], normal, contact.gap[some], -step.normal.lambda_N[node[some]])
+        pairs = search.pairing.kinematics("static", step.x, node, search.segment[node], None)
+        gap, gradient = pairs.contact.gap, pairs.contact.gradient
+        some = np.isfinite(gap) & np.any(gradient != 0, axis=1) & (active[node] | (gap < 0))
+        force = -step.normal.lambda_N[node[some]]
+        return cls(node[some], pairs.dofs[some], gradient[some], gap[some], force)

@@ -50,15 +50,10 @@ def test_friction_and_degree_two_are_refused(options, words):
     assert "impact 'elastic' can do this" in str(caught.value)
 
 
-def test_mortar_and_self_contact_are_refused():
-    def mortar(pair):
-        return nts.ContactPair(pair.nodes, pair.segments, RESOLVED, method="mortar")
-
+def test_self_contact_is_refused():
     def own(pair):
         return nts.ContactPair(pair.nodes, pair.nodes, RESOLVED)
 
-    with pytest.raises(ValueError, match="method 'node-to-segment', given 'mortar'"):
-        scenes.blocks(MPI.COMM_WORLD, with_pairs(mortar), layers=2)
     with pytest.raises(ValueError, match="two surfaces, given one that touches itself"):
         scenes.blocks(MPI.COMM_WORLD, with_pairs(own), layers=2)
 
