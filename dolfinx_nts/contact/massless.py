@@ -68,8 +68,8 @@ def _check(pair: ContactPair) -> None:
     wrong = ""
     if pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
-    elif pair.friction is not None:
-        wrong = f"no friction, given {pair.friction!r}"
+    elif pair.friction is not None and pair.has_slip_spring:
+        wrong = f"friction without springs, given {pair.friction!r}"
     elif (degree := Element.of(pair.nodes.V).degree) != 1:
         wrong = f"elements of degree 1, given degree {degree}"
     if wrong:

@@ -184,8 +184,8 @@ class ResolvedImpact(Inertia):
         u, v = (f.x.array[:n].reshape(-1, 3) for f in (rates.u, rates.v))
         # Nodes without mass have no part in these.
         vibration = self._vibrations.of(self._X + u, v)
-        strain = self._equilibrate(steps, vibration.energy)
-        wanted = self._owed - strain
+        strain, dissipation = self._equilibrate(steps, vibration.energy)
+        wanted = self._owed - strain - dissipation
         factors, refund = vibration.factors(wanted)
         self._owed = wanted - refund
         for g, factor in zip(self._groups, factors, strict=True):
@@ -194,13 +194,15 @@ class ResolvedImpact(Inertia):
         mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
         v[massless] = mean_velocity[:n].reshape(-1, 3)[massless]
         rates.v.x.scatter_forward()
-        energies = float(strain.sum()), float(refund.sum())
-        return defect, ContactWork(equilibrium=energies[0], refund=energies[1])
+        energies = strain, -dissipation, refund + dissipation
+        spent, friction, back = (float(part.sum()) for part in energies)
+        return defect, ContactWork(equilibrium=spent, friction=friction, refund=back)
 
-    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> Floats:
+    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> tuple[Floats, Floats]:
         """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
 
-        ``energy`` is that of the vibration of each group, shape ``(g,)`` [J].
+        That is strain energy, and what friction dissipates. ``energy`` is that of the vibration
+        of each group, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
         before = u.array.copy()
@@ -212,20 +214,17 @@ class ResolvedImpact(Inertia):
             holds, rest = [], part
             for step, some in held:
                 mine, rest = np.split(rest, [len(some.node)])
-                kept = (some.force > 0) | (mine > 0)
-                way = -(mine * some.gap)[kept]
-                scatter = step.candidates.scatter
-                holds.append(Holds(scatter, some.dofs[kept], some.gradient[kept], way))
+                holds.append(_held(step, some, mine))
             dx = self._equilibrium.find(holds, self._stiffness)
             u.array[: self.bulk.num_owned] += dx.ravel()
             u.scatter_forward()
             work = self._equilibrium.work(before)
             cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
             if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
-                self._remember(held, dx)
-                return cost
+                return cost, self._remember(held, dx)
             u.array[:] = before
-        return np.zeros(len(self._groups))
+        nothing = np.zeros(len(self._groups))
+        return nothing, nothing
 
     def _costs(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> _Costs:
         """What it costs to close the gaps of held nodes."""
@@ -254,12 +253,48 @@ class ResolvedImpact(Inertia):
             )
         return part
 
-    @staticmethod
-    def _remember(held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> None:
-        """Let the contact of the step know the gaps of nodes that have moved."""
+    def _remember(self, held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> Floats:
+        """Let contact know gaps and slips of nodes that have moved.
+
+        Returns what friction dissipates in each group, ``(g,)`` [J]. Collective.
+        """
+        dissipated = np.zeros(len(self._groups))
         for step, some in held:
-            history, ways = step.state.history, step.candidates.scatter.forward(dx)[some.dofs]
-            gap = history.gap.copy()
-            opened = some.gradient * ways.reshape(some.gradient.shape)
-            gap[some.node] = some.gap + opened.sum(axis=1)
-            step.state.accept(replace(history, gap=gap))
+            history = step.state.history
+            rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
+            ways = step.candidates.scatter.forward(dx)[some.dofs]
+            opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
+            gap, dissipation = history.gap.copy(), history.dissipation.copy()
+            gap[some.node] = some.gap + opened
+            # In all a step never gets energy from friction.
+            lost = (some.traction * np.transpose(slid)).sum(axis=1)
+            lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
+            dissipation[some.node] += lost
+            step.state.accept(replace(history, gap=gap, dissipation=dissipation))
+            group = self._group_of[step.state.nodes.nodes[some.node]]
+            np.add.at(dissipated, group, lost)
+        return reductions.total(self._comm, dissipated)
+
+
+def _held(step: ContactStep, some: HeldNodes, part: Floats) -> Holds:
+    """Gaps that nodes keep or close in part, ``(m,)``, and slips of those that stick. Local."""
+    kept = (some.force > 0) | (part > 0)
+    sticks = some.sticks & kept
+    gradient, *along = some.gradients.transpose(1, 0, 2)
+    slides = kept & ~sticks & (some.force > 0)
+    ratio = np.divide(
+        some.traction,
+        -some.force[:, None],
+        out=np.zeros_like(some.traction),
+        where=slides[:, None],
+    )
+    force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
+    stuck = [rows[sticks] for rows in along]
+    rows = np.concatenate([gradient[kept], *stuck])
+    return Holds(
+        step.candidates.scatter,
+        np.concatenate([some.dofs[kept], some.dofs[sticks], some.dofs[sticks]]),
+        rows,
+        np.concatenate([force[kept], *stuck]),
+        np.concatenate([-(part * some.gap)[kept], np.zeros(2 * np.count_nonzero(sticks))]),
+    )

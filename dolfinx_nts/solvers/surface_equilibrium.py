@@ -62,12 +62,19 @@ class SurfaceEquilibrium:
         self._stiffness: Floats = np.ones((n // 3, 1))
         matrix = shell_matrix(self._comm, (n, None), self)
         matrix.setUp()
-        self._ksp = PETSc.KSP().create(self._comm)
-        self._ksp.setOperators(matrix)
-        self._ksp.setType("cg")
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        use_shell(self._ksp.getPC(), self)
+        self._krylov = {name: self._solver(matrix, name) for name in ("cg", "gmres")}
         self._x, self._b = matrix.createVecs()
+
+    def _solver(self, matrix: Any, name: str) -> Any:
+        """Make a Krylov method that measures residuals as they are."""
+        ksp = PETSc.KSP().create(self._comm)
+        ksp.setOperators(matrix)
+        ksp.setType(name)
+        if name == "gmres":
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        use_shell(ksp.getPC(), self)
+        return ksp
 
     def find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
         """Solve for increments of all owned nodes, shape ``(n, 3)`` [m].
@@ -124,9 +131,11 @@ class SurfaceEquilibrium:
         floor = _ROUND_OFF * size * stiffness[self.massless]
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()
-        self._ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
+        # Friction that scales with normal forces is not symmetric.
+        ksp = self._krylov["gmres" if self._held.slides else "cg"]
+        ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
         # Where the surface is about to buckle it ends with the last iterate, which is kept.
-        self._ksp.solve(self._b, self._x)
+        ksp.solve(self._b, self._x)
         x += self._x.array.reshape(-1, 3)
         return x
 

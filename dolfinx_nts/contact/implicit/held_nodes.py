@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 
 __all__ = ["HeldNodes"]
@@ -16,16 +16,20 @@ class HeldNodes(NamedTuple):
     Attributes:
         node: Positions among the nodes of the surface, shape ``(m,)``.
         dofs: Nodes on which gaps depend, in the map of the candidates' scatter, ``(m, k)``.
-        gradient: Gradients of the gaps by these, shape ``(m, 3 k)``.
+        gradients: Gradients of gap and slip by these, shape ``(m, 3, 3 k)``.
         gap: Gap, shape ``(m,)`` [m].
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].
+        traction: Traction in the step, in the directions of slip, shape ``(m, 2)`` [N].
+        sticks: Whether friction keeps a node from sliding, shape ``(m,)``.
     """
 
     node: Ints
     dofs: Ints
-    gradient: Floats
+    gradients: Floats
     gap: Floats
     force: Floats
+    traction: Floats
+    sticks: Flags
 
     @classmethod
     def of(cls, step: ContactStep) -> "HeldNodes":
@@ -34,7 +38,17 @@ class HeldNodes(NamedTuple):
         near = (search.segment >= 0) & (active | search.may_close)
         node = near.nonzero()[0].astype(np.int32)
         pairs = search.pairing.kinematics("static", step.x, node, search.segment[node], None)
-        gap, gradient = pairs.contact.gap, pairs.contact.gradient
-        some = np.isfinite(gap) & np.any(gradient != 0, axis=1) & (active[node] | (gap < 0))
-        force = -step.normal.lambda_N[node[some]]
-        return cls(node[some], pairs.dofs[some], gradient[some], gap[some], force)
+        step.friction.measure(pairs, step.x)
+        gap, gradients = pairs.contact.gap, pairs.gradients
+        some = np.isfinite(gap) & np.any(gradients[:, 0] != 0, axis=1)
+        some &= active[node] | (gap < 0)
+        node = node[some]
+        return cls(
+            node,
+            pairs.dofs[some],
+            gradients[some],
+            gap[some],
+            -step.normal.lambda_N[node],
+            step.friction.traction[node],
+            step.friction.sticks(node, active[node]),
+        )
