@@ -19,7 +19,7 @@ _NO_FREEDOM = 1e-3
 # unless two pairs hold a node nearly in the same direction.
 _REDUCTION, _MAX_ITERATIONS = 1e-13, 50
 # Part of a vector [-] that is round-off.
-_ROUND_OFF = 4 * np.finfo(np.float64).eps
+_ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
 # Projections with friction, each of which reduces by some orders what is wrong.
 _SLIDING_PASSES = 4
 

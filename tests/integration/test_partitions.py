@@ -1,7 +1,5 @@
 """The result does not depend on numbering, partition and linear solver."""
 
-from functools import partial
-
 from mpi4py import MPI
 
 import numpy as np
@@ -10,7 +8,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from helpers import scenes
-from helpers.interrupted import SCHEMES
+from helpers.interrupted import SCHEMES, layers_of
 from stress.run import CASES
 
 # Relative, of energies: scenes without ties, so that only rounding and
@@ -21,7 +19,7 @@ POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 MORTAR, RESOLVED = SCHEMES["mortar"], SCHEMES["resolved"]
-RESOLVED_MORTAR = partial(RESOLVED, method="mortar")
+RESOLVED_MORTAR = SCHEMES["resolved mortar"]
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, MORTAR])
 
 
@@ -91,7 +89,7 @@ def scattered(middle):
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED, RESOLVED_MORTAR])
 @pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
 def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
-    layers = 2 if scheme in (RESOLVED, RESOLVED_MORTAR) else 1
+    layers = layers_of(scheme)
     special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
     alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, layers=layers)
     compare(special, alone, 10)

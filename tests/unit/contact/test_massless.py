@@ -40,11 +40,11 @@ def test_generalized_alpha_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"friction": nts.Coulomb(0.3)}, "no friction, given Coulomb"),
+        ({"friction": nts.Coulomb(0.3, eps_T=1e3)}, "friction without springs, given Coulomb"),
         ({"degree": 2}, "elements of degree 1, given degree 2"),
     ],
 )
-def test_friction_and_degree_two_are_refused(options, words):
+def test_springs_of_friction_and_degree_two_are_refused(options, words):
     with pytest.raises(ValueError, match=f"expected, with impact 'resolved', {words}") as caught:
         blocks(MPI.COMM_WORLD, **options)
     assert "impact 'elastic' can do this" in str(caught.value)
