@@ -3,11 +3,12 @@ r"""Impact that is resolved in time: nodes that touch have no mass.
 Their mass acts at nodes below them, see `redistributed_mass`. After each step
 
 * they find their static equilibrium, while all others stay where they are; gaps at which they
-  were caught are closed as far as this costs little energy, and otherwise held,
+  were caught are closed as far as this costs little energy, and otherwise held; nodes that stick
+  keep their place, and those that slide go on with the friction of the new reactions,
 * the strain energy that this takes or gives, dV, comes from the vibration of the body: with the
   velocity v = v_rigid + w, where w is orthogonal to rigid motions with regard to the mass, v
   becomes v + s w. This changes neither linear nor angular momentum, and s is such that the total
-  energy is what it was before.
+  energy is what it was before, but for what sliding dissipates.
 """
 
 import logging
