@@ -39,7 +39,7 @@ class LagrangeMultiplier(Declaration):
             the impact energy of the node dissipates. ``"resolved"``: elastic impact of nodes
             without mass, which nodes below the surface carry for them, so that forces follow
             the wave in the body: second order in time where steps are shorter than a wave takes
-            through a cell. It is for `EnergyMomentum`, without friction, at degree 1.
+            through a cell. It is for `EnergyMomentum`, without springs of friction, at degree 1.
             ``"restitution"``: a node leaves with ``e`` times the speed with which it came,
             wherever in the step it arrives, as g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0); the
             energy-momentum scheme never gains energy by it, and with e = 1 it is elastic.

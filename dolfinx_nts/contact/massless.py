@@ -6,7 +6,6 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
@@ -69,10 +68,8 @@ def _check(pair: ContactPair) -> None:
     wrong = ""
     if pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
-    elif pair.friction is not None:
-        wrong = f"no friction, given {pair.friction!r}"
-    elif pair.method != NODES:
-        wrong = f"method {NODES!r}, given {pair.method!r}"
+    elif pair.friction is not None and pair.has_slip_spring:
+        wrong = f"friction without springs, given {pair.friction!r}"
     elif (degree := Element.of(pair.nodes.V).degree) != 1:
         wrong = f"elements of degree 1, given degree {degree}"
     if wrong:

@@ -3,11 +3,12 @@ r"""Impact that is resolved in time: nodes that touch have no mass.
 Their mass acts at nodes below them, see `redistributed_mass`. After each step
 
 * they find their static equilibrium, while all others stay where they are; gaps at which they
-  were caught are closed as far as this costs little energy, and otherwise held,
+  were caught are closed as far as this costs little energy, and otherwise held; nodes that stick
+  keep their place, and those that slide go on with the friction of the new reactions,
 * the strain energy that this takes or gives, dV, comes from the vibration of the body: with the
   velocity v = v_rigid + w, where w is orthogonal to rigid motions with regard to the mass, v
   becomes v + s w. This changes neither linear nor angular momentum, and s is such that the total
-  energy is what it was before.
+  energy is what it was before, but for what sliding dissipates.
 """
 
 import logging
@@ -22,7 +23,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
@@ -38,12 +39,13 @@ from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedBulk,
     RedistributedMass,
     RedistributedTangent,
 )
-from dolfinx_nts.solvers.surface_equilibrium import Holds, SurfaceEquilibrium
+from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
 
 __all__ = ["ResolvedImpact"]
 
@@ -56,20 +58,16 @@ _CLOSING, _MOST_SPENT = 0.05, 0.5
 _RESOLVED = 1.0
 
 
-class _Nodes(NamedTuple):
-    """Nodes that contact holds, of all pairs.
+class _Costs(NamedTuple):
+    """What it costs to close the gaps of held nodes, of all pairs.
 
     Attributes:
-        holds: The nodes and their directions; they go as far as closes their gaps.
-        cost: Energy that this costs, about, shape ``(m,)`` [J].
+        energy: About the energy for each, shape ``(m,)`` [J].
         group: Group of bodies of each, shape ``(m,)``.
-        active: Whether a node is held otherwise, shape ``(m,)``.
     """
 
-    holds: Holds
-    cost: Floats
+    energy: Floats
     group: Ints
-    active: Flags
 
 
 class ResolvedImpact(Inertia):
@@ -187,8 +185,8 @@ class ResolvedImpact(Inertia):
         u, v = (f.x.array[:n].reshape(-1, 3) for f in (rates.u, rates.v))
         # Nodes without mass have no part in these.
         vibration = self._vibrations.of(self._X + u, v)
-        strain = self._equilibrate(steps, vibration.energy)
-        wanted = self._owed - strain
+        strain, dissipation = self._equilibrate(steps, vibration.energy)
+        wanted = self._owed - strain - dissipation
         factors, refund = vibration.factors(wanted)
         self._owed = wanted - refund
         for g, factor in zip(self._groups, factors, strict=True):
@@ -197,76 +195,107 @@ class ResolvedImpact(Inertia):
         mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
         v[massless] = mean_velocity[:n].reshape(-1, 3)[massless]
         rates.v.x.scatter_forward()
-        energies = float(strain.sum()), float(refund.sum())
-        return defect, ContactWork(equilibrium=energies[0], refund=energies[1])
+        energies = strain, -dissipation, refund + dissipation
+        spent, friction, back = (float(part.sum()) for part in energies)
+        return defect, ContactWork(equilibrium=spent, friction=friction, refund=back)
 
-    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> Floats:
+    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> tuple[Floats, Floats]:
         """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
 
-        ``energy`` is that of the vibration of each group, shape ``(g,)`` [J].
+        That is strain energy, and what friction dissipates. ``energy`` is that of the vibration
+        of each group, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
         before = u.array.copy()
-        held = [HeldNodes.of(step) for step in steps]
-        nodes = self._nodes(steps, held)
+        held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
         if any(step.num_active for step in steps):
             self._tell()
-        closed = self._affordable(nodes, _CLOSING * energy)
+        closed = self._affordable(self._costs(held), _CLOSING * energy)
         for part in (closed, np.zeros_like(closed)):
-            kept = nodes.active | (part > 0)
-            way = part * nodes.holds.way
-            holds = Holds(nodes.holds.node[kept], nodes.holds.normal[kept], way[kept])
+            holds, rest = [], part
+            for step, some in held:
+                mine, rest = np.split(rest, [len(some.node)])
+                holds.append(_held(step, some, mine))
             dx = self._equilibrium.find(holds, self._stiffness)
             u.array[: self.bulk.num_owned] += dx.ravel()
             u.scatter_forward()
             work = self._equilibrium.work(before)
             cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
             if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
-                self._remember(steps, held, dx)
-                return cost
+                return cost, self._remember(held, dx)
             u.array[:] = before
-        return np.zeros(len(self._groups))
+        nothing = np.zeros(len(self._groups))
+        return nothing, nothing
 
-    def _nodes(self, steps: Sequence[ContactStep], held: Sequence[HeldNodes]) -> _Nodes:
-        """Held nodes of all pairs in which impact is resolved."""
-        parts = [
-            (step.state.nodes.nodes[some.node], some)
-            for step, some in zip(steps, held, strict=True)
-            if is_resolved(step.state.pair)
-        ]
-        node = np.concatenate([node for node, _ in parts])
-        normal, gap, force = (
-            np.concatenate([getattr(some, name) for _, some in parts])
-            for name in ("normal", "gap", "force")
+    def _costs(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> _Costs:
+        """What it costs to close the gaps of held nodes."""
+        node = np.concatenate([step.state.nodes.nodes[some.node] for step, some in held])
+        gap, force = (
+            np.concatenate([getattr(some, name) for _, some in held]) for name in ("gap", "force")
         )
-        active = force > 0
-        cost = np.abs(gap) * np.where(active, force, self._stiffness[node] * np.abs(gap))
-        return _Nodes(Holds(node, normal, -gap), cost, self._group_of[node], active)
+        way = np.abs(gap)
+        energy = way * np.where(force > 0, force, self._stiffness[node] * way)
+        return _Costs(energy, self._group_of[node])
 
-    def _affordable(self, nodes: _Nodes, budget: Floats) -> Floats:
+    def _affordable(self, costs: _Costs, budget: Floats) -> Floats:
         """Parts of the gaps that may be closed, first of the cheapest, ``(m,)``. Collective."""
-        part: Floats = np.zeros(len(nodes.cost))
+        part: Floats = np.zeros(len(costs.energy))
         for number, most in enumerate(budget):
-            mine = nodes.group == number
-            costs = np.sort(np.concatenate(self._comm.allgather(nodes.cost[mine])))
-            sums = np.concatenate([[0.0], np.cumsum(costs)])
+            mine = costs.group == number
+            energies = np.sort(np.concatenate(self._comm.allgather(costs.energy[mine])))
+            sums = np.concatenate([[0.0], np.cumsum(energies)])
             num_paid = int(np.count_nonzero(sums[1:] <= most))
             rest = sums[-1] - sums[num_paid]
-            dearest = costs[num_paid - 1] if num_paid else -1.0
+            dearest = energies[num_paid - 1] if num_paid else -1.0
             part[mine] = np.where(
-                nodes.cost[mine] <= dearest,
+                costs.energy[mine] <= dearest,
                 1.0,
                 (most - sums[num_paid]) / rest if rest > 0 else 0.0,
             )
         return part
 
-    def _remember(
-        self, steps: Sequence[ContactStep], held: Sequence[HeldNodes], dx: Floats
-    ) -> None:
-        """Let the contact of the step know the gaps of nodes that have moved."""
-        for step, some in zip(steps, held, strict=True):
+    def _remember(self, held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> Floats:
+        """Let contact know gaps and slips of nodes that have moved.
+
+        Returns what friction dissipates in each group, ``(g,)`` [J]. Collective.
+        """
+        dissipated = np.zeros(len(self._groups))
+        for step, some in held:
             history = step.state.history
-            gap = history.gap.copy()
-            way = dx[step.state.nodes.nodes[some.node]]
-            gap[some.node] = some.gap + (some.normal * way).sum(axis=1)
-            step.state.accept(replace(history, gap=gap))
+            rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
+            ways = step.candidates.scatter.forward(dx)[some.dofs]
+            opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
+            gap, dissipation = history.gap.copy(), history.dissipation.copy()
+            gap[some.node] = some.gap + opened
+            # In all a step never gets energy from friction.
+            lost = (some.traction * np.transpose(slid)).sum(axis=1)
+            lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
+            dissipation[some.node] += lost
+            step.state.accept(replace(history, gap=gap, dissipation=dissipation))
+            group = self._group_of[step.state.nodes.nodes[some.node]]
+            np.add.at(dissipated, group, lost)
+        return reductions.total(self._comm, dissipated)
+
+
+def _held(step: ContactStep, some: HeldNodes, part: Floats) -> Holds:
+    """Gaps that nodes keep or close in part, ``(m,)``, and slips of those that stick. Local."""
+    kept = (some.force > 0) | (part > 0)
+    sticks = some.sticks & kept
+    gradient, *along = some.gradients.transpose(1, 0, 2)
+    slides = kept & ~sticks & (some.force > 0)
+    ratio = np.divide(
+        some.traction,
+        -some.force[:, None],
+        out=np.zeros_like(some.traction),
+        where=slides[:, None],
+    )
+    force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
+    stuck = [rows[sticks] for rows in along]
+    rows = np.concatenate([gradient[kept], *stuck])
+    return Holds(
+        step.candidates.scatter,
+        np.concatenate([some.dofs[kept], some.dofs[sticks], some.dofs[sticks]]),
+        rows,
+        np.concatenate([force[kept], *stuck]),
+        np.concatenate([-(part * some.gap)[kept], np.zeros(2 * np.count_nonzero(sticks))]),
+    )

@@ -4,9 +4,9 @@ Each of these nodes hangs on others that do not move, so that conjugate gradient
 iterations, whatever the size of the surface.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,9 +17,10 @@ from dolfinx import fem, la
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
 from dolfinx_nts.solvers.shells import shell_matrix, use_shell
 
-__all__ = ["Holds", "SurfaceEquilibrium"]
+__all__ = ["SurfaceEquilibrium"]
 
 # Reduction of the residual [-]: what is left is of the size of what one step of Newton's method
 # leaves, and the next step goes on with it.
@@ -28,22 +29,6 @@ _MAX_ITERATIONS = 200
 # Residual, relative to the stiffness of a node times the size of its displacement [-], that is
 # round-off.
 _ROUND_OFF = 16 * np.finfo(np.float64).eps
-# Part of a unit normal [-] that a support leaves free, below which it decides on the gap.
-_NO_FREEDOM = 1e-3
-
-
-class Holds(NamedTuple):
-    """Nodes that keep a distance from what they touch, in one pair or several.
-
-    Attributes:
-        node: Owned nodes of the space, one may come several times, shape ``(m,)``.
-        normal: Direction in which the gap opens, of unit length, shape ``(m, 3)``.
-        way: How far each moves in this direction, shape ``(m,)`` [m].
-    """
-
-    node: Ints
-    normal: Floats
-    way: Floats
 
 
 class SurfaceEquilibrium:
@@ -72,25 +57,33 @@ class SurfaceEquilibrium:
         others = np.setdiff1d(np.arange(index_map.size_local, dtype=np.int32), massless)
         bulk.leave_out(np.flatnonzero(beside).astype(np.int32), others)
         n = bulk.num_owned
-        self._held = _Held(np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))
+        self._free: Floats = np.ones((n // 3, 3))
+        self._free.ravel()[bulk.given] = 0
         self._stiffness: Floats = np.ones((n // 3, 1))
         matrix = shell_matrix(self._comm, (n, None), self)
         matrix.setUp()
-        self._ksp = PETSc.KSP().create(self._comm)
-        self._ksp.setOperators(matrix)
-        self._ksp.setType("cg")
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        use_shell(self._ksp.getPC(), self)
+        self._krylov = {name: self._solver(matrix, name) for name in ("cg", "gmres")}
         self._x, self._b = matrix.createVecs()
 
-    def find(self, holds: Holds, stiffness: Floats) -> Floats:
+    def _solver(self, matrix: Any, name: str) -> Any:
+        """Make a Krylov method that measures residuals as they are."""
+        ksp = PETSc.KSP().create(self._comm)
+        ksp.setOperators(matrix)
+        ksp.setType(name)
+        if name == "gmres":
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        use_shell(ksp.getPC(), self)
+        return ksp
+
+    def find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
         """Solve for increments of all owned nodes, shape ``(n, 3)`` [m].
 
         It is one step of Newton's method from u. Nodes that nothing holds are free; where the
         surface is about to buckle it is a step towards less energy.
 
         Args:
-            holds: What the nodes keep.
+            holds: What the nodes keep, pair by pair.
             stiffness: That of the owned nodes, for the preconditioner, shape ``(n,)`` [N/m].
         """
         with self._start(self._u.array):
@@ -128,19 +121,21 @@ class SurfaceEquilibrium:
         finally:
             self._u_n[:] = u_n
 
-    def _find(self, holds: Holds, stiffness: Floats) -> Floats:
+    def _find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
         r: Floats = -self._residual().reshape(-1, 3)
-        self._held, x = self._constrain(holds, r.shape)
-        self._stiffness = stiffness
+        self._held = HeldGaps(self._comm, holds, self._free, stiffness)
+        self._stiffness, x = stiffness, self._held.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
             r -= self._times(x)
         size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
         floor = _ROUND_OFF * size * stiffness[self.massless]
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()
-        self._ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
+        # Friction that scales with normal forces is not symmetric.
+        ksp = self._krylov["gmres" if self._held.slides else "cg"]
+        ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
         # Where the surface is about to buckle it ends with the last iterate, which is kept.
-        self._ksp.solve(self._b, self._x)
+        ksp.solve(self._b, self._x)
         x += self._x.array.reshape(-1, 3)
         return x
 
@@ -149,40 +144,12 @@ class SurfaceEquilibrium:
         y.array[:] = self._held.project(self._times(x.array_r.reshape(-1, 3))).ravel()
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        """Divide by the stiffness of each node where it is free; called by PETSc."""
-        z.array[:] = self._held.project(r.array_r.reshape(-1, 3) / self._stiffness).ravel()
+        """Divide by the stiffness of each node, which keeps gaps; called by PETSc."""
+        z.array[:] = (r.array_r.reshape(-1, 3) / self._stiffness).ravel()
 
     def _times(self, x: Floats) -> Floats:
         """Stiffness of statics times increments that are zero at all other nodes."""
         y = self._bulk.action(x)
         y /= self._share
         y.ravel()[self._bulk.given] = 0
-        return y
-
-    def _constrain(self, holds: Holds, shape: tuple[int, ...]) -> tuple["_Held", Floats]:
-        """Held nodes, and the shortest increments that hold them, of a shape."""
-        node, place = np.unique(holds.node, return_inverse=True)
-        normal = np.zeros((len(place), 3))
-        free: Floats = np.ones(shape)
-        free.ravel()[self._bulk.given] = 0
-        normal[:] = holds.normal * free[holds.node]
-        normal[np.linalg.norm(normal, axis=1) < _NO_FREEDOM] = 0
-        squares, ways = np.zeros((len(node), 3, 3)), np.zeros((len(node), 3))
-        np.add.at(squares, place, normal[:, :, None] * normal[:, None])
-        np.add.at(ways, place, normal * holds.way[:, None])
-        inverse = np.linalg.pinv(squares, rcond=_NO_FREEDOM**2, hermitian=True)
-        x: Floats = np.zeros(shape)
-        x[node] = np.einsum("mij,mj->mi", inverse, ways)
-        return _Held(node.astype(np.int32), np.eye(3) - inverse @ squares), x
-
-
-class _Held(NamedTuple):
-    """Held nodes, shape ``(k,)``, and projections on what is free there, ``(k, 3, 3)``."""
-
-    node: Ints
-    projection: Floats
-
-    def project(self, y: Floats) -> Floats:
-        """Leave of nodal vectors what is free, in place. Local."""
-        y[self.node] = np.einsum("mij,mj->mi", self.projection, y[self.node])
         return y

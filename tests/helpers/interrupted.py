@@ -30,6 +30,7 @@ def with_law(scheme, enforcement, friction, bodies, pairs, dt, method="node-to-s
     return scheme(bodies, pairs, dt=dt)
 
 
+RESOLVED = nts.LagrangeMultiplier("resolved")
 SCHEMES = {
     "multiplier": nts.EnergyMomentum,
     "stick": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3)),
@@ -37,7 +38,10 @@ SCHEMES = {
     "alpha": partial(with_law, nts.GeneralizedAlpha, nts.LagrangeMultiplier("plastic"), None),
     "explicit": partial(with_law, nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     "strong": nts.EnergyMomentum,
-    "resolved": partial(with_law, nts.EnergyMomentum, nts.LagrangeMultiplier("resolved"), None),
+    "resolved": partial(with_law, nts.EnergyMomentum, RESOLVED, None),
+    "resolved mortar": partial(
+        with_law, nts.EnergyMomentum, RESOLVED, nts.Coulomb(0.3), method="mortar"
+    ),
     "mortar": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3), method="mortar"),
 }
 
@@ -45,5 +49,9 @@ SCHEMES = {
 def scene(comm, scheme=nts.EnergyMomentum, **options):
     """Three blocks, whose contacts begin before and after the break."""
     dt = 0.1 * BLOCK_STEP if scheme is SCHEMES["explicit"] else BLOCK_STEP
-    layers = 2 if scheme is SCHEMES["resolved"] else 1
-    return blocks(comm, scheme, num_bodies=3, layers=layers, dt=dt, **options)
+    return blocks(comm, scheme, num_bodies=3, layers=layers_of(scheme), dt=dt, **options)
+
+
+def layers_of(scheme):
+    """Layers of cells that a block needs with a scheme."""
+    return 2 if scheme in (SCHEMES["resolved"], SCHEMES["resolved mortar"]) else 1

@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from helpers import scenes
-from helpers.interrupted import SCHEMES
+from helpers.interrupted import SCHEMES, layers_of
 from stress.run import CASES
 
 # Relative, of energies: scenes without ties, so that only rounding and
@@ -19,6 +19,7 @@ POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 MORTAR, RESOLVED = SCHEMES["mortar"], SCHEMES["resolved"]
+RESOLVED_MORTAR = SCHEMES["resolved mortar"]
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, MORTAR])
 
 
@@ -85,10 +86,10 @@ def scattered(middle):
 
 
 @cells_
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED])
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED, RESOLVED_MORTAR])
 @pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
 def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
-    layers = 2 if scheme is RESOLVED else 1
+    layers = layers_of(scheme)
     special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
     alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, layers=layers)
     compare(special, alone, 10)

@@ -131,7 +131,48 @@ def test_force_is_that_of_waves_where_elastic_impact_hops(told):
     assert fine <= coarse / 3
 
 
-def ball(comm, cell, dt, loads=()):
+def exact_in_time(num_cells, edges):
+    """Mean force between instants of a bar whose end has no mass, from its modes.
+
+    The bar of wave speed 1 touches from t = 0 on; the force of wave theory is 1.
+    """
+    n, side = num_cells + 1, 1 / num_cells
+    K, M = np.zeros((2, n, n))
+    for e in range(num_cells):
+        K[e : e + 2, e : e + 2] += np.array([[1, -1], [-1, 1]]) / side
+        M[e : e + 2, e : e + 2] += np.array([[2, 1], [1, 2]]) * side / 6
+    P = np.eye(n)
+    P[0, :3] = 0, 2, -1
+    L = np.linalg.inv(np.linalg.cholesky((P.T @ M @ P)[1:, 1:]))
+    squares, modes = np.linalg.eigh(L @ K[1:, 1:] @ L.T)
+    modes, omega = L.T @ modes, np.sqrt(squares)
+    # u_1 = -sum a sin(omega t), and the force is -u_1/side until it pulls.
+    a = modes[0] * (np.linalg.inv(modes) @ np.ones(n - 1)) / omega / side
+    fine = np.linspace(0, 2.2, 2201)
+    pulls = fine[(fine > 1.5) & (np.sin(np.outer(fine, omega)) @ a < 0)][0]
+    t = np.clip(edges, 0, pulls)
+    return np.diff((1 - np.cos(np.outer(t, omega))) @ (a / omega)) / np.diff(edges)
+
+
+@pytest.mark.serial
+def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(told):
+    force = bar("resolved", 0.0025, 2.6).force
+    exact = exact_in_time(CELLS, np.arange(len(force) + 1) * 0.0025 - GAP / SPEED)
+    assert np.sqrt(np.mean((force - exact) ** 2)) <= 0.01
+    errors = []
+    for num_cells in (100, 400):
+        edges = np.arange(0, 2.2, 0.1 / num_cells)
+        theory = np.diff(np.minimum(edges, 2.0)) / np.diff(edges)
+        square = (exact_in_time(num_cells, edges) - theory) ** 2
+        errors.append(100 * np.sqrt(np.sum(square * np.diff(edges)) / 2))
+    told(
+        "force of a bar of 100 and 400 elements on a wall, exactly integrated in time",
+        "that of wave theory, which needs all wave lengths",
+        f"{errors[0]:.0f} % rms, {errors[1]:.0f} %",
+    )
+
+
+def ball(comm, cell, dt, loads=(), friction=None):
     """Return a stepper of a hollow ball that flies obliquely onto a plane, and the ball."""
     mesh, cells, facets, tag = nts.read_mesh(
         lambda model: parts.add_hollow_ball(
@@ -151,7 +192,8 @@ def ball(comm, cell, dt, loads=()):
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),
         nts.RigidPlane((0, 0, 0), (0, 0, 1)),
-        nts.LagrangeMultiplier("resolved"),
+        LAWS["resolved"],
+        friction,
     )
     loads = [load([body]) for load in loads]
     stepper = nts.EnergyMomentum([body], [pair], dt=dt, loads=loads)
@@ -189,6 +231,104 @@ def test_gravity_lets_a_body_fall_without_strain(comm, agree):
     work = sum(step.load_work for step in steps)
     gained = kinetic - 0.5 * 9.0 * kinetic / (0.5 * np.dot(velocity, velocity))
     assert agree(work == pytest.approx(gained, rel=1e-11))
+
+
+def on_plate(comm, dt, method, mu, *, finer=0, shift=(0.05, 0.037), velocity=(0.3, 0.2, -1.0)):
+    """Return a stepper of a hollow ball just above a plate, both free."""
+
+    def build(model):
+        parts.add_hollow_ball(
+            model,
+            "ball",
+            centre=(*shift, 1.0053),
+            inner_radius=0.7,
+            outer_radius=1.0,
+            cells_per_edge=3 + finer,
+            layers=3 + finer,
+        )
+        n = 7 + 2 * finer
+        parts.add_box(
+            model, "plate", corner=(-1.2, -1.2, -0.4), size=(2.4, 2.4, 0.4), cells=(n, n, 2)
+        )
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
+    outer, top = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
+    friction = None if mu == 0 else nts.Coulomb(mu)
+    pair = nts.ContactPair(outer, top, LAWS["resolved"], friction, method)
+    stepper = nts.EnergyMomentum([ball, plate], [pair], dt=dt)
+    stepper.set_velocity(ball, velocity)
+    return stepper
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(mu, told):
+    # The lowest node comes down above an edge of the plate; a wave takes 0.008 through a cell.
+    ends = {}
+    for dt in (0.002, 0.001, 0.00025):
+        velocity = (1.0 if mu else 0.0, 0.2, -1.0)
+        stepper = on_plate(
+            MPI.COMM_SELF, dt, "mortar", mu, finer=1, shift=(0.4 / 3, 0.4 / 3), velocity=velocity
+        )
+        zigzag, forces = 0.0, []
+        for _ in range(round(0.08 / dt)):
+            stepper.advance()
+            forces.append(-stepper.contacts[0].history.lambda_N.sum())
+        zigzag = np.abs(np.diff(forces, 2)).sum() / (4 * sum(forces))
+        massless = stepper.pairs[0].nodes.nodes
+        ends[dt] = [
+            np.delete(f.x.array.reshape(-1, 3), massless, axis=0) for f in (stepper.u, stepper.v)
+        ]
+    coarse, fine, finest = ends.values()
+    orders = [
+        np.log2(np.linalg.norm(a - exact) / np.linalg.norm(b - exact))
+        for a, b, exact in zip(coarse, fine, finest, strict=True)
+    ]
+    told(
+        f"ball on a plate, mortar, resolved impact, friction {mu}",
+        "second order of displacements and velocities in the step",
+        f"{orders[0]:.2f}, {orders[1]:.2f}",
+    )
+    assert min(orders) >= 1.7
+    assert zigzag <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("method", "mu"), [("mortar", 0.0), ("mortar", 0.3), ("node-to-segment", 0.3)]
+)
+def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(comm, agree, method, mu):
+    stepper = on_plate(comm, 0.005, method, mu)
+    diagnostics = nts.Diagnostics(stepper)
+    first, energy, kept = diagnostics.balance(), 0.0, set()
+    for step in stepper.run(0.2):
+        balance, history = diagnostics.balance(), stepper.contacts[0].history
+        energy += step.contact_work.friction
+        assert agree(step.contact_work.friction <= 1e-14 * first.total_energy)
+        error = (balance.total_energy - energy) / first.total_energy - 1
+        assert agree(abs(error) <= ENERGY_TOLERANCE)
+        scale = MOMENTUM_TOLERANCE * np.linalg.norm(first.linear_momentum)
+        for name in ("linear_momentum", "angular_momentum"):
+            change = getattr(balance, name) - getattr(first, name)
+            assert agree(np.abs(change).max() <= scale)
+        sticks = comm.allreduce(np.any(history.active & ~history.sliding), op=MPI.LOR)
+        kept |= {("slides", "sticks")[int(sticks)]} if step.num_active else set()
+    assert agree("slides" in kept if mu == 0 else "sticks" in kept)
+    assert agree((energy < -1e-3 * first.total_energy) == (mu > 0))
+
+
+@pytest.mark.serial
+def test_ball_that_slides_on_a_plane_loses_as_much_speed_as_coulomb_says():
+    stepper, body = ball(MPI.COMM_SELF, "hexahedron", 0.005, friction=nts.Coulomb(0.2))
+    stepper.set_velocity(body, (3.0, 4.0, -1.0))
+    diagnostics = nts.Diagnostics(stepper)
+    before = diagnostics.body_velocity(body)
+    list(stepper.run(0.2))
+    change = diagnostics.body_velocity(body) - before
+    assert change[2] > 0.1
+    assert change[:2] == pytest.approx(-0.2 * change[2] * np.array([0.6, 0.8]), rel=1e-2)
 
 
 @pytest.mark.serial

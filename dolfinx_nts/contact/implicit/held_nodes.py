@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 
 __all__ = ["HeldNodes"]
@@ -15,15 +15,21 @@ class HeldNodes(NamedTuple):
 
     Attributes:
         node: Positions among the nodes of the surface, shape ``(m,)``.
-        normal: Direction in which the gap opens, of unit length, shape ``(m, 3)``.
+        dofs: Nodes on which gaps depend, in the map of the candidates' scatter, ``(m, k)``.
+        gradients: Gradients of gap and slip by these, shape ``(m, 3, 3 k)``.
         gap: Gap, shape ``(m,)`` [m].
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].
+        traction: Traction in the step, in the directions of slip, shape ``(m, 2)`` [N].
+        sticks: Whether friction keeps a node from sliding, shape ``(m,)``.
     """
 
     node: Ints
-    normal: Floats
+    dofs: Ints
+    gradients: Floats
     gap: Floats
     force: Floats
+    traction: Floats
+    sticks: Flags
 
     @classmethod
     def of(cls, step: ContactStep) -> "HeldNodes":
@@ -31,10 +37,18 @@ class HeldNodes(NamedTuple):
         search, active = step.search, step.normal.active
         near = (search.segment >= 0) & (active | search.may_close)
         node = near.nonzero()[0].astype(np.int32)
-        points, segment = search.points.take(node), search.segment[node]
-        contact = step.candidates.contact("static", points, search.x_n, step.x, segment)
-        gradient = contact.gradient[:, :3]
-        length = np.linalg.norm(gradient, axis=1)
-        some = np.isfinite(contact.gap) & (length > 0) & (active[node] | (contact.gap < 0))
-        normal = gradient[some] / length[some, None]
-        return cls(node[some], normal, contact.gap[some], -step.normal.lambda_N[node[some]])
+        pairs = search.pairing.kinematics("static", step.x, node, search.segment[node], None)
+        step.friction.measure(pairs, step.x)
+        gap, gradients = pairs.contact.gap, pairs.gradients
+        some = np.isfinite(gap) & np.any(gradients[:, 0] != 0, axis=1)
+        some &= active[node] | (gap < 0)
+        node = node[some]
+        return cls(
+            node,
+            pairs.dofs[some],
+            gradients[some],
+            gap[some],
+            -step.normal.lambda_N[node],
+            step.friction.traction[node],
+            step.friction.sticks(node, active[node]),
+        )

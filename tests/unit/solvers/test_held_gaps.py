@@ -1,0 +1,72 @@
+"""What held gaps and slips leave of nodal vectors, compared with dense least squares."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem, mesh
+
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
+
+pytestmark = pytest.mark.serial
+
+NUM_ROWS, NODES_A_ROW = 7, 3
+
+
+@pytest.fixture
+def rows(rng):
+    """Scatter, stiffness, free dofs, and gradients as given and as rows of a dense matrix."""
+    V = fem.functionspace(mesh.create_unit_cube(MPI.COMM_SELF, 2, 2, 2), ("Lagrange", 1, (3,)))
+    scatter = NodalScatter(V.dofmap.index_map, is_local=True)
+    n = scatter.num_local
+    free = (rng.random((n, 3)) < 0.8).astype(float)
+    dofs = np.array([rng.choice(n, NODES_A_ROW, replace=False) for _ in range(NUM_ROWS)])
+    dofs = dofs.astype(np.int32)
+    gradient = rng.standard_normal((NUM_ROWS, NODES_A_ROW, 3))
+    return scatter, rng.uniform(1, 9, (n, 1)), free, dofs, gradient
+
+
+def dense(dofs, gradient, free):
+    """Rows over all dofs, zero where these are not free."""
+    G = np.zeros((len(dofs), *free.shape))
+    for row, nodes, part in zip(G, dofs, gradient, strict=True):
+        np.add.at(row, nodes, part)
+    return (G * free).reshape(len(dofs), -1)
+
+
+def held(rows, way, friction=0.0, repeat=1):
+    """Make the constraints, each as often as said, half of them in another pair."""
+    scatter, stiffness, free, dofs, gradient = rows
+    order = np.tile(np.arange(NUM_ROWS), repeat)
+    force = (gradient + friction).reshape(NUM_ROWS, -1)
+    holds = [
+        Holds(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], way[i])
+        for i in np.split(order, [3])
+    ]
+    return HeldGaps(MPI.COMM_SELF, holds, free, stiffness)
+
+
+@pytest.mark.parametrize("repeat", [1, 2])
+def test_shortest_increments_close_gaps_that_may_come_twice(rows, rng, repeat):
+    _, stiffness, free, dofs, gradient = rows
+    way = rng.standard_normal(NUM_ROWS)
+    x = held(rows, way, repeat=repeat).shortest()
+    root = np.sqrt(np.broadcast_to(stiffness, free.shape)).ravel()
+    exact = np.linalg.pinv(dense(dofs, gradient, free) / root) @ way / root
+    assert x.ravel() == pytest.approx(exact, abs=1e-10 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.02])
+def test_what_is_left_of_forces_keeps_gaps(rows, rng, friction):
+    _, stiffness, free, dofs, gradient = rows
+    constraints = held(rows, np.zeros(NUM_ROWS), friction)
+    forces = rng.standard_normal(free.shape)
+    left = constraints.project(forces.copy())
+    G, C = (dense(dofs, part, free) for part in (gradient, gradient + friction))
+    size = np.abs(forces).max()
+    assert np.abs(G @ (left / stiffness).ravel()).max() <= 1e-6 * size
+    # What was taken away are forces that hold.
+    taken = (forces - left).ravel()
+    assert C.T @ np.linalg.lstsq(C.T, taken)[0] == pytest.approx(taken, abs=1e-10 * size)
+    assert constraints.slides == (friction != 0)

@@ -1,0 +1,84 @@
+"""What facets of a round surface do to forces: a point that is dragged over a cylinder.
+
+Facets of the length l are up to l^2/8R below an arc of radius R, which is compared with how deep
+the point is pressed in; on curved cells of second order they are half as long.
+"""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+
+pytest.importorskip("gmsh")
+pytestmark = pytest.mark.serial
+
+DEPTH, SIDE = 0.0071, 0.1  # over the radius 1
+FACET = np.pi / 32
+
+
+def scene(model: Any, order: int) -> None:
+    """Add a disc of 16 cells a quarter, and a triangle that stands on it."""
+    occ = model.occ
+    disc = occ.addDisk(0, 0, 0, 1, 1)
+    corners = [(0, 1 + 1e-6), (-SIDE, 1 + SIDE), (SIDE, 1 + SIDE)]
+    points = [occ.addPoint(*corner, 0) for corner in corners]
+    lines = [occ.addLine(points[i], points[i - 2]) for i in range(3)]
+    tip = occ.addPlaneSurface([occ.addCurveLoop(lines)])
+    occ.synchronize()
+    (_, rim), *_ = model.getBoundary([(2, disc)], oriented=False)
+    for surface, name in ((disc, "disc"), (tip, "tip")):
+        model.addPhysicalGroup(2, [surface], name=name)
+    model.addPhysicalGroup(1, [rim], name="rim")
+    model.addPhysicalGroup(1, [lines[0], lines[2]], name="sides")
+    model.mesh.setTransfiniteCurve(rim, 65)
+    for line in lines:
+        model.mesh.setTransfiniteCurve(line, 2)
+    model.mesh.generate(2)
+    model.mesh.setOrder(order)
+
+
+def dragged(order: int) -> np.ndarray:
+    """Forces while the point goes over two facets, with displacements of the order of cells."""
+    mesh, cells, facets, tag = nts.read_mesh(lambda model: scene(model, order), MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", order, (2,)))
+    disc = nts.Body(V, cells, tag["disc"], nts.NeoHookean(1e9, 0.3, 1e3))
+    tip = nts.Body(V, cells, tag["tip"], nts.NeoHookean(1e5, 0.3, 1e3))
+    X = V.tabulate_dof_coordinates()[:, :2]
+    core = np.flatnonzero(np.linalg.norm(X, axis=1) < 0.5).astype(np.int32)
+    top = np.flatnonzero(np.abs(X[:, 1] - 1 - SIDE) < 1e-9).astype(np.int32)
+    held, moved = fem.Function(V), fem.Function(V)
+
+    def move(t: float) -> None:
+        """Press the tip in until t = 1, and turn it about the axis until t = 11."""
+        angle = 2 * FACET * max(t - 1, 0) / 10
+        Q = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        way = (X[top] - (0, DEPTH * min(t, 1))) @ Q.T - X[top]
+        moved.x.array.reshape(-1, 2)[top] = way
+
+    move(0.0)
+    bcs = [fem.dirichletbc(held, core), fem.dirichletbc(moved, top)]
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["sides"]), nts.Surface(V, facets, tag["rim"]))
+    stepper = nts.QuasiStatic([disc, tip], [pair], dt=0.5, bcs=bcs, update=move)
+    diagnostics, forces = nts.Diagnostics(stepper), []
+    for step in stepper.run(11):
+        assert step.num_active == 1
+        if step.t >= 1:
+            forces.append(np.linalg.norm(diagnostics.contact_force()))
+    return np.array(forces)
+
+
+def test_curved_cells_smooth_the_force_on_what_slides_over_them(told):
+    straight, curved = (100 * np.ptp(F) / F.mean() for F in map(dragged, (1, 2)))
+    told(
+        "drag over a cylinder, 16 cells a quarter, 0.7 % of the radius deep",
+        "the same force everywhere",
+        f"ripple of {straight:.0f} % on straight cells, {curved:.1f} % on curved ones",
+    )
+    sag = 100 * FACET**2 / 8 / DEPTH
+    assert straight == pytest.approx(sag, rel=0.2)
+    assert curved == pytest.approx(sag / 4, rel=0.2)
