@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["as_call", "finite", "instances", "nonnegative", "positive", "real", "real_array"]
+__all__ = ["as_call", "finite", "instances", "kind_of", "nonnegative", "positive", "real", "real_array"]
 
 # Digits of printed numbers [-]: enough for any given number, too few for its round-off.
 _DIGITS = 12
@@ -40,6 +40,11 @@ def _text(value: Any) -> str:
     return repr(value)
 
 
+def kind_of(item: object) -> str:
+    """What the message of an error calls an object that is of a wrong class. Local."""
+    return f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
+
+
 def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
     """Check that all items of a list are of one class. Local.
 
@@ -54,11 +59,11 @@ def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
         TypeError: The items are no list, or one of them is of another class.
     """
     if isinstance(items, kind) or not isinstance(items, Iterable):
-        raise TypeError(f"expected a list of {kind.__name__}, given {type(items).__name__}")
+        raise TypeError(f"expected a list of {kind.__name__}, given {kind_of(items)}")
     items = tuple(items)
     for item in items:
         if not isinstance(item, kind):
-            raise TypeError(f"expected a {kind.__name__}, given {type(item).__name__}")
+            raise TypeError(f"expected a {kind.__name__}, given {kind_of(item)}")
     return items
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
 
 __all__ = ["OverlapWatch"]
@@ -33,7 +34,7 @@ class OverlapWatch:
 
     Args:
         bodies: The bodies.
-        pairs: The contact pairs.
+        contacts: The contact pairs.
         clear: Is told the positions, shape ``(l, 3)`` [m], at a look that finds no overlap of
             bodies, and how far those of any pair have to come nearer from there to pass through
             each other [m].
@@ -45,11 +46,11 @@ class OverlapWatch:
     def __init__(
         self,
         bodies: Sequence[Body],
-        pairs: Sequence[ContactPair],
+        contacts: Sequence[PairState],
         clear: Callable[[Floats, float], None],
     ) -> None:
         """Begin with nothing seen; boundaries are found at the first look."""
-        self._bodies, self._pairs, self._clear = tuple(bodies), tuple(pairs), clear
+        self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
@@ -61,14 +62,14 @@ class OverlapWatch:
     @cached_property
     def search(self) -> OverlapSearch:
         """Finds the overlaps."""
-        segments = dict.fromkeys(pair.segments for pair in self._pairs)
+        segments = dict.fromkeys(contact.segments for contact in self._contacts)
         return OverlapSearch(self._bodies, [s for s in segments if isinstance(s, Obstacle)])
 
     @cached_property
-    def _roles(self) -> list[tuple[ContactPair, frozenset[str], frozenset[str]]]:
-        """Pairs, and whom their nodes and their segments belong to."""
+    def _roles(self) -> list[tuple[PairState, frozenset[str], frozenset[str]]]:
+        """Contacts, and whom their nodes and their segments belong to."""
         names = self.search.names_of
-        return [(pair, names(pair.nodes), names(pair.segments)) for pair in self._pairs]
+        return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
 
     @cached_property
     def _way_through(self) -> float:
@@ -79,12 +80,12 @@ class OverlapWatch:
         names, walls = self.search.names, self.search.walls
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
         least = np.inf
-        for pair, nodes, segments in self._roles:
+        for contact, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
                         least = min(least, walls[i] + walls[j])
-                    elif pair.nodes != pair.segments:
+                    elif contact.nodes != contact.segments:
                         least = 0.0
         return least
 
@@ -97,7 +98,7 @@ class OverlapWatch:
         """
         for overlap, names in self._new(x, t, _AT_START):
             self._known[names] = overlap.depth, overlap.cells
-            self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap))
+            self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap, x))
 
     def moved_far(self, way: float) -> bool:
         """Count an accepted step; tell whether there should be a look before the next one. Local.
@@ -160,8 +161,22 @@ class OverlapWatch:
             )
             _logger.warning(text, inner, f"{overlap.depth:.3g}", outer, extent, verdict)
 
-    def _at_start(self, overlap: Overlap) -> str:
-        return self._forgotten(overlap) or (
+    def _at_start(self, overlap: Overlap, x: Floats) -> str:
+        if verdict := self._forgotten(overlap):
+            return verdict
+        both = set(overlap.names)
+        seen = [
+            _deepest(contact, contact.gap(x, overlap.size))
+            for contact, nodes, segments in self._roles
+            if both <= nodes | segments
+        ]
+        if max(seen) < overlap.depth / 2:
+            return (
+                "their contact pair does not see that, as it looks at its nodes only, and up to "
+                "half a facet deep; it neither holds the two nor pushes them apart, and they may "
+                "pass through each other; move them apart before the first step"
+            )
+        return (
             "harmless if it is meant, as elastic impact holds this depth, and plastic impact and "
             "springs push the two apart; otherwise move them apart before the first step"
         )
@@ -171,13 +186,16 @@ class OverlapWatch:
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
-        deep = [(inner, outer), (outer, inner)]
-        if overlap.reverse_depth < overlap.depth / 2:
-            deep.pop()
         held = [
-            pair
-            for pair, nodes, segments in self._roles
-            if any(one in nodes and other in segments for one, other in deep)
+            contact
+            for contact, nodes, segments in self._roles
+            if (inner in nodes and outer in segments)
+            # What lies deepest is no contact node, but contact nodes may be as deep.
+            or (
+                outer in nodes
+                and inner in segments
+                and _deepest(contact, contact.history.gap) > overlap.depth / 2
+            )
         ]
         if not held:
             return (
@@ -185,7 +203,7 @@ class OverlapWatch:
                 "between them; the finer or softer surface should give the nodes, or both "
                 "(two_half_passes)"
             )
-        if any(isinstance(pair.enforcement, Penalty) for pair in held):
+        if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
             return (
                 "the springs of their contact pair yield that much, which stiffer ones (eps_N) or "
                 "LagrangeMultiplier do not, or steps are too long (dt)"
@@ -206,3 +224,9 @@ class OverlapWatch:
             "no contact pair names the two, so that nothing keeps them apart; add one, for "
             "instance by all_pairs, unless it is meant"
         )
+
+
+def _deepest(contact: PairState, gap: Floats) -> float:
+    """How deep a node of a pair is behind its segment, at most [m]. Collective."""
+    depth = -np.nan_to_num(gap).min(initial=0.0)
+    return reductions.largest(contact.nodes.V.mesh.comm, float(depth))

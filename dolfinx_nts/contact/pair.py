@@ -10,7 +10,7 @@ from weakref import WeakSet
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, kind_of
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
@@ -97,19 +97,19 @@ class ContactPair(Declaration):
     ) -> None:
         """Check types, surfaces and that the laws suit each other."""
         if not isinstance(nodes, Surface):
-            raise TypeError(f"expected a Surface as nodes, given {type(nodes).__name__}")
+            raise TypeError(f"expected a Surface as nodes, given {kind_of(nodes)}")
         if not isinstance(segments, Surface | Obstacle):
             raise TypeError(
-                f"expected a Surface or an obstacle as segments, given {type(segments).__name__}"
+                f"expected a Surface or an obstacle as segments, given {kind_of(segments)}"
             )
         enforcement = LagrangeMultiplier() if enforcement is None else enforcement
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
             raise TypeError(
                 "expected LagrangeMultiplier or Penalty as enforcement, "
-                f"given {type(enforcement).__name__}"
+                f"given {kind_of(enforcement)}"
             )
         if not (friction is None or isinstance(friction, Coulomb)):
-            raise TypeError(f"expected Coulomb as friction, given {type(friction).__name__}")
+            raise TypeError(f"expected Coulomb as friction, given {kind_of(friction)}")
         convective = friction is not None and friction.law == "convective"
         if convective and not (isinstance(enforcement, Penalty) and isinstance(segments, Surface)):
             raise ValueError(

@@ -26,7 +26,6 @@ class ContactWatch:
 
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
         """Begin with nothing seen."""
-        pairs = [contact.pair for contact in contacts]
-        self.vertices = ReversePassages(pairs)
-        self.overlaps = OverlapWatch(bodies, pairs, self.vertices.clear)
+        self.vertices = ReversePassages([contact.pair for contact in contacts])
+        self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
         self.springs = SoftSprings(contacts)

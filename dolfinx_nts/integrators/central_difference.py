@@ -141,6 +141,7 @@ class CentralDifference(Stepper):
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
         V, n = self.u.function_space, len(self.node_ids)
         self.supports = Supports(V, bcs)
+        self.supports.warn_of_empty()
         self.supports.check()
         self._given = np.zeros((n, dimension(V)), dtype=bool)
         self._given.ravel()[self.supports.fixed] = True

@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arguments import as_call, instances
+from dolfinx_nts.common.arguments import as_call, instances, kind_of
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
@@ -67,7 +67,7 @@ class Body(Declaration):
         tdim = V.mesh.topology.dim
         check_tag(V, cells, tag, tdim, "cells")
         if not isinstance(material, Hyperelastic):
-            raise TypeError(f"expected a material, given {type(material).__name__}")
+            raise TypeError(f"expected a material, given {kind_of(material)}")
         named = material.one_point and not material.splits_volume
         if named and V.ufl_element().degree > 1:
             raise ValueError(

@@ -3,6 +3,7 @@
 Nodes on the axis of rings have a condition of their own, which keeps them there.
 """
 
+import logging
 from collections.abc import Sequence
 
 from mpi4py import MPI
@@ -19,6 +20,8 @@ from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 # Relative difference of two displacements of one dof [-] that is round-off, not conflict.
 _ROUND_OFF = 1e-12
@@ -67,6 +70,17 @@ class Supports:
         # Number of the first condition of each fixed dof.
         number = np.searchsorted(ends, first, side="right")
         self._number: Ints = np.asarray(number, dtype=np.int32)
+
+    def warn_of_empty(self) -> None:
+        """Warn of conditions without dofs, as those of a function that holds nowhere have none."""
+        flags = [len(bc.dof_indices()[0]) > 0 for bc in self.conditions]
+        for i, holds in enumerate(reductions.anywhere(self._comm, flags)):
+            if not holds and self._comm.rank == 0:
+                _logger.warning(
+                    "bcs[%d] holds no dof: harmless if that is meant; otherwise mend the function "
+                    "or the tag by which its dofs were located",
+                    i,
+                )
 
     def __len__(self) -> int:
         """Number of conditions that were given. Local."""

@@ -22,7 +22,10 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search"]
+__all__ = ["DEEP", "Candidates", "Search"]
+
+# Depth relative to the size of a candidate [-] with which points may leave it.
+DEEP = 0.1
 
 
 class Candidates(ABC):
@@ -39,6 +42,8 @@ class Candidates(ABC):
             facet has none.
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
+        deep: Depth below a candidate from which on a point that has none any more has sunk in,
+            and not merely left it, shape ``(s,)`` [m].
         shortest_passage: Relative motion below which no point passes a candidate [m].
     """
 
@@ -46,6 +51,7 @@ class Candidates(ABC):
     segments: Ints
     key: GlobalInts
     size: Floats
+    deep: Floats
     shortest_passage: float
 
     @abstractmethod

@@ -53,6 +53,7 @@ class Bulk:
         self.u = u
         self.supports = Supports(V, bcs)
         self.supports.check()
+        self.supports.warn_of_empty()
         self.given: Ints = self.supports.fixed
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map

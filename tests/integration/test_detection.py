@@ -165,3 +165,27 @@ def test_a_ball_between_closing_walls_is_told_and_a_hopeless_step_is_given_up_so
     assert sum(report.iterations for report in raised.value.reports) <= 50
     deep = [o for o in nts.Diagnostics(stepper).overlaps() if o.depth > 0.1 * o.size]
     assert len(deep) <= caplog.text.count("is up to")
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+def test_nodes_that_sink_through_a_thin_plate_are_not_lost_at_the_next_facet(comm, scheme, refused):
+    """They have less than a tenth of a facet as depth when they slide over its edge."""
+
+    def fill(model):
+        sizes = {"plate": (1.0, 1.0, 0.05), "block": (0.4, 0.4, 0.4)}
+        for name, corner in (("plate", (-0.5, -0.5, -0.05)), ("block", (-0.2, -0.2, 0.001))):
+            parts.add_box(model, name, corner=corner, size=sizes[name], cells=(2, 2, 1))
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    plate, block = (nts.Body(V, cells, tag[name], rubber) for name in ("plate", "block"))
+    held = fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.049)
+    bcs = [fem.dirichletbc(np.zeros(3), held, V)]
+    pair = nts.ContactPair(nts.boundary_of(block), nts.boundary_of(plate), nts.Penalty(eps_N=1.0))
+    stepper = scheme([plate, block], [pair], bcs=bcs, dt=1e-3)
+    stepper.set_velocity(block, (12.0, 0.0, -3.5))
+    with refused(nts.ConvergenceError, "sank .*stiffer springs"):
+        list(stepper.run(until=0.02))
+    assert 0.014 < stepper.t < 0.019

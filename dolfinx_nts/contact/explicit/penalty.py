@@ -29,8 +29,6 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
 
-# Depth, relative to the size of a segment [-], from which on a node has not merely left it.
-_SUNK = 0.1
 # Stiffness of a tangential spring that is left open, relative to the normal one [-].
 _SOFTER = 0.1
 
@@ -213,7 +211,7 @@ class ContactSprings:
             return 0
         candidates, segment = self._neighbours.candidates, before[lost]
         gap = candidates.gap(self._neighbours.points.take(lost), x, segment)
-        (deep,) = (gap < -_SUNK * candidates.size[segment]).nonzero()
+        (deep,) = (gap < -candidates.deep[segment]).nonzero()
         if not len(deep):
             return 0
         points = self._neighbours.points.take(lost[deep])

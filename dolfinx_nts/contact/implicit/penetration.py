@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Ints
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message
 from dolfinx_nts.parallel import reductions
@@ -15,11 +16,9 @@ from dolfinx_nts.search.points import ContactPoints
 
 __all__ = ["check_penetration"]
 
-# Depth, relative to the size of a segment [-], from which on a pressing node does not merely
-# slide off the rim.
-_DEEP = 0.1
-# By how much another segment may make a node deeper, relative to the size of a segment [-].
-_DEEPER = 0.05
+# Depth that another segment may give to a pressing node, and by how much it may make it deeper,
+# relative to the size of a segment [-].
+_DEEP, _DEEPER = 0.1, 0.05
 
 
 def check_penetration(step: ContactStep, dt: float) -> str:
@@ -37,7 +36,9 @@ def check_penetration(step: ContactStep, dt: float) -> str:
     counts.append(search.pairing.num_beyond(step.x, active))
     without, between, beyond = reductions.total(nodes.V.mesh.comm, counts)
     if without:
-        return f"nodes that sank into a surface and face no segment any more: {without}"
+        springs = isinstance(step.state.pair.enforcement, Penalty)
+        advice = "; stiffer springs (eps_N) or LagrangeMultiplier hold them" if springs else ""
+        return f"nodes that sank into a surface and face no segment any more: {without}{advice}"
     if between:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
@@ -55,12 +56,12 @@ def _without_segment(step: ContactStep) -> int:
     It includes those that stayed with their segment because they had changed it again and
     again: the next step could not begin, however short.
     """
-    old, search, size = step.state.history, step.search, step.candidates.size
+    old, search, limit = step.state.history, step.search, step.candidates.deep
     before, now = search.last, search.segment
     deep = old.active & (before >= 0)
-    deep[deep] = old.gap[deep] < -_DEEP * size[before[deep]]
+    deep[deep] = old.gap[deep] < -limit[before[deep]]
     pressing = step.normal.active.copy()
-    pressing[pressing] = search.gap[pressing] < -_DEEP * size[now[pressing]]
+    pressing[pressing] = search.gap[pressing] < -limit[now[pressing]]
     node = (deep | pressing).nonzero()[0].astype(np.int32)
     if not len(node):
         return 0

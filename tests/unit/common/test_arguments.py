@@ -23,7 +23,7 @@ def test_lists_are_returned_as_tuples():
         (3, "expected a list of str, given int"),
         (None, "expected a list of str, given NoneType"),
         (["ab", 3], "expected a str, given int"),
-        ([str], "expected a str, given type"),
+        ([str], "expected a str, given the class str"),
     ],
 )
 def test_what_is_no_list_of_a_kind_is_refused(items, message):

@@ -2,6 +2,7 @@
 
 import logging
 
+import numpy as np
 import pytest
 from dolfinx import fem
 
@@ -18,13 +19,13 @@ FORGOTTEN = "no contact pair names the two"
 class Scene:
     """A small stiff cube above a plate of coarse cells."""
 
-    def __init__(self, comm, height=0.02):
+    def __init__(self, comm, height=0.02, at=0.2, width=0.2):
         """Make the bodies and the surfaces that face each other."""
 
         def build(model):
             parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(1, 1, 0.5), cells=(2, 2, 2))
-            corner = (0.2, 0.2, height)
-            parts.add_box(model, "cube", corner=corner, size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
+            corner, size = (at, at, height), (width, width, width)
+            parts.add_box(model, "cube", corner=corner, size=size, cells=(1, 1, 1))
 
         mesh, cells, facets, tag = nts.read_mesh(build, comm)
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -109,6 +110,40 @@ def test_bodies_that_start_inside_each_other_are_told_before_the_first_step(comm
     assert "harmless" in text
     run(stepper, 0.1)
     assert len(told()) == 1  # elastic impact keeps the depth, which is known
+
+
+@pytest.mark.parametrize(("sides", "height"), [("bottom top", -0.4), ("top bottom", -0.05)])
+def test_bodies_that_start_where_contact_does_not_see_them_are_told_so(comm, told, sides, height):
+    """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
+    scene = Scene(comm, height)
+    nodes, segments = (getattr(scene, side) for side in sides.split())
+    pair = nts.ContactPair(nodes, segments, nts.LagrangeMultiplier("plastic"))
+    assert scene.stepper(pair, dt=0.001).advance().num_active == 0
+    (text,) = told()
+    assert text.startswith("cube starts up to 0.") and "inside plate" in text
+    assert "does not see that" in text and "harmless" not in text
+
+
+def test_what_sinks_in_around_nodes_that_hold_is_told_as_such(comm, told):
+    """Edges of the plate go through the cube from the one node that touches it."""
+    scene = Scene(comm, height=0.0, at=0.35, width=0.4)
+    V, down = scene.top.V, fem.Constant(scene.top.V.mesh, (0.0, 0.0, 0.0))
+    conditions = [
+        fem.dirichletbc(value, fem.locate_dofs_geometrical(V, where), V)
+        for value, where in ((down, lambda x: x[2] > 0.39), (np.zeros(3), lambda x: x[2] < -0.49))
+    ]
+    pair = nts.ContactPair(scene.top, scene.bottom)
+
+    def update(t):
+        down.value[2] = -t
+
+    stepper = nts.QuasiStatic(scene.bodies, [pair], dt=0.1, bcs=conditions, update=update)
+    run(stepper, 0.3)
+    (text,) = told()
+    assert comm.allreduce(np.nansum(np.abs(pair.history.gap))) < 1e-12
+    (deepest,) = stepper.watch.overlaps.deepest.values()
+    assert deepest.reverse_depth > deepest.depth / 2
+    assert "holds the nodes of plate only" in text and "two_half_passes" in text
 
 
 def test_a_body_that_is_put_into_another_between_steps_is_told(comm, told):

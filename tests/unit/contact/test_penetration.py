@@ -64,7 +64,7 @@ def step_of(facets, before, after, held):
     surface = SimpleNamespace(V=SimpleNamespace(mesh=mesh), node_ids=np.array([7]))
     return SimpleNamespace(
         candidates=candidates,
-        state=SimpleNamespace(history=history, nodes=surface),
+        state=SimpleNamespace(history=history, nodes=surface, pair=SimpleNamespace(enforcement=None)),
         search=search,
         normal=SimpleNamespace(active=np.array(held[1:])),
         x=x,

@@ -209,3 +209,14 @@ def test_wrong_conditions_are_refused(comm, refused):
     bc = fem.dirichletbc(np.zeros(3), other.dofs(0), other.V)
     with refused(ValueError, r"on the space of the bodies, but not bcs\[0\]"):
         nts.EnergyMomentum([box.body], dt=1.0, bcs=[bc])
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+def test_a_condition_that_holds_nothing_is_told(comm, scheme, caplog):
+    box = Box(comm)
+    nowhere = fem.locate_dofs_geometrical(box.V, lambda x: x[0] > 99.0)
+    dofs = (box.dofs(0), nowhere)
+    scheme([box.body], dt=1e-5, bcs=[fem.dirichletbc(np.zeros(3), d, box.V) for d in dofs])
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == (comm.rank == 0)
+    assert all(text.startswith("bcs[1] holds no dof: harmless if") for text in told)

@@ -169,6 +169,22 @@ def test_lowest_key_wins_a_tie(key, height):
     assert segment == int(np.argmin(key))
 
 
+@pytest.mark.parametrize("key", [[0, 1], [1, 0]])
+@pytest.mark.parametrize("side", [0, 1])
+def test_node_beside_a_sharp_edge_is_in_front_of_it(key, side):
+    """Behind the plane of one facet of a wedge, a node may be in front of the other."""
+    facet = np.array([[0.0, 0, 0], [0, 1, 0], [0.4, 0, 1], [0.4, 1, 1]])
+    segments = np.stack([facet * [-1, 1, 1], facet])  # The normals are outward and down.
+    orientation = np.array([-1.0, 1.0])
+    node = [0.03 * (2 * side - 1), 0.4, -0.02]
+    (segment,), _, (gap,), _ = find(node, segments, orientation, key=key)
+    assert segment == side
+    assert abs(gap - (0.03 + 0.4 * 0.02) / np.hypot(1, 0.4)) < ROUNDING
+    # The same surface seen from inside: the node is behind the bottom of a groove.
+    (segment,), _, (inside,), _ = find(node, segments, -orientation, key=key)
+    assert segment == side and inside == -gap
+
+
 def test_node_beyond_the_rim_has_no_segment():
     segments, orientation = two_squares()
     for part, has in ((0.9, True), (1.1, False)):

@@ -85,11 +85,23 @@ struct Anything
   }
 };
 
+/// @brief Those of the nearest segments of a node that are on one side of it.
+template <class S>
+struct NearestOnSide
+{
+  std::int32_t segment = -1; ///< the one with the lowest key
+  Projection<S> projection;  ///< on it
+  double height = 0;         ///< largest distance from the plane of one [m]
+};
+
 /// @brief Find a node's segment.
 ///
 /// A node stays with its current segment while it is over it. Otherwise it gets
-/// the nearest segment; the lowest key wins a tie, as at edges and vertices. A
-/// node that lies off the nearest segment (`overhang`, `depth`) has none.
+/// the nearest segment; the lowest key wins a tie, as at edges and vertices. At
+/// an edge sharper than a right angle a node may be in front of one segment and
+/// behind another, both equally near: it is on that side on which it is farther
+/// from their planes. A node that lies off the nearest segment (`overhang`,
+/// `depth`) has none.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-].
@@ -124,8 +136,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
 
   if (!may.faces_any())
     return {};
-  std::int32_t best = -1;
-  Projection<S> best_projection;
+  NearestOnSide<S> front, behind;
   double nearest = reach;
   tree().nearest(node, reach,
                  [&](std::int32_t i)
@@ -140,22 +151,29 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                      return nearest + margin;
                    const double away
                        = distance<S>({node, surface.segment(i)}, p);
-                   const bool nearer
-                       = away <= nearest - (best < 0 ? 0 : margin);
-                   const bool wins_tie = best >= 0 && away <= nearest + margin
-                                         && surface.key[i] < surface.key[best];
-                   if (nearer || wins_tie)
+                   const bool first = front.segment < 0 && behind.segment < 0;
+                   if (away <= nearest - (first ? 0 : margin))
                    {
-                     best = i;
-                     best_projection = p;
+                     front = behind = {};
                      nearest = away;
                    }
+                   else if (first || away > nearest + margin)
+                     return nearest + margin;
+                   NearestOnSide<S>& side = p.gap < -margin ? behind : front;
+                   if (side.segment < 0
+                       || surface.key[i] < surface.key[side.segment])
+                   {
+                     side.segment = i;
+                     side.projection = p;
+                   }
+                   side.height = std::max(side.height, std::abs(p.gap));
                    return nearest + margin; // ties must be seen
                  });
-  if (best < 0 || !over(best_projection, best, LocalSearchRule::overhang)
-      || !may.confirms(best_projection, nearest))
+  const auto& [best, p, height]
+      = behind.height > front.height ? behind : front;
+  if (best < 0 || !over(p, best, LocalSearchRule::overhang)
+      || !may.confirms(p, nearest))
     return {};
-  return {best, best_projection.xi, best_projection.gap,
-          best_projection.normal};
+  return {best, p.xi, p.gap, p.normal};
 }
 } // namespace nts
