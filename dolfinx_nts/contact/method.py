@@ -56,9 +56,7 @@ def check_dimension(pair: Any) -> None:
     if dim == 3:
         return
     wrong = ""
-    if pair.method != NODES:
-        wrong = f"method {NODES!r}, given {pair.method!r}"
-    elif pair.is_convective:
+    if pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "resolved":
         wrong = "impact 'elastic' or 'plastic', given 'resolved'"

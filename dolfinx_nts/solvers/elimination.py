@@ -160,7 +160,7 @@ class CoupledPairs(ActivePairs):
     def constrain(self, values: Floats, x: Floats) -> Floats:
         """Solve for all nodes at once, see `ActivePairs.constrain`."""
         part = self.part(x)
-        there = part[self._dofs].reshape(len(self._dofs), 3 * self._dofs.shape[1])
+        there = part[self._dofs].reshape(len(self._dofs), self._rows[0].shape[2])
         missing = -np.einsum("mcd,md->mc", self._rows[0], there)
         if len(values):
             missing += values[:, : missing.shape[1]]
@@ -180,9 +180,9 @@ class CoupledPairs(ActivePairs):
         lambda_N = self._forces.solve(force)
         forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
         own = self._own(y)
-        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, 3))
+        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, y.shape[1]))
         self._put(own, y)
-        removed = np.zeros((len(first), 3))
+        removed = np.zeros((len(first), y.shape[1]))
         removed[:, : lambda_N.shape[1]] = lambda_N
         return removed
 

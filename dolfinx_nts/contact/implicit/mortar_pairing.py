@@ -177,7 +177,7 @@ class PointBlocks(PairBlocks):
         way = system.solve(gap[:, None])[:, 0]
         # Neither where it is not a number.
         near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)
-        u[self.dofs[near, 0]] -= way[near, None] * normal[near]
+        u[self.dofs[near, 0]] -= way[near, None] * normal[near, : u.shape[1]]
 
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:

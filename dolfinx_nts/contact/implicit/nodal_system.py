@@ -22,15 +22,16 @@ class NodalSystem:
     Args:
         scatter: Brings values of nodes to this rank.
         dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
-        rank: Number of constraints, 0, 1 or 3, shape ``(m,)``; those with 0 are left out.
-        rows: Their rows, the first of ``(m, 1 or 3, 3 d)``.
-        normal: Unit normals, which nodes with one constraint give up, shape ``(m, 3)``. Those
-            with three give up all, in the directions of their own parts of the rows, which
+        rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``; those with 0 are
+            left out.
+        rows: Their rows, with b = 2 or 3 components a node, the first of ``(m, 1 or b, b d)``.
+        normal: Unit normals, which nodes with one constraint give up, shape ``(m, b)``. Those
+            with b give up all, in the directions of their own parts of the rows, which
             puts the largest entries on the diagonal.
         transposed: Whether the system is E^T G.
 
     Attributes:
-        directions: Directions that the nodes give up, shape ``(m, c, 3)``, where c is the
+        directions: Directions that the nodes give up, shape ``(m, c, b)``, where c is the
             largest rank.
     """
 
@@ -47,17 +48,17 @@ class NodalSystem:
         """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
-        m = len(rank)
+        m, b = normal.shape
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
-        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :3])
+        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :b])
         self._held = np.arange(c) < rank[:, None]
         self.directions: Floats = directions * self._held[:, :, None]
-        E = np.zeros((scatter.num_local, c, 3))
+        E = np.zeros((scatter.num_local, c, b))
         for a in range(c):
             own = np.zeros((scatter.index_map.size_local, 3))
-            own[dofs[:, 0]] = self.directions[:, a]
-            E[:, a] = scatter.forward(own)
-        rows = rows[:, :c].reshape(m, c, dofs.shape[1], 3)
+            own[dofs[:, 0], :b] = self.directions[:, a]
+            E[:, a] = scatter.forward(own)[:, :b]
+        rows = rows[:, :c].reshape(m, c, dofs.shape[1], b)
         products = np.einsum("mkdi,mdai->mkda", rows, E[dofs])
         products *= self._held[:, :, None, None]
         numbers = c * scatter.global_nodes(dofs)[:, :, None].astype(np.int64) + np.arange(c)

@@ -44,20 +44,19 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
   check_rows("facets: expected rows of x", facets, x.shape(0));
   check_rows("segments: expected rows of x", segments, x.shape(0));
   MortarPoints points;
-  dispatch_facets(k,
-                  [&]<class S>()
-                  {
-                    const SegmentSurface<S> upper{
-                        view(x), view(facets), view(facet_orientation), {}};
-                    const SegmentSurface<S> lower{view(x), view(segments),
-                                                  view(orientation), view(key)};
-                    std::vector<Box> boxes;
-                    for (std::size_t s = 0; s < segments.shape(0); ++s)
-                      boxes.push_back(lower.box(s));
-                    MortarSearch<S> search(upper, lower, view(X), view(x_n),
-                                           reach);
-                    points = search.find(Tree(std::move(boxes)));
-                  });
+  dispatch(k,
+           [&]<class S>()
+           {
+             const SegmentSurface<S> upper{
+                 view(x), view(facets), view(facet_orientation), {}};
+             const SegmentSurface<S> lower{view(x), view(segments),
+                                           view(orientation), view(key)};
+             std::vector<Box> boxes;
+             for (std::size_t s = 0; s < segments.shape(0); ++s)
+               boxes.push_back(lower.box(s));
+             MortarSearch<S> search(upper, lower, view(X), view(x_n), reach);
+             points = search.find(Tree(std::move(boxes)));
+           });
   return std::tuple(array(points.facet), array(points.segment),
                     array(points.weight), rows(points.phi, k),
                     rows(points.psi, k));

@@ -134,6 +134,31 @@ constexpr Vec3 combine(const std::array<double, K>& weights,
   return sum;
 }
 
+/// @brief Tangents of a segment; that of an edge, and one along z as `Line2`
+/// says.
+template <class S>
+std::array<Vec3, 2> tangents(const std::array<Vec3, S::vertices>& x,
+                             const Vec2& xi) noexcept
+{
+  if constexpr (S::vertices == 2)
+    return S::directions(x);
+  else
+  {
+    const Matrix<2, S::vertices> d = S::dphi(xi);
+    return {combine(d[0], x), combine(d[1], x)};
+  }
+}
+
+/// @brief Area of a segment by that of its reference cell [m^2]; of an edge,
+/// its length [m].
+template <class S>
+double area_ratio(const std::array<Vec3, S::vertices>& x,
+                  const Vec2& xi) noexcept
+{
+  const auto [first, second] = tangents<S>(x, xi);
+  return S::vertices == 2 ? norm(first) : norm(cross(first, second));
+}
+
 /// @brief Stands for the segment of a pair with a rigid obstacle.
 struct NoSegment
 {

@@ -1,10 +1,12 @@
 #pragma once
 
+#include "nts/geometry/intervals.h"
 #include "nts/geometry/polygons.h"
 #include "nts/search/cached_tree.h"
 #include "nts/search/local_search.h"
 
 #include <span>
+#include <type_traits>
 #include <vector>
 
 /// @brief Contact points of surface-to-surface contact (mortar): quadrature
@@ -12,7 +14,8 @@
 /// the same segment.
 ///
 /// Segments are projected along the mean normal of a facet into its reference
-/// cell and clipped there, so that neighbours tile the facet without gaps.
+/// cell and clipped there, so that neighbours tile the facet without gaps; in
+/// the plane, edges are projected on edges.
 /// Weights are reference areas. The multipliers' shape functions are dual to
 /// the shape functions of the facet on the part of it that is covered (Cichosz
 /// and Bischoff 2011), and these themselves where a part is not.
@@ -48,6 +51,8 @@ class MortarSearch
 {
 public:
   static constexpr std::size_t k = S::vertices;
+  /// Part of a reference cell.
+  using Part = std::conditional_t<k == 2, Interval, Polygon>;
 
   /// @param[in] facets Facets of the nodes, like segments.
   /// @param[in] segments What they may touch.
@@ -75,7 +80,7 @@ private:
   struct Below
   {
     std::int32_t segment;
-    Polygon whole, part; // in the reference cell, before and after clipping
+    Part whole, part; // in the reference cell, before and after clipping
   };
 
   /// @brief A point in the reference cell of a facet.
@@ -88,8 +93,8 @@ private:
 
   static Vec3 normal(const std::array<Vec3, k>& x, double orientation) noexcept
   {
-    const Matrix<2, k> d = S::dphi(S::centre);
-    const Vec3 n = cross(combine(d[0], x), combine(d[1], x));
+    const auto [first, second] = tangents<S>(x, S::centre);
+    const Vec3 n = cross(first, second);
     return (orientation / norm(n)) * n;
   }
 
@@ -156,9 +161,17 @@ private:
       if (!(dot(normal(y, _segments.orientation[s]), n) < MortarRule::facing))
         return radius + _reach;
       Below below = {s, {}, {}};
-      for (const std::size_t i : around<S>())
-        below.whole.push_back(pulled_back<S>(flat(y[i]), c));
-      below.part = clipped<S>(below.whole);
+      if constexpr (k == 2)
+      {
+        below.whole = {pulled_back(flat(y[0]), c), pulled_back(flat(y[1]), c)};
+        below.part = clipped(below.whole);
+      }
+      else
+      {
+        for (const std::size_t i : around<S>())
+          below.whole.push_back(pulled_back<S>(flat(y[i]), c));
+        below.part = clipped<S>(below.whole);
+      }
       const double size = std::abs(area(below.part));
       if (size < MortarRule::least_area)
         return radius + _reach;
@@ -216,6 +229,12 @@ private:
       points.push_back(point);
     };
     constexpr double h = 1. / parts;
+    if constexpr (k == 2)
+    {
+      for (int i = 0; i < parts; ++i)
+        add({(i + 0.5) * h, 0}, h);
+      return covered;
+    }
     for (int i = 0; i < parts; ++i)
       for (int j = 0; j < (k == 3 ? parts - i : parts); ++j)
       {
@@ -242,9 +261,7 @@ private:
     Matrix<k, k> M = {}, D = {};
     for (const Point& point : points)
     {
-      const Matrix<2, k> d = S::dphi(point.xi);
-      weight.push_back(point.weight
-                       * norm(cross(combine(d[0], X), combine(d[1], X))));
+      weight.push_back(point.weight * area_ratio<S>(X, point.xi));
       phi.push_back(S::phi(point.xi));
       for (std::size_t a = 0; a < k; ++a)
       {
