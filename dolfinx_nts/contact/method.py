@@ -3,7 +3,6 @@
 from typing import Any, Literal
 
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method"]
@@ -30,8 +29,6 @@ def check_method(pair: Any) -> None:
         wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
-    elif Element.of(pair.nodes.V).degree != 1:
-        wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "restitution":

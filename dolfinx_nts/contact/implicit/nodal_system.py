@@ -8,6 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.whole_facets import Hats
 
 __all__ = ["NodalSystem"]
 
@@ -15,12 +16,13 @@ __all__ = ["NodalSystem"]
 class NodalSystem:
     """Products of rows of constrained nodes with the directions that these nodes give up.
 
-    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. It
-    is near to a diagonal matrix, and so small that each rank solves all of it. Collective, as is
+    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. On
+    facets of degree 2 the nodes between vertices go with these, see `Hats`. The matrix is near to a diagonal matrix, and so small that each rank solves all of it. Collective, as is
     `solve`.
 
     Args:
         scatter: Brings values of nodes to this rank.
+        hats: How nodes between vertices go with these; None at degree 1.
         dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
         rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``; those with 0 are
             left out.
@@ -38,6 +40,7 @@ class NodalSystem:
     def __init__(
         self,
         scatter: NodalScatter,
+        hats: Hats | None,
         dofs: Ints,
         rank: Ints,
         rows: Floats,
@@ -58,13 +61,19 @@ class NodalSystem:
             own = np.zeros((scatter.index_map.size_local, 3))
             own[dofs[:, 0], :b] = self.directions[:, a]
             E[:, a] = scatter.forward(own)[:, :b]
-        rows = rows[:, :c].reshape(m, c, dofs.shape[1], b)
-        products = np.einsum("mkdi,mdai->mkda", rows, E[dofs])
+        rows, vertices = rows[:, :c].reshape(m, c, dofs.shape[1], b), dofs
+        if hats is not None:
+            weights, vertices = hats.weights[dofs], hats.parents[dofs]
+            vertices = vertices.reshape(m, weights[0].size if m else 0)
+            rows = rows[:, :, :, None] * weights[:, None, :, :, None]
+            rows = rows.reshape(m, c, vertices.shape[1], b)
+        products = np.einsum("mkdi,mdai->mkda", rows, E[vertices])
         products *= self._held[:, :, None, None]
-        numbers = c * scatter.global_nodes(dofs)[:, :, None].astype(np.int64) + np.arange(c)
+        number = c * scatter.global_nodes(vertices)[:, :, None].astype(np.int64) + np.arange(c)
+        own = c * scatter.global_nodes(dofs[:, :1]).astype(np.int64) + np.arange(c)
         entry = np.nonzero(products)
-        mine = numbers[:, 0][self._held]
-        row, column = numbers[entry[0], 0, entry[1]], numbers[entry[0], entry[2], entry[3]]
+        row, column = own[entry[0], entry[1]], number[entry[0], entry[2], entry[3]]
+        mine = own[self._held]
         self._make(mine, *((column, row) if transposed else (row, column)), products[entry])
 
     def _make(self, mine: GlobalInts, row: GlobalInts, column: GlobalInts, value: Floats) -> None:

@@ -8,7 +8,8 @@ import pytest
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.mortar_search import FacetCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments
 
 pytestmark = pytest.mark.serial
 
@@ -48,7 +49,7 @@ def choose(k: int, rng: np.random.Generator, *, upper=3, lower=4, size=0.9, nois
     nodes = np.arange(len(above), dtype=np.int32)
     area = np.full(len(above), size**2 / len(above))
     surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x)
-    candidates = SegmentCandidates(found)
+    candidates = FacetCandidates(found, segments)
     return surface, candidates, x, MortarPoints.choose(surface, candidates, x, x, 1.0)
 
 
@@ -125,7 +126,7 @@ def test_overlapping_segments_leave_each_point_with_the_nearest(k, rng):
     found = FoundSegments(scatter, both, np.ones(n), np.arange(n), np.full(n, 0.4), np.full(n, 1.0))
     nodes = np.arange(len(above), dtype=np.int32)
     surface = MortarFacets(nodes, np.full(len(above), 0.07), facets, -np.ones(len(facets)), x)
-    points = MortarPoints.choose(surface, SegmentCandidates(found), x, x, 1.0)
+    points = MortarPoints.choose(surface, FacetCandidates(found, both), x, x, 1.0)
     assert (points.segment < len(first)).all()
     assert points.shares.area.sum() == pytest.approx(0.64, rel=1e-12)
 

@@ -26,13 +26,6 @@ inline Interval clipped(Interval interval) noexcept
   return interval;
 }
 
-/// @brief Coordinate in the reference cell of a point in the direction of an
-/// edge with ends c, which are positions along it.
-inline Vec2 pulled_back(const Vec2& y, const std::array<Vec2, 2>& c) noexcept
-{
-  return {(y[0] - c[0][0]) / (c[1][0] - c[0][0]), 0};
-}
-
 /// @brief Whether an interval holds a point.
 inline bool holds(const Interval& interval, const Vec2& xi) noexcept
 {
@@ -42,7 +35,7 @@ inline bool holds(const Interval& interval, const Vec2& xi) noexcept
 
 /// @brief Call add(xi, weight) for the points of a rule on an interval that is
 /// exact for polynomials of degree 3.
-template <class Add>
+template <std::size_t, class Add>
 void integrate(const Interval& interval, Add&& add)
 {
   static const double offset = std::sqrt(1. / 12);

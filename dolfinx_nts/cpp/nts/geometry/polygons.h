@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/segment.h"
+#include "nts/geometry/facet.h"
 
 #include <vector>
 
@@ -73,47 +73,6 @@ Polygon clipped(Polygon polygon)
   return polygon;
 }
 
-/// @brief Coordinates in the reference cell of a point in the plane of a
-/// facet with corners c; any, but one function of the point, if there are none.
-template <class S>
-Vec2 pulled_back(const Vec2& y, const std::array<Vec2, S::vertices>& c) noexcept
-{
-  constexpr int max_iterations = 20;
-  constexpr double accurate = 1e-14, longest = 2, degenerate = 1e-12;
-  const auto at = [&](const auto& weights)
-  {
-    Vec2 sum = {};
-    for (std::size_t i = 0; i < S::vertices; ++i)
-      for (std::size_t d = 0; d < 2; ++d)
-        sum[d] += weights[i] * c[i][d];
-    return sum;
-  };
-  const auto jacobian = [&](const Vec2& xi) -> Matrix<2, 2>
-  {
-    const Matrix<2, S::vertices> d = S::dphi(xi);
-    const Vec2 a = at(d[0]), b = at(d[1]);
-    return {{{a[0], b[0]}, {a[1], b[1]}}};
-  };
-  Vec2 xi = S::centre;
-  const Matrix<2, 2> first = jacobian(xi);
-  for (int iteration = 0; iteration < max_iterations; ++iteration)
-  {
-    const Vec2 there = at(S::phi(xi));
-    Matrix<2, 2> J = jacobian(xi);
-    if (!(std::abs(det(J)) > degenerate * std::abs(det(first))))
-      J = first;
-    Vec2 step = inverse(J) * Vec2{y[0] - there[0], y[1] - there[1]};
-    const double way = std::max(std::abs(step[0]), std::abs(step[1]));
-    // The first step goes to where the affine part of the map leads.
-    if (iteration > 0 && way > longest)
-      step = {longest / way * step[0], longest / way * step[1]};
-    xi = {xi[0] + step[0], xi[1] + step[1]};
-    if (way < accurate)
-      break;
-  }
-  return xi;
-}
-
 /// @brief Whether a convex polygon holds a point.
 inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
 {
@@ -130,16 +89,26 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
 }
 
 /// @brief Call add(xi, weight) for the points of a rule on a convex polygon
-/// that is exact for polynomials of degree 2.
-template <class Add>
+/// that is exact for polynomials of degree 2, or 4.
+template <std::size_t degree, class Add>
 void integrate(const Polygon& p, Add&& add)
 {
+  static_assert(degree == 2 || degree == 4);
   if (p.size() == 4)
   {
-    static const double offset = std::sqrt(1. / 12);
-    for (const double a : {0.5 - offset, 0.5 + offset})
-      for (const double b : {0.5 - offset, 0.5 + offset})
+    // Gauss' points on [0, 1] and their weights.
+    static const std::array<double, 2> two
+        = {0.5 - std::sqrt(1. / 12), 0.5 + std::sqrt(1. / 12)};
+    static const std::array<double, 3> three
+        = {0.5 - std::sqrt(3. / 20), 0.5, 0.5 + std::sqrt(3. / 20)};
+    constexpr std::size_t n = degree == 2 ? 2 : 3;
+    const auto at = [](std::size_t i) { return n == 2 ? two[i] : three[i]; };
+    const auto part = [](std::size_t i)
+    { return n == 2 ? 1. / 2 : (i == 1 ? 4. / 9 : 5. / 18); };
+    for (std::size_t i = 0; i < n; ++i)
+      for (std::size_t j = 0; j < n; ++j)
       {
+        const double a = at(i), b = at(j);
         Vec2 xi, d1, d2;
         for (std::size_t d = 0; d < 2; ++d)
         {
@@ -148,7 +117,7 @@ void integrate(const Polygon& p, Add&& add)
           d1[d] = (1 - b) * (p[1][d] - p[0][d]) + b * (p[2][d] - p[3][d]);
           d2[d] = (1 - a) * (p[3][d] - p[0][d]) + a * (p[2][d] - p[1][d]);
         }
-        add(xi, std::abs(d1[0] * d2[1] - d1[1] * d2[0]) / 4);
+        add(xi, part(i) * part(j) * std::abs(d1[0] * d2[1] - d1[1] * d2[0]));
       }
     return;
   }
@@ -158,17 +127,31 @@ void integrate(const Polygon& p, Add&& add)
   for (const Vec2& vertex : p)
     for (std::size_t d = 0; d < 2; ++d)
       mean[d] += vertex[d] / static_cast<double>(p.size());
+  // Three points for each pair: weight, and the part of the other two corners.
+  using Orbit = std::array<double, 2>;
+  static constexpr std::array<Orbit, 1> second = {{{1. / 3, 1. / 6}}};
+  static constexpr std::array<Orbit, 2> fourth // Dunavant (1985)
+      = {{{0.22338158967801147, 0.44594849091596489},
+          {0.10995174365532187, 0.091576213509770743}}};
   const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
   {
-    const double weight = std::abs(area({corner[0], corner[1], corner[2]})) / 3;
-    for (std::size_t q = 0; q < 3; ++q)
+    const double whole = std::abs(area({corner[0], corner[1], corner[2]}));
+    const auto add_orbit = [&](const Orbit& orbit)
     {
-      Vec2 xi;
-      for (std::size_t d = 0; d < 2; ++d)
-        xi[d] = (corner[0][d] + corner[1][d] + corner[2][d] + 3 * corner[q][d])
-                / 6;
-      add(xi, weight);
-    }
+      const double other = orbit[1], own = 1 - 2 * other;
+      for (std::size_t q = 0; q < 3; ++q)
+      {
+        Vec2 xi;
+        for (std::size_t d = 0; d < 2; ++d)
+          xi[d] = other * (corner[0][d] + corner[1][d] + corner[2][d])
+                  + (own - other) * corner[q][d];
+        add(xi, orbit[0] * whole);
+      }
+    };
+    if constexpr (degree == 2)
+      std::ranges::for_each(second, add_orbit);
+    else
+      std::ranges::for_each(fourth, add_orbit);
   };
   if (p.size() == 3)
     add_triangle({p[0], p[1], p[2]});

@@ -21,6 +21,7 @@ using Edges = std::array<std::array<std::size_t, 2>, N>;
 /// along z, so that its second tangent is along z and as long as the edge.
 struct Line2
 {
+  using Linear = Line2;
   static constexpr std::size_t vertices = 2;
   static constexpr bool is_simplex = true;
   static constexpr Vec2 centre = {0.5, 0};
@@ -54,6 +55,7 @@ struct Line2
 /// @brief Linear triangle on (0,0), (1,0), (0,1).
 struct Tri3
 {
+  using Linear = Tri3;
   static constexpr std::size_t vertices = 3;
   static constexpr bool is_simplex = true;
   static constexpr Vec2 centre = {1. / 3, 1. / 3};
@@ -88,6 +90,7 @@ struct Tri3
 /// (1,1).
 struct Quad4
 {
+  using Linear = Quad4;
   static constexpr std::size_t vertices = 4;
   static constexpr bool is_simplex = false;
   static constexpr Vec2 centre = {0.5, 0.5};
@@ -132,31 +135,6 @@ constexpr Vec3 combine(const std::array<double, K>& weights,
   for (std::size_t i = 0; i < K; ++i)
     sum += weights[i] * vertices[i];
   return sum;
-}
-
-/// @brief Tangents of a segment; that of an edge, and one along z as `Line2`
-/// says.
-template <class S>
-std::array<Vec3, 2> tangents(const std::array<Vec3, S::vertices>& x,
-                             const Vec2& xi) noexcept
-{
-  if constexpr (S::vertices == 2)
-    return S::directions(x);
-  else
-  {
-    const Matrix<2, S::vertices> d = S::dphi(xi);
-    return {combine(d[0], x), combine(d[1], x)};
-  }
-}
-
-/// @brief Area of a segment by that of its reference cell [m^2]; of an edge,
-/// its length [m].
-template <class S>
-double area_ratio(const std::array<Vec3, S::vertices>& x,
-                  const Vec2& xi) noexcept
-{
-  const auto [first, second] = tangents<S>(x, xi);
-  return S::vertices == 2 ? norm(first) : norm(cross(first, second));
 }
 
 /// @brief Stands for the segment of a pair with a rigid obstacle.
