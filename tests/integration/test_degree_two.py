@@ -1,5 +1,7 @@
 """Displacements of degree 2: contact of all nodes, conserved as at degree 1."""
 
+from functools import partial
+
 from mpi4py import MPI
 
 import numpy as np
@@ -14,6 +16,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 from helpers.boxed import Ledger
+from helpers.interrupted import SCHEMES, with_law
 from helpers.readers import read_grids
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -89,6 +92,32 @@ def test_friction_takes_what_the_ledger_says(comm, cell, friction):
 
 
 @cells_
+@pytest.mark.parametrize(
+    "laws",
+    [
+        (nts.EnergyMomentum, None, None),
+        (nts.EnergyMomentum, None, nts.Coulomb(0.3)),
+        (nts.EnergyMomentum, nts.Penalty(), nts.Coulomb(0.3)),
+        (nts.Midpoint, nts.LagrangeMultiplier("plastic"), nts.Coulomb(0.3, eps_T=1e3)),
+    ],
+    ids=["elastic", "exact stick", "penalty", "plastic"],
+)
+def test_surfaces_conserve_what_they_should(comm, cell, laws):
+    """Surface-to-surface contact, whose multipliers are those of the vertices."""
+    scene = blocks(comm, partial(with_law, *laws, method="mortar"), cell=cell)
+    ledger = Ledger(scene.stepper)
+    ledger.run(12)
+    assert max(report.num_active for report in ledger.reports) >= 6
+    assert ledger.error <= ENERGY_TOLERANCE
+    taken = sum(report.contact_work.friction for report in ledger.reports)
+    assert laws[2] is None or taken < -1e-4 * ledger.start.kinetic_energy
+    after = ledger.diagnostics.balance()
+    for name in ("linear", "angular"):
+        a, b = (getattr(s, f"{name}_momentum") for s in (ledger.start, after))
+        assert np.linalg.norm(b - a) <= MOMENTUM_TOLERANCE * np.linalg.norm(a)
+
+
+@cells_
 @pytest.mark.parametrize("obstacle", ["plane", "sphere"])
 def test_obstacles_stop_all_nodes(comm, cell, obstacle):
     data = scenes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)], cell)
@@ -119,7 +148,9 @@ def scattered(middle):
 
 @cells_
 @pytest.mark.parametrize("owner", [None, scattered])
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+@pytest.mark.parametrize(
+    "scheme", [nts.EnergyMomentum, nts.CentralDifference, SCHEMES["mortar"]]
+)
 def test_all_ranks_and_each_alone_agree(comm, cell, owner, scheme):
     explicit = scheme is nts.CentralDifference
     options = {"enforcement": nts.Penalty() if explicit else None, "cell": cell}
@@ -192,11 +223,12 @@ def test_energy_of_bending_is_exact(comm, cell):
 
 
 @cells_
-def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell):
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, SCHEMES["mortar"]])
+def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell, scheme):
     folder = comm.bcast(tmp_path)
 
     def record(num_steps, name):
-        scene = blocks(comm, cell=cell, friction=nts.Coulomb(0.3))
+        scene = blocks(comm, scheme, cell=cell, friction=nts.Coulomb(0.3))
         with nts.Recorder(folder / name, scene.stepper, checkpoint_every=3, resume=True) as file:
             for step in scene.stepper.run(until=num_steps * scenes.BLOCK_STEP):
                 file.write(step)
