@@ -84,9 +84,15 @@ class Shares:
 
     def sums(self, values: Floats) -> Floats:
         """Sum of values of the shares, ``(i, ...)``, for each node, ``(m, ...)``."""
-        sums: Floats = np.zeros((len(self.area), *values.shape[1:]))
-        np.add.at(sums, self.node, (self.value * values.T).T)
-        return sums
+        return self.reduced(np.add, (self.value * values.T).T, 0.0)
+
+    def reduced(self, by: np.ufunc, values: Array, none: float) -> Floats:
+        """Reduce values of the shares, ``(i, ...)``, for each node, ``(m, ...)``; else ``none``."""
+        result: Floats = np.full((len(self.area), *values.shape[1:]), none, dtype=values.dtype)
+        carries = np.diff(self.start) > 0
+        if carries.any():
+            result[carries] = by.reduceat(values, self.start[:-1][carries], axis=0)
+        return result
 
     def weighted(self, value: Floats) -> "Shares":
         """Make the same shares with other values, shape ``(i,)``."""
@@ -237,13 +243,13 @@ class MortarPoints:
         blocks: Floats = _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
         if self.weights is None:
             return blocks
-        p, k, n = self.weights.shape
-        turn = np.zeros((count, n + k, 2 * n))
-        turn[:, :n, :n] = np.eye(n)
-        turn[:, n:, n:] = self.weights[np.unique(self.patch, return_index=True)[1]]
-        blocks = blocks.reshape(count, n + k, 3, n + k, 3)
-        blocks = np.einsum("pra,prisj,psb->paibj", turn, blocks, turn, optimize=True)
-        return blocks.reshape(count, 6 * n, 6 * n)
+        k, n = self.weights.shape[1:]
+        turn = np.zeros((count, 1, 1, n + k, 2 * n))
+        turn[..., :n, :n] = np.eye(n)
+        turn[..., n:, n:] = self.weights[np.unique(self.patch, return_index=True)[1], None, None]
+        blocks = blocks.reshape(count, n + k, 3, n + k, 3).transpose(0, 2, 4, 1, 3)
+        blocks = turn.swapaxes(3, 4) @ blocks @ turn
+        return blocks.transpose(0, 3, 1, 4, 2).reshape(count, 6 * n, 6 * n)
 
     @cached_property
     def patch_nodes(self) -> Ints:
@@ -262,7 +268,8 @@ class MortarPoints:
 def _at_nodes(weights: Floats, values: Floats) -> Floats:
     """Vectors of pairs with nodes in the place of vertices, ``(p, c, 3 (1 + n))``."""
     (p, k, n), c = weights.shape, values.shape[1]
-    of_nodes = np.einsum("pkn,pcki->pcni", weights, values[:, :, 3:].reshape(p, c, k, 3))
+    of_vertices = values[:, :, 3:].reshape(p, c, k, 3)
+    of_nodes = weights.swapaxes(1, 2)[:, None] @ of_vertices
     return np.concatenate([values[:, :, :3], of_nodes.reshape(p, c, 3 * n)], axis=2)
 
 

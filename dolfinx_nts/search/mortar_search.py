@@ -43,14 +43,14 @@ class FacetCandidates(SegmentCandidates):
         """Rows of positions, ``(s, k)``, and positions of the vertices of all segments [m]."""
         if self.weights is None:
             return self.segments, x
-        y = np.einsum("skn,sni->ski", self.weights, x[self.wholes])
+        y = self.weights @ x[self.wholes]
         return np.arange(len(y) * y.shape[1], dtype=np.int32).reshape(y.shape[:2]), y.reshape(-1, 3)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""
         if self.weights is None:
             return super().pairs(points, x, segment)
-        y = np.einsum("skn,sni->ski", self.weights[segment], x[self.wholes[segment]])
+        y = self.weights[segment] @ x[self.wholes[segment]]
         return np.concatenate([points.of(x)[:, None], y], axis=1)
 
 

@@ -203,10 +203,8 @@ class PointBlocks(PairBlocks):
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
     shares, rows = points.shares, points.rows(np.stack([contact.force, contact.gradient], axis=1))
-    turn = np.full(len(shares.area), np.inf)
-    np.minimum.at(turn, shares.node, contact.turn[shares.point])
-    status = np.zeros(len(shares.area), dtype=np.int8)
-    np.maximum.at(status, shares.node, contact.status[shares.point])
+    turn = shares.reduced(np.minimum, contact.turn[shares.point], np.inf)
+    status = shares.reduced(np.maximum, contact.status[shares.point], 0)
     return ContactKinematics(
         gap_n=shares.mean(contact.gap_n),
         gap=shares.mean(contact.gap),

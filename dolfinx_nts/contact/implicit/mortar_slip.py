@@ -47,8 +47,10 @@ class MortarSlip(Slip):
 
     def hessian(self, t: Floats) -> Floats:
         """Twice the derivative of the forces of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
-        shares, of_points = self._points.shares, np.zeros_like(self._slip.value)
-        np.add.at(of_points, shares.point, np.einsum("iab,ia->ib", self._parts, t[shares.node]))
+        shares, of_points = self._points.shares, np.empty_like(self._slip.value)
+        of_shares = np.einsum("iab,ia->ib", self._parts, t[shares.node])
+        for b in range(2):
+            of_points[:, b] = np.bincount(shares.point, of_shares[:, b], len(of_points))
         return self._points.blocks(np.ones(len(of_points)), self._slip.hessian(of_points))
 
 
