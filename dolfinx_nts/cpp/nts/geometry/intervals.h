@@ -35,7 +35,7 @@ inline bool holds(const Interval& interval, const Vec2& xi) noexcept
 
 /// @brief Call add(xi, weight) for the points of a rule on an interval that is
 /// exact for polynomials of degree 3.
-template <std::size_t, class Add>
+template <class, class Add>
 void integrate(const Interval& interval, Add&& add)
 {
   static const double offset = std::sqrt(1. / 12);

@@ -88,27 +88,122 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
   return true;
 }
 
-/// @brief Call add(xi, weight) for the points of a rule on a convex polygon
-/// that is exact for polynomials of degree 2, or 4.
-template <std::size_t degree, class Add>
+/// @brief Area, centroid, and second moments about it by the area.
+struct Moments
+{
+  double area;
+  Vec2 centroid;
+  Matrix<2, 2> second;
+};
+
+/// @brief Moments of a convex polygon, whichever vertex is the first.
+inline Moments moments(const Polygon& p) noexcept
+{
+  const auto sum = [&](const Vec2& from, auto&& add)
+  {
+    for (std::size_t i = 0; i < p.size(); ++i)
+    {
+      const Vec2 &u = p[i], &v = p[(i + 1) % p.size()];
+      const Vec2 a = {u[0] - from[0], u[1] - from[1]},
+                 b = {v[0] - from[0], v[1] - from[1]};
+      add(std::abs(a[0] * b[1] - a[1] * b[0]) / 2, a, b);
+    }
+  };
+  Vec2 mean = {};
+  for (const Vec2& vertex : p)
+    for (std::size_t d = 0; d < 2; ++d)
+      mean[d] += vertex[d] / static_cast<double>(p.size());
+  Moments m = {0, mean, {}};
+  Vec2 first = {};
+  sum(mean,
+      [&](double area, const Vec2& a, const Vec2& b)
+      {
+        m.area += area;
+        for (std::size_t d = 0; d < 2; ++d)
+          first[d] += area * (a[d] + b[d]) / 3;
+      });
+  for (std::size_t d = 0; d < 2; ++d)
+    m.centroid[d] += first[d] / m.area;
+  sum(m.centroid,
+      [&](double area, const Vec2& a, const Vec2& b)
+      {
+        for (std::size_t d = 0; d < 2; ++d)
+          for (std::size_t e = 0; e < 2; ++e)
+            m.second[d][e] += area / m.area / 12
+                              * (a[d] * a[e] + b[d] * b[e]
+                                 + (a[d] + b[d]) * (a[e] + b[e]));
+      });
+  return m;
+}
+
+/// @brief Symmetric square root of a symmetric matrix that is not negative.
+inline Matrix<2, 2> root(const Matrix<2, 2>& A) noexcept
+{
+  const double product = std::sqrt(std::max(det(A), 0.));
+  const double sum = std::sqrt(A[0][0] + A[1][1] + 2 * product);
+  return {{{(A[0][0] + product) / sum, A[0][1] / sum},
+           {A[1][0] / sum, (A[1][1] + product) / sum}}};
+}
+
+/// @brief Call add(xi, weight) for the points of a rule on a convex polygon in
+/// the reference cell of a facet that is exact for polynomials of degree 2.
+///
+/// Points of equal weights whose mean and covariance are those of the polygon:
+/// the symmetric root of the latter times vectors that the symmetries of the
+/// cell exchange, so that the rule does not depend on how vertices are
+/// numbered. In a square they point to its corners; a triangle is made regular
+/// first. A ball of this radius is inside of any convex polygon that has the
+/// covariance 1 (Kannan, Lovasz and Simonovits 1995).
+template <class S, class Add>
 void integrate(const Polygon& p, Add&& add)
 {
-  static_assert(degree == 2 || degree == 4);
+  static const double height = std::sqrt(0.75);
+  const Moments m = moments(p);
+  if constexpr (S::vertices == 4)
+  {
+    const Matrix<2, 2> R = root(m.second);
+    for (const Vec2& v : {Vec2{-1, -1}, {1, -1}, {1, 1}, {-1, 1}})
+    {
+      const Vec2 way = R * v;
+      add(Vec2{m.centroid[0] + way[0], m.centroid[1] + way[1]}, m.area / 4);
+    }
+  }
+  else
+  {
+    // To the regular triangle with the same first edge, and back.
+    const Matrix<2, 2> T = {{{1, 0.5}, {0, height}}};
+    const Matrix<2, 2> back = inverse(T), &J = m.second;
+    Matrix<2, 2> K = {};
+    for (std::size_t a = 0; a < 2; ++a)
+      for (std::size_t b = 0; b < 2; ++b)
+        for (std::size_t c = 0; c < 2; ++c)
+          for (std::size_t d = 0; d < 2; ++d)
+            K[a][b] += T[a][c] * J[c][d] * T[b][d];
+    const Matrix<2, 2> R = root(K);
+    const double length = std::sqrt(2.);
+    for (const Vec2& v : {Vec2{-height, -0.5}, {height, -0.5}, {0, 1}})
+    {
+      const Vec2 way = back * (R * v);
+      add(Vec2{m.centroid[0] + length * way[0],
+               m.centroid[1] + length * way[1]},
+          m.area / 3);
+    }
+  }
+}
+
+/// @brief The same for polynomials of degree 4.
+template <class Add>
+void integrate_fourth(const Polygon& p, Add&& add)
+{
   if (p.size() == 4)
   {
     // Gauss' points on [0, 1] and their weights.
-    static const std::array<double, 2> two
-        = {0.5 - std::sqrt(1. / 12), 0.5 + std::sqrt(1. / 12)};
-    static const std::array<double, 3> three
-        = {0.5 - std::sqrt(3. / 20), 0.5, 0.5 + std::sqrt(3. / 20)};
-    constexpr std::size_t n = degree == 2 ? 2 : 3;
-    const auto at = [](std::size_t i) { return n == 2 ? two[i] : three[i]; };
-    const auto part = [](std::size_t i)
-    { return n == 2 ? 1. / 2 : (i == 1 ? 4. / 9 : 5. / 18); };
-    for (std::size_t i = 0; i < n; ++i)
-      for (std::size_t j = 0; j < n; ++j)
+    static const double offset = std::sqrt(3. / 20);
+    static const std::array<Vec2, 3> rule
+        = {{{0.5 - offset, 5. / 18}, {0.5, 4. / 9}, {0.5 + offset, 5. / 18}}};
+    for (const auto& [a, first] : rule)
+      for (const auto& [b, second] : rule)
       {
-        const double a = at(i), b = at(j);
         Vec2 xi, d1, d2;
         for (std::size_t d = 0; d < 2; ++d)
         {
@@ -117,46 +212,32 @@ void integrate(const Polygon& p, Add&& add)
           d1[d] = (1 - b) * (p[1][d] - p[0][d]) + b * (p[2][d] - p[3][d]);
           d2[d] = (1 - a) * (p[3][d] - p[0][d]) + a * (p[2][d] - p[1][d]);
         }
-        add(xi, part(i) * part(j) * std::abs(d1[0] * d2[1] - d1[1] * d2[0]));
+        add(xi, first * second * std::abs(d1[0] * d2[1] - d1[1] * d2[0]));
       }
     return;
   }
-  // From the mean of the vertices, so that it does not matter which is the
-  // first.
-  Vec2 mean = {};
-  for (const Vec2& vertex : p)
-    for (std::size_t d = 0; d < 2; ++d)
-      mean[d] += vertex[d] / static_cast<double>(p.size());
-  // Three points for each pair: weight, and the part of the other two corners.
-  using Orbit = std::array<double, 2>;
-  static constexpr std::array<Orbit, 1> second = {{{1. / 3, 1. / 6}}};
-  static constexpr std::array<Orbit, 2> fourth // Dunavant (1985)
+  // Three points for each pair: weight, and the part of the other two corners
+  // (Dunavant 1985).
+  static constexpr std::array<Vec2, 2> rule
       = {{{0.22338158967801147, 0.44594849091596489},
           {0.10995174365532187, 0.091576213509770743}}};
   const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
   {
     const double whole = std::abs(area({corner[0], corner[1], corner[2]}));
-    const auto add_orbit = [&](const Orbit& orbit)
-    {
-      const double other = orbit[1], own = 1 - 2 * other;
+    for (const auto& [weight, other] : rule)
       for (std::size_t q = 0; q < 3; ++q)
       {
         Vec2 xi;
         for (std::size_t d = 0; d < 2; ++d)
           xi[d] = other * (corner[0][d] + corner[1][d] + corner[2][d])
-                  + (own - other) * corner[q][d];
-        add(xi, orbit[0] * whole);
+                  + (1 - 3 * other) * corner[q][d];
+        add(xi, weight * whole);
       }
-    };
-    if constexpr (degree == 2)
-      std::ranges::for_each(second, add_orbit);
-    else
-      std::ranges::for_each(fourth, add_orbit);
   };
   if (p.size() == 3)
-    add_triangle({p[0], p[1], p[2]});
-  else
-    for (std::size_t i = 0; i < p.size(); ++i)
-      add_triangle({mean, p[i], p[(i + 1) % p.size()]});
+    return add_triangle({p[0], p[1], p[2]});
+  const Vec2 middle = moments(p).centroid;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    add_triangle({middle, p[i], p[(i + 1) % p.size()]});
 }
 } // namespace nts

@@ -62,8 +62,6 @@ class MortarSearch
 public:
   using S = typename F::Linear;
   static constexpr std::size_t k = S::vertices, n = F::vertices;
-  /// Of products of shape functions that are integrated exactly.
-  static constexpr std::size_t degree = n == 9 ? 4 : 2;
   /// Part of a reference cell.
   using Part = std::conditional_t<k == 2, Interval, Polygon>;
 
@@ -215,11 +213,22 @@ private:
     std::vector<Point> points;
     if (covered <= (1 + MortarRule::overlap) * cell)
       for (const Below& below : found)
-        integrate<degree>(below.part, [&](const Vec2& xi, double weight)
-                          { points.push_back({xi, weight, below.segment}); });
+        add_rule(below.part, [&](const Vec2& xi, double weight)
+                 { points.push_back({xi, weight, below.segment}); });
     else
       covered = pair_nearest(e, found, points);
     add_points(e, points, covered >= MortarRule::whole * cell);
+  }
+
+  /// @brief Call add(xi, weight) for points by which shape functions are
+  /// integrated exactly.
+  template <class Add>
+  static void add_rule(const Part& part, Add&& add)
+  {
+    if constexpr (n == 9)
+      integrate_fourth(part, add);
+    else
+      integrate<S>(part, add);
   }
 
   /// @brief Pair points of a facet with the nearest segment each; returns the
@@ -261,9 +270,9 @@ private:
         const double a = i * h, b = j * h;
         if constexpr (k == 3)
         {
-          integrate<degree>({{a, b}, {a + h, b}, {a, b + h}}, add);
+          add_rule({{a, b}, {a + h, b}, {a, b + h}}, add);
           if (i + j + 1 < parts)
-            integrate<degree>({{a + h, b}, {a + h, b + h}, {a, b + h}}, add);
+            add_rule({{a + h, b}, {a + h, b + h}, {a, b + h}}, add);
         }
         else
           add({a + h / 2, b + h / 2}, h * h);
