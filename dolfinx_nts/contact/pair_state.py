@@ -139,14 +139,11 @@ class PairState:
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        nodes, pressure = self.pair.nodes, self.per_area(-self.history.lambda_N)
+        nodes, history = self.pair.nodes, self.history
+        pressure = self.search.per_area(-history.lambda_N, history.area)
         for others in self._passes.forces_on_nodes_of(self.pair):
             pressure = pressure + nodes.per_area(others[nodes.nodes])
         return pressure
-
-    def per_area(self, force: Floats) -> Floats:
-        """Convert forces of multipliers of the last step, see `Search.per_area`. Collective."""
-        return self.search.per_area(force, self.history.area)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""

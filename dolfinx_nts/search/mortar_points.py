@@ -8,31 +8,18 @@ weighted with the shape function psi of the multiplier; its gap is the mean gap 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.search.facet_candidates import FacetCandidates
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares"]
 
 # Part of its area [-] of which a node needs points to carry a multiplier.
 _LEAST_COVERED = 1e-6
-
-
-class Touched(Protocol):
-    """Segments that facets may touch, see `FacetCandidates`."""
-
-    segments: Ints
-    orientation: Floats
-    key: GlobalInts
-    wholes: Ints
-    weights: Floats | None
-
-    def vertices(self, x: Floats) -> tuple[Ints, Floats]:
-        """Rows of positions, ``(s, k)``, and positions of the vertices of all segments [m]."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +81,13 @@ class Shares:
             result[carries] = by.reduceat(values, self.start[:-1][carries], axis=0)
         return result
 
+    def first(self, values: Ints) -> Ints:
+        """Value at the first point of each node, of those of points; -1 without, ``(m,)``."""
+        first = np.full(len(self.area), -1, dtype=np.int32)
+        carries = self.area > 0
+        first[carries] = values[self.point[self.start[:-1][carries]]]
+        return first
+
     def weighted(self, value: Floats) -> "Shares":
         """Make the same shares with other values, shape ``(i,)``."""
         return replace(self, value=value)
@@ -137,7 +131,7 @@ class MortarPoints:
     def choose(
         cls,
         facets: MortarFacets,
-        candidates: Touched,
+        candidates: FacetCandidates,
         x_n: Floats,
         x: Floats,
         reach: float,
@@ -153,8 +147,17 @@ class MortarPoints:
         """
         (rows, y_n), (_, y) = (candidates.vertices(there) for there in (x_n, x))
         facet, segment, weight, phi, psi = _kernels.mortar_points(
-            *(facets.vertices, facets.orientation, facets.X, x_n, x),
-            *(rows, candidates.orientation, candidates.key, y_n, y, reach),
+            facets.vertices,
+            facets.orientation,
+            facets.X,
+            x_n,
+            x,
+            rows,
+            candidates.orientation,
+            candidates.key,
+            y_n,
+            y,
+            reach,
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
@@ -190,15 +193,6 @@ class MortarPoints:
     def facing(self) -> Facing:
         """Anything: segments were chosen by what the facets face."""
         return Facing.everywhere(len(self.segment))
-
-    @property
-    def nearest(self) -> Ints:
-        """Candidate that stands for those of each node, -1 without points, ``(m,)``."""
-        shares = self.shares
-        segment = np.full(len(shares.area), -1, dtype=np.int32)
-        carries = shares.area > 0
-        segment[carries] = self.segment[shares.point[shares.start[:-1][carries]]]
-        return segment
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""

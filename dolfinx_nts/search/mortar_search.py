@@ -5,11 +5,11 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar_points import MortarFacets
-from dolfinx_nts.search.points import ContactPoints
-from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.whole_facets import Hats, equal_mean_weights, whole_facets
+from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 __all__ = ["MortarCandidates", "MortarSearch"]
 
@@ -18,44 +18,8 @@ __all__ = ["MortarCandidates", "MortarSearch"]
 _AROUND = 1e-6
 
 
-class FacetCandidates(SegmentCandidates):
-    """Segments with the facets that they are parts of, see `SegmentCandidates`.
-
-    Args:
-        found: The segments.
-        wholes: Nodes of the facet of each segment, shape ``(s, n)``; at degree 1 the segments.
-
-    Attributes:
-        wholes: The argument.
-        weights: Those of these nodes in the vertices of the segments, shape ``(s, k, n)``; None
-            where these are the nodes.
-    """
-
-    def __init__(self, found: FoundSegments, wholes: Ints) -> None:
-        """Tell the nodes in the vertices of segments."""
-        super().__init__(found)
-        self.wholes = wholes
-        self.weights: Floats | None = None
-        if wholes.shape[1] > self.segments.shape[1]:
-            self.weights = equal_mean_weights(self.segments, wholes)
-
-    def vertices(self, x: Floats) -> tuple[Ints, Floats]:
-        """Rows of positions, ``(s, k)``, and positions of the vertices of all segments [m]."""
-        if self.weights is None:
-            return self.segments, x
-        y = self.weights @ x[self.wholes]
-        return np.arange(len(y) * y.shape[1], dtype=np.int32).reshape(y.shape[:2]), y.reshape(-1, 3)
-
-    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""
-        if self.weights is None:
-            return super().pairs(points, x, segment)
-        y = self.weights[segment] @ x[self.wholes[segment]]
-        return np.concatenate([points.of(x)[:, None], y], axis=1)
-
-
 class MortarCandidates(FacetCandidates):
-    """Segments with the facets that may touch them, see `SegmentCandidates`.
+    """Segments with the facets that may touch them, see `FacetCandidates`.
 
     Args:
         found: The segments.
@@ -90,10 +54,10 @@ class FacetSearch(GlobalSearch):
         self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
         wholes = whole_facets(segments.segments, Element.of(segments.V).degree)
         if wholes is not segments.segments:
-            ids = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
-            parts = ids, owners_of(space)[wholes]
-            both = (np.hstack(pair) for pair in zip(self._offer[:2], parts, strict=True))
-            self._offer = (*both, *self._offer[2:])
+            ids, owners, orientation, key, thickness = self._offer
+            more = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
+            owners = np.hstack([owners, owners_of(space)[wholes]])
+            self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
     def _make(self, found: FoundSegments, others: Ints) -> FacetCandidates:
         """Tell segments and facets apart, see `GlobalSearch`."""
@@ -125,7 +89,9 @@ class MortarSearch(FacetSearch):
         space = nodes.V.dofmap.index_map
         X: Floats = nodes.V.tabulate_dof_coordinates()
         self._X = X[: space.size_local]
-        near, _ = FacetSearch(nodes, nodes).update(X, _AROUND * nodes.size)
+        search = FacetSearch(nodes, nodes)
+        search.update(X, _AROUND * nodes.size)
+        near = search.candidates
         # One segment of each facet, in the order of their numbers.
         first = np.sort(np.unique(near.wholes, axis=0, return_index=True)[1])
         around = first[(near.wholes[first] < space.size_local).any(axis=1)]
@@ -136,7 +102,7 @@ class MortarSearch(FacetSearch):
         self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
         shares = np.repeat(np.linalg.norm(own, axis=1) / self._k, self._k)
         area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
-        self._area = area[nodes.nodes]
+        self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
         self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
         self._around = None if near.weights is None else _hats(near, facets)

@@ -53,9 +53,8 @@ def pressed_blocks(cells, F, *, cell, slope=0.0, angle=0.0, friction=None, degre
     ]
     whole = fem.Function(V)
     whole.interpolate(lambda x: (F - np.eye(2)) @ x[:2])
-    ends = [
-        fem.locate_dofs_topological(V, 1, facets.find(tag[s])) for s in ("lower_bottom", "upper_top")
-    ]
+    sides = ("lower_bottom", "upper_top")
+    ends = [fem.locate_dofs_topological(V, 1, facets.find(tag[side])) for side in sides]
     pair = nts.ContactPair(
         surfaces["upper_bottom"], surfaces["lower_top"], friction=friction, method="mortar"
     )

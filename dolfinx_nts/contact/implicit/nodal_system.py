@@ -17,8 +17,8 @@ class NodalSystem:
     """Products of rows of constrained nodes with the directions that these nodes give up.
 
     With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. On
-    facets of degree 2 the nodes between vertices go with these, see `Hats`. The matrix is near to a diagonal matrix, and so small that each rank solves all of it. Collective, as is
-    `solve`.
+    facets of degree 2 the nodes between vertices go with these, see `Hats`. The matrix is near to
+    a diagonal one, and so small that each rank solves all of it. Collective, as is `solve`.
 
     Args:
         scatter: Brings values of nodes to this rank.
@@ -74,7 +74,9 @@ class NodalSystem:
         entry = np.nonzero(products)
         row, column = own[entry[0], entry[1]], number[entry[0], entry[2], entry[3]]
         mine = own[self._held]
-        self._make(mine, *((column, row) if transposed else (row, column)), products[entry])
+        if transposed:
+            row, column = column, row
+        self._make(mine, row, column, products[entry])
 
     def _make(self, mine: GlobalInts, row: GlobalInts, column: GlobalInts, value: Floats) -> None:
         """Sort the entries of all ranks into rows; ``mine`` are the numbers of this rank."""

@@ -109,9 +109,8 @@ void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
   if (values.size() != components * rows.size())
     throw nb::value_error("values: expected those of a row for each of rows");
   check_rows("rows: expected rows of total", rows, total.shape(0));
-  dispatch_components(
-      components, [&]<std::size_t B>()
-      { add_rows<B>(view(total), view(rows), view(values)); });
+  dispatch_components(components, [&]<std::size_t B>()
+                      { add_rows<B>(view(total), view(rows), view(values)); });
 }
 } // namespace
 

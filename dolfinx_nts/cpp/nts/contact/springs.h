@@ -139,9 +139,8 @@ work_by_cause(const MovedSprings& before, const MovedSprings& after,
 
 /// @brief Add values, (r, B), to rows, (r,), of total, (n, B); rows may repeat.
 template <std::size_t B>
-void add_rows(std::span<double> total,
-                     std::span<const std::int32_t> rows,
-                     std::span<const double> values) noexcept
+void add_rows(std::span<double> total, std::span<const std::int32_t> rows,
+              std::span<const double> values) noexcept
 {
   for (std::size_t i = 0; i < rows.size(); ++i)
     for (std::size_t c = 0; c < B; ++c)

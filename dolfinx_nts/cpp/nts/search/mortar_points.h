@@ -244,8 +244,8 @@ private:
       double least = INFINITY;
       for (const Below& below : found)
       {
-        const double g = std::abs(
-            gap(e, xi, below.segment, _facets.x, _segments.x));
+        const double g
+            = std::abs(gap(e, xi, below.segment, _facets.x, _segments.x));
         if (holds(below.whole, xi) && g < least)
         {
           least = g;
