@@ -64,12 +64,14 @@ def add_rows(total: _Floats, rows: _Ints, values: _Floats) -> None: ...
 def mortar_points(
     facets: _Ints,
     facet_orientation: _Floats,
-    segments: _Ints,
-    orientation: _Floats,
-    key: _Keys,
     X: _Floats,
     x_n: _Floats,
     x: _Floats,
+    segments: _Ints,
+    orientation: _Floats,
+    key: _Keys,
+    y_n: _Floats,
+    y: _Floats,
     reach: float,
 ) -> tuple[_Ints, _Ints, _Floats, _Floats, _Floats]: ...
 def sum_rows(

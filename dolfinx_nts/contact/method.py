@@ -4,7 +4,6 @@ from typing import Any, Literal
 
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
@@ -33,8 +32,6 @@ def check_method(pair: Any) -> None:
         wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
-    elif Element.of(pair.nodes.V).degree != 1:
-        wrong = f"elements of degree 1, given degree {Element.of(pair.nodes.V).degree}"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "restitution":
@@ -60,9 +57,7 @@ def check_dimension(pair: Any) -> None:
         return
     _check_rings(pair)
     wrong = ""
-    if pair.method != NODES:
-        wrong = f"method {NODES!r}, given {pair.method!r}"
-    elif pair.is_convective:
+    if pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "resolved":
         wrong = "impact 'elastic' or 'plastic', given 'resolved'"

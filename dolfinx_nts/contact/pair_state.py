@@ -140,13 +140,10 @@ class PairState:
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
         nodes, history = self.pair.nodes, self.history
-        # A multiplier may act on a part of the area of its node.
-        part = np.ones_like(nodes.area)
-        np.divide(history.area, nodes.area, out=part, where=history.area > 0)
-        forces = -history.lambda_N / part
+        pressure = self.search.per_area(-history.lambda_N, history.area)
         for others in self._passes.forces_on_nodes_of(self.pair):
-            forces = forces + others[nodes.nodes]
-        return nodes.per_area(forces)
+            pressure = pressure + nodes.per_area(others[nodes.nodes])
+        return pressure
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""

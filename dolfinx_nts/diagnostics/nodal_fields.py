@@ -39,7 +39,11 @@ _RULES = {
         lambda pair, x: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
     ),
     "friction_traction": _Rule(
-        lambda pair, x: -pair.nodes.per_area(pair.history.traction), np.add, 0.0, (3,), True
+        lambda pair, x: -pair.search.per_area(pair.history.traction, pair.history.area),
+        np.add,
+        0.0,
+        (3,),
+        True,
     ),
     "slip_state": _Rule(
         lambda pair, x: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, (), True

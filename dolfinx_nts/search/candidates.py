@@ -206,6 +206,19 @@ class Search(ABC):
         """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
         return x[self._nodes.nodes], x[self._vertices]
 
+    def per_area(self, force: Floats, area: Floats) -> Floats:
+        """Convert forces of multipliers into tractions at the nodes of the surface. Collective.
+
+        Args:
+            force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
+            area: Areas on which they act, shape ``(n,)`` [m^2], those of the nodes but for mortar
+                contact.
+
+        Returns:
+            Forces per reference area, of the same shape [Pa].
+        """
+        return self._nodes.per_area(force)
+
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """Bound on how much any node has come nearer to a candidate [m]. Collective.
 

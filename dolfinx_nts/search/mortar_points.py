@@ -2,8 +2,8 @@
 
 The points are chosen once, where the surfaces are at some state, and then are material points of
 their facets, each with a segment of its own, see `cpp/nts/search/mortar_points.h`. A node of the
-surface carries a multiplier, which acts at all points of the facets around the node, weighted
-with the shape function psi of the multiplier; its gap is the mean gap of these points.
+surface that is a vertex carries a multiplier, which acts at all points of the facets around it,
+weighted with the shape function psi of the multiplier; its gap is the mean gap of these points.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
-from dolfinx_nts.search.segment_candidates import SegmentCandidates
+from dolfinx_nts.search.facet_candidates import FacetCandidates
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares"]
 
@@ -28,8 +28,8 @@ class MortarFacets:
 
     Attributes:
         nodes: Owned nodes, shape ``(n,)``.
-        area: Their reference areas, shape ``(n,)`` [m^2].
-        vertices: Vertices of the facets in Basix order, shape ``(f, k)``.
+        area: Reference areas of those that are vertices, about, shape ``(n,)`` [m^2].
+        vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
     """
@@ -71,9 +71,22 @@ class Shares:
 
     def sums(self, values: Floats) -> Floats:
         """Sum of values of the shares, ``(i, ...)``, for each node, ``(m, ...)``."""
-        sums: Floats = np.zeros((len(self.area), *values.shape[1:]))
-        np.add.at(sums, self.node, (self.value * values.T).T)
-        return sums
+        return self.reduced(np.add, (self.value * values.T).T, 0.0)
+
+    def reduced(self, by: np.ufunc, values: Array, none: float) -> Floats:
+        """Reduce values of the shares, ``(i, ...)``, for each node, ``(m, ...)``; else ``none``."""
+        result: Floats = np.full((len(self.area), *values.shape[1:]), none, dtype=values.dtype)
+        carries = np.diff(self.start) > 0
+        if carries.any():
+            result[carries] = by.reduceat(values, self.start[:-1][carries], axis=0)
+        return result
+
+    def first(self, values: Ints) -> Ints:
+        """Value at the first point of each node, of those of points; -1 without, ``(m,)``."""
+        first = np.full(len(self.area), -1, dtype=np.int32)
+        carries = self.area > 0
+        first[carries] = values[self.point[self.start[:-1][carries]]]
+        return first
 
     def weighted(self, value: Floats) -> "Shares":
         """Make the same shares with other values, shape ``(i,)``."""
@@ -98,8 +111,10 @@ class MortarPoints:
     """Contact points of nodes, see `ContactPoints`. Local.
 
     Attributes:
-        reached: Nodes of the facet of each point and vertices of its segment, ``(p, 2 k)``.
-        phi: Shape functions of the facet there, shape ``(p, k)``.
+        reached: Nodes of the facet of each point, and of that of its segment, ``(p, 2 n)``.
+        phi: Shape functions of the facet there, shape ``(p, n)``.
+        weights: Those of nodes in the vertices of the segment, shape ``(p, k, n)``; None where
+            these are the nodes.
         segment: Candidate of each point, shape ``(p,)``.
         patch: Numbers from 0 of the part that facet and segment of each point share, ``(p,)``.
         shares: Shares of the nodes in them.
@@ -107,6 +122,7 @@ class MortarPoints:
 
     reached: Ints
     phi: Floats
+    weights: Floats | None
     segment: Ints
     patch: Ints
     shares: Shares
@@ -115,7 +131,7 @@ class MortarPoints:
     def choose(
         cls,
         facets: MortarFacets,
-        candidates: SegmentCandidates,
+        candidates: FacetCandidates,
         x_n: Floats,
         x: Floats,
         reach: float,
@@ -129,22 +145,26 @@ class MortarPoints:
             x: Positions at which segments are projected on facets.
             reach: Distance up to which facets look for segments [m].
         """
+        (rows, y_n), (_, y) = (candidates.vertices(there) for there in (x_n, x))
         facet, segment, weight, phi, psi = _kernels.mortar_points(
             facets.vertices,
             facets.orientation,
-            candidates.segments,
-            candidates.orientation,
-            candidates.key,
             facets.X,
             x_n,
             x,
+            rows,
+            candidates.orientation,
+            candidates.key,
+            y_n,
+            y,
             reach,
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
         on_facet = facets.vertices[facet]
-        reached = np.hstack([on_facet, candidates.segments[segment]])
-        point, column = np.nonzero(number[on_facet] >= 0)
+        reached = np.hstack([on_facet, candidates.wholes[segment]])
+        weights = None if candidates.weights is None else candidates.weights[segment]
+        point, column = np.nonzero(number[on_facet[:, : psi.shape[1]]] >= 0)
         node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
         area = _sums(node, value, len(facets.nodes))
         carries = area > _LEAST_COVERED * facets.area
@@ -162,7 +182,7 @@ class MortarPoints:
         _, patch = np.unique(
             facet.astype(np.int64) * (1 + len(candidates.key)) + segment, return_inverse=True
         )
-        return cls(reached, phi, segment, patch.astype(np.int32), shares)
+        return cls(reached, phi, weights, segment, patch.astype(np.int32), shares)
 
     @property
     def nodes(self) -> Ints:
@@ -173,15 +193,6 @@ class MortarPoints:
     def facing(self) -> Facing:
         """Anything: segments were chosen by what the facets face."""
         return Facing.everywhere(len(self.segment))
-
-    @property
-    def nearest(self) -> Ints:
-        """Candidate that stands for those of each node, -1 without points, ``(m,)``."""
-        shares = self.shares
-        segment = np.full(len(shares.area), -1, dtype=np.int32)
-        carries = shares.area > 0
-        segment[carries] = self.segment[shares.point[shares.start[:-1][carries]]]
-        return segment
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
@@ -198,6 +209,8 @@ class MortarPoints:
         s = self.shares if shares is None else shares
         lists, place = self._rows
         of_shares = s.start, s.point, s.value, place
+        if self.weights is not None:
+            values = _at_nodes(self.weights, values)
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
 
     @property
@@ -210,7 +223,7 @@ class MortarPoints:
 
     @cached_property
     def _rows(self) -> tuple[Ints, Ints]:
-        """Lists, and places of the nodes of facet and segment of each share in them, (i, 2 k)."""
+        """Lists, and places of the nodes of facet and segment of each share in them, (i, 2 n)."""
         shares = self.shares
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
@@ -218,22 +231,40 @@ class MortarPoints:
         """Sum matrices of pairs, ``(p, 3 (1 + k), 3 (1 + k))``, to those of the patches.
 
         ``factor`` is that of each point, shape ``(p,)``; the result has the shape
-        ``(b, 6 k, 6 k)``.
+        ``(b, 6 n, 6 n)``.
         """
         count = len(self.patch_nodes)
-        return _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
+        blocks: Floats = _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
+        if self.weights is None:
+            return blocks
+        k, n = self.weights.shape[1:]
+        turn = np.zeros((count, 1, 1, n + k, 2 * n))
+        turn[..., :n, :n] = np.eye(n)
+        turn[..., n:, n:] = self.weights[np.unique(self.patch, return_index=True)[1], None, None]
+        blocks = blocks.reshape(count, n + k, 3, n + k, 3).transpose(0, 2, 4, 1, 3)
+        blocks = turn.swapaxes(3, 4) @ blocks @ turn
+        return blocks.transpose(0, 3, 1, 4, 2).reshape(count, 6 * n, 6 * n)
 
     @cached_property
     def patch_nodes(self) -> Ints:
-        """Nodes of facet and segment of each patch, shape ``(b, 2 k)``."""
+        """Nodes of facet and segment of each patch, shape ``(b, 2 n)``."""
         return self.reached[np.unique(self.patch, return_index=True)[1]]
 
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
         patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        of_points = self.reached[used], self.phi[used], self.segment[used]
+        weights = None if self.weights is None else self.weights[used]
+        of_points = self.reached[used], self.phi[used], weights, self.segment[used]
         return MortarPoints(*of_points, patch, shares)
+
+
+def _at_nodes(weights: Floats, values: Floats) -> Floats:
+    """Vectors of pairs with nodes in the place of vertices, ``(p, c, 3 (1 + n))``."""
+    (p, k, n), c = weights.shape, values.shape[1]
+    of_vertices = values[:, :, 3:].reshape(p, c, k, 3)
+    of_nodes = weights.swapaxes(1, 2)[:, None] @ of_vertices
+    return np.concatenate([values[:, :, :3], of_nodes.reshape(p, c, 3 * n)], axis=2)
 
 
 def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
@@ -249,7 +280,7 @@ def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Nodes of the rows, and places of the nodes of shares in them, see `MortarPoints`.
 
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
-    ``nodes`` the nodes that it reaches, ``(i, 2 k)``.
+    ``nodes`` the nodes that it reaches, ``(i, 2 n)``.
     """
     # The own node comes before all others; rows without shares have it, too.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)

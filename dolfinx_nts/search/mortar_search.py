@@ -3,10 +3,13 @@
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar_points import MortarFacets
-from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 __all__ = ["MortarCandidates", "MortarSearch"]
 
@@ -15,28 +18,63 @@ __all__ = ["MortarCandidates", "MortarSearch"]
 _AROUND = 1e-6
 
 
-class MortarCandidates(SegmentCandidates):
-    """Segments with the facets that may touch them, see `SegmentCandidates`.
+class MortarCandidates(FacetCandidates):
+    """Segments with the facets that may touch them, see `FacetCandidates`.
 
     Args:
         found: The segments.
+        wholes: As of `FacetCandidates`.
         facets: Facets around the owned nodes, by the nodes of the same map.
 
     Attributes:
         facets: The argument.
+        hats: Fields that are linear on the facets; None at degree 1, where all are.
     """
 
-    def __init__(self, found: FoundSegments, facets: MortarFacets) -> None:
-        """Take both."""
-        super().__init__(found)
+    def __init__(self, found: FoundSegments, wholes: Ints, facets: MortarFacets) -> None:
+        """Take them."""
+        super().__init__(found, wholes)
         self.facets = facets
+        self.hats = None if self.weights is None else _hats(self, facets.vertices)
 
 
-class MortarSearch(GlobalSearch):
+class FacetSearch(GlobalSearch):
+    """Finds segments with the facets that they are parts of, see `GlobalSearch`. Collective.
+
+    Args:
+        nodes: Surface whose nodes look for segments.
+        segments: Surface that offers segments.
+    """
+
+    candidates: FacetCandidates
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Offer the nodes of the facets, too."""
+        super().__init__(nodes, segments)
+        self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
+        wholes = whole_facets(segments.segments, Element.of(segments.V).degree)
+        if wholes is not segments.segments:
+            ids, owners, orientation, key, thickness = self._offer
+            more = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
+            owners = np.hstack([owners, owners_of(space)[wholes]])
+            self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
+
+    def _make(self, found: FoundSegments, others: Ints) -> FacetCandidates:
+        """Tell segments and facets apart, see `GlobalSearch`."""
+        return FacetCandidates(*self._parted(found))
+
+    def _parted(self, found: FoundSegments) -> tuple[FoundSegments, Ints]:
+        k, vertices = self._k, found.vertices
+        if vertices.shape[1] == k:
+            return found, vertices
+        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), vertices[:, k:]
+
+
+class MortarSearch(FacetSearch):
     """Finds the segments that facets around the owned nodes can reach, see `Search`. Collective.
 
-    Facets of other ranks are known too where an owned node is one of their vertices: each rank
-    computes all that the multipliers of its nodes do.
+    Facets of other ranks are known too where an owned node is one of theirs: each rank computes
+    all that the multipliers of its nodes do.
 
     Args:
         nodes: Surface whose facets look for segments.
@@ -51,17 +89,44 @@ class MortarSearch(GlobalSearch):
         space = nodes.V.dofmap.index_map
         X: Floats = nodes.V.tabulate_dof_coordinates()
         self._X = X[: space.size_local]
-        near, _ = GlobalSearch(nodes, nodes).update(X, _AROUND * nodes.size)
-        around = (near.segments < space.size_local).any(axis=1)
-        vertices = near.segments[around]
-        self._shape, self._orientation = vertices.shape, near.orientation[around]
-        ids = near.scatter.index_map.local_to_global(vertices.ravel())
-        self._others = ids, owners_of(near.scatter.index_map)[vertices.ravel()]
+        search = FacetSearch(nodes, nodes)
+        search.update(X, _AROUND * nodes.size)
+        near = search.candidates
+        # One segment of each facet, in the order of their numbers.
+        first = np.sort(np.unique(near.wholes, axis=0, return_index=True)[1])
+        around = first[(near.wholes[first] < space.size_local).any(axis=1)]
+        facets, there = near.wholes[around], near.scatter.forward(self._X)
+        self._shape = facets.shape
+        out = area_vectors(there[near.segments[around]], near.orientation[around])
+        own = area_vectors(there[facets[:, : self._k]], np.ones(len(facets)))
+        self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
+        shares = np.repeat(np.linalg.norm(own, axis=1) / self._k, self._k)
+        area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
+        self._area: Floats = area[nodes.nodes].astype(np.float64)
+        ids = near.scatter.index_map.local_to_global(facets.ravel())
+        self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
+        self._around = None if near.weights is None else _hats(near, facets)
+
+    def per_area(self, force: Floats, area: Floats) -> Floats:
+        """Divide by the areas of vertices, and go on linearly, see `Search.per_area`."""
+        values = np.zeros_like(force)
+        carries = area > 0
+        values[carries] = (force[carries].T / area[carries]).T
+        if self._around is None:
+            return values
+        field = np.zeros_like(self._X)
+        columns = np.atleast_2d(values.T).T
+        field[self._nodes.nodes, : columns.shape[1]] = columns
+        spread = self._around.spread(field)[self._nodes.nodes, : columns.shape[1]]
+        return spread.reshape(force.shape)
 
     def _make(self, found: FoundSegments, others: Ints) -> MortarCandidates:
         """Add the facets, see `GlobalSearch`."""
         X = np.array(found.scatter.forward(self._X))
         vertices = others.reshape(self._shape)
-        nodes = self._nodes
-        facets = MortarFacets(nodes.nodes, nodes.area, vertices, self._orientation, X)
-        return MortarCandidates(found, facets)
+        facets = MortarFacets(self._nodes.nodes, self._area, vertices, self._orientation, X)
+        return MortarCandidates(*self._parted(found), facets)
+
+
+def _hats(candidates: FacetCandidates, facets: Ints) -> Hats:
+    return Hats(candidates.scatter, facets, candidates.segments.shape[1])

@@ -103,7 +103,7 @@ class SegmentCandidates(Candidates):
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Compute the gap of points to given segments, see `Candidates.gap`."""
-        x_pair, orientation = self._pairs(points, x, segment), self.orientation.take(segment)
+        x_pair, orientation = self.pairs(points, x, segment), self.orientation.take(segment)
         return _kernels.project(x_pair, orientation)[1]
 
     def contact(
@@ -136,7 +136,7 @@ class SegmentCandidates(Candidates):
         """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
         return is_nearest_a_rim(points.of(x), x, self.segments, segment)
 
-    def _pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""
         pairs = np.empty((len(segment), 1 + self.segments.shape[1], 3))
         pairs[:, 0] = points.of(x)
@@ -147,5 +147,5 @@ class SegmentCandidates(Candidates):
         self, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> tuple[Floats, Floats, Floats]:
         """Positions of pairs at t_n and t_{n+1}, and orientations of their segments."""
-        pairs_n, pairs = (self._pairs(points, y, segment) for y in (x_n, x))
+        pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
         return pairs_n, pairs, self.orientation.take(segment)

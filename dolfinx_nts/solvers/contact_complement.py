@@ -23,7 +23,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks, tangents_of
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
@@ -175,17 +175,20 @@ def _response(
         gradients, columns = (
             some.reshape(-1, d * d) for some in (blocks.gradients, blocks.columns)
         )
-        for i, rank in enumerate(blocks.rank):
+        for i, (rank, slope) in enumerate(zip(blocks.rank, blocks.slopes, strict=True)):
             entries = slice(blocks.start[i], blocks.start[i + 1])
-            dofs = _dofs(lists[entries], d)
-            for result, rows in ((G, gradients), (F, columns)):
-                dense = np.zeros((rank, n))
+            dofs, dense = _dofs(lists[entries], d), np.zeros((2, d, n))
+            for result, rows in zip(dense, (gradients, columns), strict=True):
                 # Lists may name a node twice.
-                np.add.at(dense.T, dofs, rows[entries].reshape(d, -1)[:rank].T)
-                result.append(dense)
-        for some, block in tangents_of(blocks):
-            dofs = _dofs(np.searchsorted(nodes, some), d)
-            np.add.at(C, np.ix_(dofs, dofs), block)
+                np.add.at(result.T, dofs, rows[entries].reshape(d, -1).T)
+            G.append(dense[0, :rank])
+            F.append(dense[1, :rank])
+            if slope.any():
+                C += dense[1].T @ slope @ dense[0]
+        of_blocks = d * np.searchsorted(nodes, blocks.tangent_nodes)[:, :, None] + np.arange(d)
+        of_blocks = of_blocks.reshape(blocks.tangent.shape[:2])
+        entry = n * of_blocks[:, :, None] + of_blocks[:, None]
+        C += np.bincount(entry.ravel(), blocks.tangent.ravel(), n * n).reshape(n, n)
     forces: Floats = np.vstack(F).T
     m = forces.shape[1]
     whole = np.block(

@@ -24,7 +24,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
+from dolfinx_nts.contact.implicit.mortar_pairing import PointBlocks
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
@@ -142,9 +142,11 @@ class CoupledPairs(ActivePairs):
         super().__init__(candidates, state, dim)
         blocks, dofs = self.blocks, self._pair_dofs
         self._dofs = self._needed.nodes.reshape(dofs.shape)
+        assert isinstance(state.pairs.blocks, PointBlocks)
+        self._given_up = state.pairs.blocks.given_up.take(dofs)
         rows = blocks.gradients, blocks.columns
         self._gradients, self._forces = (
-            NodalSystem(self.ghosts, dofs, blocks.rank, some, blocks.normal, transposed=t)
+            self._given_up.system(blocks.rank, some, blocks.normal, transposed=t)
             for some, t in zip(rows, (False, True), strict=True)
         )
         c = self._gradients.directions.shape[1]
@@ -160,14 +162,13 @@ class CoupledPairs(ActivePairs):
     def constrain(self, values: Floats, x: Floats) -> Floats:
         """Solve for all nodes at once, see `ActivePairs.constrain`."""
         part = self.part(x)
-        there = part[self._dofs].reshape(len(self._dofs), 3 * self._dofs.shape[1])
+        there = part[self._dofs].reshape(len(self._dofs), self._rows[0].shape[2])
         missing = -np.einsum("mcd,md->mc", self._rows[0], there)
         if len(values):
             missing += values[:, : missing.shape[1]]
         way = self._gradients.solve(missing)
-        x[self.blocks.nodes[self.blocks.start[:-1]]] += np.einsum(
-            "mc,mci->mi", way, self._gradients.directions
-        )
+        moved = np.einsum("mc,mci->mi", way, self._gradients.directions)
+        self._given_up.move(moved, x)
         return self.part(x)
 
     def act(self, part: Floats, y: Floats) -> Floats:
@@ -175,14 +176,13 @@ class CoupledPairs(ActivePairs):
         own = self._own(y)
         self._kernel.add_tangent(part, own)
         self._put(own, y)
-        first = self.blocks.nodes[self.blocks.start[:-1]]
-        force = np.einsum("mi,mci->mc", y[first], self._forces.directions)
+        force = np.einsum("mi,mci->mc", self._given_up.gather(y), self._forces.directions)
         lambda_N = self._forces.solve(force)
         forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
         own = self._own(y)
-        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, 3))
+        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, y.shape[1]))
         self._put(own, y)
-        removed = np.zeros((len(first), 3))
+        removed = np.zeros((len(force), y.shape[1]))
         removed[:, : lambda_N.shape[1]] = lambda_N
         return removed
 

@@ -21,6 +21,7 @@ def deform(
     friction: nts.Coulomb | None = None,
     slope: float = 0.0,
     Q: Array | None = None,
+    degree: int = 1,
 ) -> tuple[nts.QuasiStatic, float, Array]:
     """Deform a cube of two blocks by surface-to-surface contact. Collective.
 
@@ -33,6 +34,7 @@ def deform(
         friction: Law of friction.
         slope: Of the surface between the blocks, along the first axis.
         Q: Turns everything before the start.
+        degree: Of the displacement.
 
     Returns:
         The stepper after its step, largest error of the displacement [m], and the first
@@ -47,7 +49,7 @@ def deform(
     X[:, 2] += slope * (X[:, 0] - 0.5) * (1 - np.abs(2 * X[:, 2] - 1))
     X[:] = X @ Q.T
     mesh, tags, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     material = nts.SaintVenantKirchhoff(1.0, 0.3, 1.0)
     bodies = [nts.Body(V, tags, tag[f"body {number}"], material) for number in (0, 1)]
     surfaces = {name: nts.Surface(V, facets, tag[name]) for name in data.surfaces}

@@ -50,12 +50,13 @@ def blocks(
     *,
     rigid: bool = False,
     material: nts.Hyperelastic | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
     The upper one may be rigid.
     """
-    comm, turn = MPI.COMM_WORLD, turning(angle)
+    turn = turning(angle)
     (x_low, low), (x_up, up) = (
         block((-1.0, -0.5), (2.0, 0.5), (width, 2)),
         block((-0.45, 0.02), (1.0, 1.0), (3, 3)),

@@ -1,5 +1,7 @@
 """Displacements of degree 2: contact of all nodes, conserved as at degree 1."""
 
+from functools import partial
+
 from mpi4py import MPI
 
 import numpy as np
@@ -14,6 +16,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 from helpers.boxed import Ledger
+from helpers.interrupted import SCHEMES, with_law
 from helpers.readers import read_grids
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -88,6 +91,34 @@ def test_friction_takes_what_the_ledger_says(comm, cell, friction):
         assert np.linalg.norm(b - a) <= MOMENTUM_TOLERANCE * np.linalg.norm(a)
 
 
+@pytest.mark.parametrize(
+    ("cell", "laws"),
+    [
+        ("hexahedron", (nts.EnergyMomentum, None, None)),
+        ("tetrahedron", (nts.EnergyMomentum, None, nts.Coulomb(0.3))),
+        ("hexahedron", (nts.EnergyMomentum, nts.Penalty(), nts.Coulomb(0.3))),
+        (
+            "tetrahedron",
+            (nts.Midpoint, nts.LagrangeMultiplier("plastic"), nts.Coulomb(0.3, eps_T=1e3)),
+        ),
+    ],
+    ids=["elastic", "exact stick", "penalty", "plastic"],
+)
+def test_surfaces_conserve_what_they_should(comm, cell, laws):
+    """Surface-to-surface contact, whose multipliers are those of the vertices."""
+    scene = blocks(comm, partial(with_law, *laws, method="mortar"), cell=cell)
+    ledger = Ledger(scene.stepper)
+    ledger.run(12)
+    assert max(report.num_active for report in ledger.reports) >= 6
+    assert ledger.error <= ENERGY_TOLERANCE
+    taken = sum(report.contact_work.friction for report in ledger.reports)
+    assert laws[2] is None or taken < -1e-4 * ledger.start.kinetic_energy
+    after = ledger.diagnostics.balance()
+    for name in ("linear", "angular"):
+        a, b = (getattr(s, f"{name}_momentum") for s in (ledger.start, after))
+        assert np.linalg.norm(b - a) <= MOMENTUM_TOLERANCE * np.linalg.norm(a)
+
+
 @cells_
 @pytest.mark.parametrize("obstacle", ["plane", "sphere"])
 def test_obstacles_stop_all_nodes(comm, cell, obstacle):
@@ -118,8 +149,14 @@ def scattered(middle):
 
 
 @cells_
-@pytest.mark.parametrize("owner", [None, scattered])
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+@pytest.mark.parametrize(
+    ("scheme", "owner"),
+    [
+        *((nts.EnergyMomentum, None), (nts.EnergyMomentum, scattered)),
+        *((nts.CentralDifference, None), (nts.CentralDifference, scattered)),
+        (SCHEMES["mortar"], scattered),
+    ],
+)
 def test_all_ranks_and_each_alone_agree(comm, cell, owner, scheme):
     explicit = scheme is nts.CentralDifference
     options = {"enforcement": nts.Penalty() if explicit else None, "cell": cell}
@@ -128,6 +165,7 @@ def test_all_ranks_and_each_alone_agree(comm, cell, owner, scheme):
     together = blocks(comm, scheme, owner=owner, **options)
     alone = blocks(MPI.COMM_SELF, scheme, **options)
     num_steps = int(0.15 / alone.stepper.dt) if explicit else 10
+    num_steps = 5 if scheme is SCHEMES["mortar"] else num_steps
     first, second = together.run(num_steps), alone.run(num_steps)
     assert max(first.num_active) >= 3
     difference = np.abs(positions(together) - positions(alone)).max()
@@ -191,12 +229,19 @@ def test_energy_of_bending_is_exact(comm, cell):
     assert energy == pytest.approx(E * inertia * k**2 * 2.0 / 2, rel=1e-3)
 
 
-@cells_
-def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell):
+@pytest.mark.parametrize(
+    ("cell", "scheme"),
+    [
+        ("hexahedron", nts.EnergyMomentum),
+        ("tetrahedron", nts.EnergyMomentum),
+        ("tetrahedron", SCHEMES["mortar"]),
+    ],
+)
+def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell, scheme):
     folder = comm.bcast(tmp_path)
 
     def record(num_steps, name):
-        scene = blocks(comm, cell=cell, friction=nts.Coulomb(0.3))
+        scene = blocks(comm, scheme, cell=cell, friction=nts.Coulomb(0.3))
         with nts.Recorder(folder / name, scene.stepper, checkpoint_every=3, resume=True) as file:
             for step in scene.stepper.run(until=num_steps * scenes.BLOCK_STEP):
                 file.write(step)

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import plane, scenes
 from helpers.interrupted import SCHEMES, layers_of
 from stress.run import CASES
 
@@ -93,6 +93,26 @@ def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner)
     special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
     alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, layers=layers)
     compare(special, alone, 10)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_surfaces_in_the_plane_on_all_ranks_and_on_one_agree(comm, cell):
+    def energies(comm):
+        scene = plane.blocks(cell, angle=0.4, comm=comm)
+        friction = nts.Coulomb(0.3)
+        pair = nts.ContactPair(scene.nodes, scene.segments, friction=friction, method="mortar")
+        stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
+        plane.throw(scene, stepper)
+        diagnostics = nts.Diagnostics(stepper)
+        rows = []
+        for step in stepper.run(0.12):
+            energies = diagnostics.kinetic_energy(), diagnostics.strain_energy()
+            rows.append((*energies, step.num_active))
+        return rows
+
+    together, alone = energies(comm), energies(MPI.COMM_SELF)
+    assert max(active for *_, active in alone) >= 3
+    np.testing.assert_allclose(together, alone, rtol=ENERGY_TOLERANCE, atol=1e-9)
 
 
 def test_ranks_without_surfaces_take_part(comm):

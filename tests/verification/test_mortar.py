@@ -21,13 +21,14 @@ MORTAR = partial(nts.ContactPair, method="mortar")
 EXACT = 1e-9
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, told):
-    blocks = compress(*cells, MORTAR, cell=cell)
+def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, told):
+    blocks = compress(*cells, MORTAR, cell=cell, degree=degree)
     pressure = blocks.stepper.contacts[0].pressure
     told(
-        f"patch test, {cell}, {cells[0]}:{cells[1]} cells",
+        f"patch test, {cell}, {cells[0]}:{cells[1]} cells" + degree // 2 * ", degree 2",
         "uniform stress and pressure",
         f"spread {np.ptp(blocks.stress):.0e}, {np.ptp(pressure) / pressure.mean():.0e}",
     )
@@ -39,11 +40,11 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, told):
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("cells", [(8, 12), (5, 4)])
-def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells):
+@pytest.mark.parametrize(("cells", "degree"), [((8, 12), 1), ((5, 4), 1), ((3, 4), 2)])
+def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells, degree):
     """All sides are pressed alike, so that nothing slides down."""
     Q = rotation([1.0, 2.0, -0.5], 0.7)
-    stepper, error, _ = deform(cells, 0.99 * np.eye(3), cell=cell, slope=0.3, Q=Q)
+    stepper, error, _ = deform(cells, 0.99 * np.eye(3), cell=cell, slope=0.3, Q=Q, degree=degree)
     (contact,) = stepper.contacts
     pressure = contact.pressure
     assert error <= EXACT * 0.01

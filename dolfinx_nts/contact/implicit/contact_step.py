@@ -179,7 +179,6 @@ class ContactStep:
         history = ContactHistory.at(
             n,
             pairs.node,
-            force=-contribution.force[:, :3],
             normal=pairs.contact.gradient[:, :3],
             energy=energy,
             offset=offset,
@@ -192,6 +191,7 @@ class ContactStep:
             lambda_N=self.normal.lambda_N.copy(),
             gap=search.gap.copy(),
             area=search.pairing.area,
+            force=-search.pairing.on_nodes(pairs, contribution.force),
             energy=history.energy + slip_energy,
             **slip,
         )

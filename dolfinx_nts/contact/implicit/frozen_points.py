@@ -58,7 +58,9 @@ class FrozenPoints(LocalSearch):
         ends = self.x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
-        self.segment, every, trial = points.nearest, self._every, self.approach.x
+        # The segment with the lowest number stands for those of the points of a node.
+        self.segment = points.shares.first(points.segment)
+        every, trial = self._every, self.approach.x
         gap_n, gap_trial = (
             self.pairing.gaps(end, every, self.segment) for end in (self.x_n, trial)
         )

@@ -5,14 +5,13 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.given_up import GivenUp
 from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
-from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar_search import MortarCandidates
-from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["MortarPairing", "PointBlocks"]
 
@@ -46,7 +45,7 @@ class MortarPairing(Pairing):
         self.x_chosen = x_chosen
         self.area = points.shares.area
         self.reached = np.concatenate(
-            [candidates.facets.vertices.ravel(), candidates.segments.ravel()]
+            [candidates.facets.vertices.ravel(), candidates.wholes.ravel()]
         )
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Nodes of the last call, and their points.
@@ -70,7 +69,7 @@ class MortarPairing(Pairing):
         """Evaluate the points of the nodes, see `Pairing.kinematics`."""
         points, candidates = self._of(node), self._candidates
         contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
-        blocks = PointBlocks(points, candidates.scatter, free, contact.tangent)
+        blocks = PointBlocks(points, candidates, free, contact.tangent)
         mean = _of_nodes(points, contact)
         unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
         return PairKinematics(node, segment, unknown, mean, blocks)
@@ -80,6 +79,16 @@ class MortarPairing(Pairing):
         points = self._of(node)
         slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
         return MortarSlip(points, slip)
+
+    def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
+        """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""
+        facets, scatter = self._candidates.facets, self._candidates.scatter
+        on_facet = np.zeros(scatter.num_local, dtype=bool)
+        on_facet[facets.vertices] = True
+        forces = force.reshape(*pairs.dofs.shape, 3) * on_facet[pairs.dofs][:, :, None]
+        total = np.zeros((scatter.index_map.size_local, 3))
+        scatter.add(total, pairs.dofs, forces)
+        return total[facets.nodes]
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """All: no node has a segment of its own, see `Pairing.is_same`."""
@@ -102,9 +111,7 @@ class MortarPairing(Pairing):
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
         points = self._of(node)
-        pairs = np.concatenate(
-            [points.of(x)[:, None], x[self._candidates.segments[points.segment]]], axis=1
-        )
+        pairs = self._candidates.pairs(points, x, points.segment)
         return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
 
 
@@ -113,21 +120,29 @@ class PointBlocks(PairBlocks):
 
     Args:
         points: Contact points of the pairs' nodes.
-        scatter: Brings values of nodes to this rank.
+        candidates: Facets of the points, and segments.
         free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None
             if all are.
         tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
+
+    Attributes:
+        given_up: Displacements that the nodes give up.
     """
 
     may_overlap = True
 
     def __init__(
-        self, points: MortarPoints, scatter: NodalScatter, free: Floats | None, tangent: Floats
+        self,
+        points: MortarPoints,
+        candidates: MortarCandidates,
+        free: Floats | None,
+        tangent: Floats,
     ) -> None:
         """Take nodes of facets and segments as those of the blocks."""
-        self._points, self._scatter, self._tangent = points, scatter, tangent
+        self._points, self._tangent = points, tangent
+        self._scatter, self._free = candidates.scatter, free
         self.dofs, self.nodes = points.lists, points.patch_nodes
-        self._free = free
+        self.given_up = GivenUp(candidates, free, self.dofs)
 
     def tangent(self, lambda_N: Floats) -> Floats:
         """Scale blocks by what all multipliers do at a point, see `PairBlocks.tangent`."""
@@ -151,11 +166,15 @@ class PointBlocks(PairBlocks):
         """Sum up the forces of all pairs, see `PairBlocks.at_nodes`."""
         total = np.zeros((self._scatter.index_map.size_local, 3))
         self._scatter.add(total, self.dofs, force.reshape(*self.dofs.shape, 3))
-        return total[self.dofs[:, 0]]
+        return self.gathered(total)
+
+    def gathered(self, force: Floats) -> Floats:
+        """Sum up what forces do along what the nodes give up, see `PairBlocks.gathered`."""
+        return self.given_up.gather(force)
 
     def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Solve for all multipliers at once, see `PairBlocks.balance`."""
-        system = NodalSystem(self._scatter, self.dofs, rank, columns, normal, transposed=True)
+        system = self.given_up.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))
         # Where there is no solution the whole linear system gives one.
@@ -173,20 +192,19 @@ class PointBlocks(PairBlocks):
     ) -> None:
         """Solve for all ways at once, see `PairBlocks.close_gaps`."""
         rank = held.astype(np.int32)
-        system = NodalSystem(self._scatter, self.dofs, rank, gradients, normal)
+        system = self.given_up.system(rank, gradients, normal)
         way = system.solve(gap[:, None])[:, 0]
         # Neither where it is not a number.
         near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)
-        u[self.dofs[near, 0]] -= way[near, None] * normal[near]
+        way = -np.where(near, way, 0.0)[:, None] * normal
+        self.given_up.move(way[:, : u.shape[1]], u)
 
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
     shares, rows = points.shares, points.rows(np.stack([contact.force, contact.gradient], axis=1))
-    turn = np.full(len(shares.area), np.inf)
-    np.minimum.at(turn, shares.node, contact.turn[shares.point])
-    status = np.zeros(len(shares.area), dtype=np.int8)
-    np.maximum.at(status, shares.node, contact.status[shares.point])
+    turn = shares.reduced(np.minimum, contact.turn[shares.point], np.inf)
+    status = shares.reduced(np.maximum, contact.status[shares.point], 0)
     return ContactKinematics(
         gap_n=shares.mean(contact.gap_n),
         gap=shares.mean(contact.gap),

@@ -47,19 +47,22 @@ class MortarSlip(Slip):
 
     def hessian(self, t: Floats) -> Floats:
         """Twice the derivative of the forces of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
-        shares, of_points = self._points.shares, np.zeros_like(self._slip.value)
-        np.add.at(of_points, shares.point, np.einsum("iab,ia->ib", self._parts, t[shares.node]))
+        shares, of_points = self._points.shares, np.empty_like(self._slip.value)
+        of_shares = np.einsum("iab,ia->ib", self._parts, t[shares.node])
+        for b in range(2):
+            of_points[:, b] = np.bincount(shares.point, of_shares[:, b], len(of_points))
         return self._points.blocks(np.ones(len(of_points)), self._slip.hessian(of_points))
 
 
 def _tangents(normal: Floats) -> Floats:
     """Orthonormal tangents, ``(m, 2, 3)``, to planes with normals of any length, ``(m, 3)``."""
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-    # The coordinate axis that is farthest from the normal.
-    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    first = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normal, first)], axis=1)
+    # The second is near the coordinate axis that is farthest from the normal, the last of several:
+    # in two dimensions it is that across the plane.
+    axis = np.eye(3)[2 - np.abs(normal[:, ::-1]).argmin(axis=1)]
+    second = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
+    second /= np.linalg.norm(second, axis=1)[:, None]
+    return np.stack([np.cross(second, normal), second], axis=1)
 
 
 def _turns(to: Floats, frame: Floats) -> Floats:

@@ -99,7 +99,7 @@ class MultiplierContact(NormalContact):
         """Decide which nodes are held, and compute multipliers from the balance at the nodes."""
         gap = pairs.contact.gap
         pairs.excess[:, 0] = gap - self._target(pairs)
-        R = None if R is None else R[pairs.dofs[:, 0]]
+        R = None if R is None else pairs.blocks.gathered(R)
         node, before = pairs.node, self.active[pairs.node]
         # Decisions follow from multipliers, multipliers from decisions.
         lambda_N = self._balance(pairs, R, self.lambda_N[node], before, friction)

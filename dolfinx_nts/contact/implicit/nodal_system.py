@@ -8,6 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.whole_facets import Hats
 
 __all__ = ["NodalSystem"]
 
@@ -15,28 +16,31 @@ __all__ = ["NodalSystem"]
 class NodalSystem:
     """Products of rows of constrained nodes with the directions that these nodes give up.
 
-    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. It
-    is near to a diagonal matrix, and so small that each rank solves all of it. Collective, as is
-    `solve`.
+    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. On
+    facets of degree 2 the nodes between vertices go with these, see `Hats`. The matrix is near to
+    a diagonal one, and so small that each rank solves all of it. Collective, as is `solve`.
 
     Args:
         scatter: Brings values of nodes to this rank.
+        hats: How nodes between vertices go with these; None at degree 1.
         dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
-        rank: Number of constraints, 0, 1 or 3, shape ``(m,)``; those with 0 are left out.
-        rows: Their rows, the first of ``(m, 1 or 3, 3 d)``.
-        normal: Unit normals, which nodes with one constraint give up, shape ``(m, 3)``. Those
-            with three give up all, in the directions of their own parts of the rows, which
+        rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``; those with 0 are
+            left out.
+        rows: Their rows, with b = 2 or 3 components a node, the first of ``(m, 1 or b, b d)``.
+        normal: Unit normals, which nodes with one constraint give up, shape ``(m, b)``. Those
+            with b give up all, in the directions of their own parts of the rows, which
             puts the largest entries on the diagonal.
         transposed: Whether the system is E^T G.
 
     Attributes:
-        directions: Directions that the nodes give up, shape ``(m, c, 3)``, where c is the
+        directions: Directions that the nodes give up, shape ``(m, c, b)``, where c is the
             largest rank.
     """
 
     def __init__(
         self,
         scatter: NodalScatter,
+        hats: Hats | None,
         dofs: Ints,
         rank: Ints,
         rows: Floats,
@@ -47,24 +51,32 @@ class NodalSystem:
         """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
-        m = len(rank)
+        m, b = normal.shape
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
-        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :3])
+        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :b])
         self._held = np.arange(c) < rank[:, None]
         self.directions: Floats = directions * self._held[:, :, None]
-        E = np.zeros((scatter.num_local, c, 3))
+        E = np.zeros((scatter.num_local, c, b))
         for a in range(c):
             own = np.zeros((scatter.index_map.size_local, 3))
-            own[dofs[:, 0]] = self.directions[:, a]
-            E[:, a] = scatter.forward(own)
-        rows = rows[:, :c].reshape(m, c, dofs.shape[1], 3)
-        products = np.einsum("mkdi,mdai->mkda", rows, E[dofs])
+            own[dofs[:, 0], :b] = self.directions[:, a]
+            E[:, a] = scatter.forward(own)[:, :b]
+        rows, vertices = rows[:, :c].reshape(m, c, dofs.shape[1], b), dofs
+        if hats is not None:
+            weights, vertices = hats.weights[dofs], hats.parents[dofs]
+            vertices = vertices.reshape(m, weights[0].size if m else 0)
+            rows = rows[:, :, :, None] * weights[:, None, :, :, None]
+            rows = rows.reshape(m, c, vertices.shape[1], b)
+        products = np.einsum("mkdi,mdai->mkda", rows, E[vertices])
         products *= self._held[:, :, None, None]
-        numbers = c * scatter.global_nodes(dofs)[:, :, None].astype(np.int64) + np.arange(c)
+        number = c * scatter.global_nodes(vertices)[:, :, None].astype(np.int64) + np.arange(c)
+        own = c * scatter.global_nodes(dofs[:, :1]).astype(np.int64) + np.arange(c)
         entry = np.nonzero(products)
-        mine = numbers[:, 0][self._held]
-        row, column = numbers[entry[0], 0, entry[1]], numbers[entry[0], entry[2], entry[3]]
-        self._make(mine, *((column, row) if transposed else (row, column)), products[entry])
+        row, column = own[entry[0], entry[1]], number[entry[0], entry[2], entry[3]]
+        mine = own[self._held]
+        if transposed:
+            row, column = column, row
+        self._make(mine, row, column, products[entry])
 
     def _make(self, mine: GlobalInts, row: GlobalInts, column: GlobalInts, value: Floats) -> None:
         """Sort the entries of all ranks into rows; ``mine`` are the numbers of this rank."""

@@ -44,6 +44,18 @@ class PairBlocks(ABC):
         """Sum of the forces of all pairs, ``(m, 3 d)``, at the nodes, ``(m, 3)``. Collective."""
 
     @abstractmethod
+    def gathered(self, force: Floats) -> Floats:
+        """Forces that balance what pairs do along what their nodes give up. Collective.
+
+        Args:
+            force: Forces at the owned nodes, shape ``(n, 3)`` [N].
+
+        Returns:
+            Those at the nodes of the pairs, shape ``(m, 3)`` [N]: at degree 2 mortar contact
+            moves the nodes between vertices with these.
+        """
+
+    @abstractmethod
     def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Multipliers of pairs that balance forces at their nodes. Collective.
 
@@ -115,6 +127,10 @@ class OwnBlocks(PairBlocks):
     def at_nodes(self, force: Floats) -> Floats:
         """Take the force of each pair itself, see `PairBlocks.at_nodes`."""
         return force[:, :3]
+
+    def gathered(self, force: Floats) -> Floats:
+        """Take those at the nodes, see `PairBlocks.gathered`."""
+        return force[self.dofs[:, 0]]
 
     def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
         """Balance node by node, see `PairBlocks.balance`."""

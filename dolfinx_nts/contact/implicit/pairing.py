@@ -51,6 +51,10 @@ class Pairing(ABC):
         """Evaluate the slip of nodes in a step to x; ``law`` as of `Candidates.slip`."""
 
     @abstractmethod
+    def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
+        """Sum up the forces of pairs, ``(m, d)`` [N], on the nodes, ``(n, 3)`` [N]. Collective."""
+
+    @abstractmethod
     def is_same(self, pairs: PairKinematics) -> Flags:
         """Whether pairs have the segments of the last step, shape ``(m,)``."""
 
@@ -104,6 +108,12 @@ class NodePairing(Pairing):
         """Evaluate each node and its segment, see `Pairing.slip`."""
         points = self._points.take(node)
         return self._candidates.slip(law, points, self._x_n, x, segment)
+
+    def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
+        """Take the force on each node of a pair, see `Pairing.on_nodes`."""
+        total = np.zeros((len(self._last), 3))
+        total[pairs.node] = force[:, :3]
+        return total
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """Compare keys of segments, see `Pairing.is_same`."""

@@ -27,39 +27,60 @@ Out<double> rows(const std::vector<double>& values, std::size_t width)
   return copy;
 }
 
+/// @brief Call function.template operator()<F>() for facets with n nodes below
+/// which there are segments with k vertices.
+template <class Function>
+void dispatch_whole_facets(std::size_t n, std::size_t k, Function&& function)
+{
+  if (n == k)
+    return dispatch(k, std::forward<Function>(function));
+  if (n == 3 && k == 2)
+    return function.template operator()<Line3>();
+  if (n == 6 && k == 3)
+    return function.template operator()<Tri6>();
+  if (n == 9 && k == 4)
+    return function.template operator()<Quad9>();
+  throw nb::value_error("facets: expected as many nodes as segments have "
+                        "vertices, or 3, 6 or 9 with 2, 3 or 4");
+}
+
 auto find_points(const Ints& facets, const Doubles& facet_orientation,
+                 const Doubles& X, const Doubles& x_n, const Doubles& x,
                  const Ints& segments, const Doubles& orientation,
-                 const Keys& key, const Doubles& X, const Doubles& x_n,
-                 const Doubles& x, double reach)
+                 const Keys& key, const Doubles& y_n, const Doubles& y,
+                 double reach)
 {
   check("facets", facets, {any, any});
-  const std::size_t k = facets.shape(1);
   check("facet_orientation", facet_orientation, {facets.shape(0)});
-  check("segments", segments, {any, k});
-  check("orientation", orientation, {segments.shape(0)});
-  check("key", key, {segments.shape(0)});
   check("X", X, {any, 3});
   check("x_n", x_n, {X.shape(0), 3});
   check("x", x, {X.shape(0), 3});
   check_rows("facets: expected rows of x", facets, x.shape(0));
-  check_rows("segments: expected rows of x", segments, x.shape(0));
+  check("segments", segments, {any, any});
+  check("orientation", orientation, {segments.shape(0)});
+  check("key", key, {segments.shape(0)});
+  check("y_n", y_n, {any, 3});
+  check("y", y, {y_n.shape(0), 3});
+  check_rows("segments: expected rows of y", segments, y.shape(0));
+  const std::size_t n = facets.shape(1), k = segments.shape(1);
   MortarPoints points;
-  dispatch_facets(k,
-                  [&]<class S>()
-                  {
-                    const SegmentSurface<S> upper{
-                        view(x), view(facets), view(facet_orientation), {}};
-                    const SegmentSurface<S> lower{view(x), view(segments),
-                                                  view(orientation), view(key)};
-                    std::vector<Box> boxes;
-                    for (std::size_t s = 0; s < segments.shape(0); ++s)
-                      boxes.push_back(lower.box(s));
-                    MortarSearch<S> search(upper, lower, view(X), view(x_n),
-                                           reach);
-                    points = search.find(Tree(std::move(boxes)));
-                  });
+  dispatch_whole_facets(
+      n, k,
+      [&]<class F>()
+      {
+        const SegmentSurface<F> upper{
+            view(x), view(facets), view(facet_orientation), {}};
+        const SegmentSurface<typename F::Linear> lower{
+            view(y), view(segments), view(orientation), view(key)};
+        std::vector<Box> boxes;
+        for (std::size_t s = 0; s < segments.shape(0); ++s)
+          boxes.push_back(lower.box(s));
+        MortarSearch<F> search(upper, lower, {view(X), view(x_n), view(y_n)},
+                               reach);
+        points = search.find(Tree(std::move(boxes)));
+      });
   return std::tuple(array(points.facet), array(points.segment),
-                    array(points.weight), rows(points.phi, k),
+                    array(points.weight), rows(points.phi, n),
                     rows(points.psi, k));
 }
 
@@ -137,12 +158,13 @@ auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
 void mortar(nb::module_& m)
 {
   m.def("mortar_points", &find_points, nb::arg("facets"),
-        nb::arg("facet_orientation"), nb::arg("segments"),
-        nb::arg("orientation"), nb::arg("key"), nb::arg("X"), nb::arg("x_n"),
-        nb::arg("x"), nb::arg("reach"),
-        "(f, k) and (s, k) rows of positions with (f,), (s,), (s,), (l, 3), "
-        "(l, 3), (l, 3), - -> facet, segment, weight of each point (p,), phi "
-        "and psi (p, k), see nts/search/mortar_points.h");
+        nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"),
+        nb::arg("x"), nb::arg("segments"), nb::arg("orientation"),
+        nb::arg("key"), nb::arg("y_n"), nb::arg("y"), nb::arg("reach"),
+        "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
+        "other positions (s,), (s,), (v, 3), (v, 3), - -> facet, segment, "
+        "weight of each point (p,), phi (p, n) and psi (p, k), see "
+        "nts/search/mortar_points.h");
   m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("values"),

@@ -104,11 +104,13 @@ std::array<double, 5> work_of(const Springs& before, const Springs& after,
 
 void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
 {
-  check("total", total, {any, 3});
-  if (values.size() != 3 * rows.size())
-    throw nb::value_error("values: expected three for each of rows");
+  check("total", total, {any, any});
+  const std::size_t components = total.shape(1);
+  if (values.size() != components * rows.size())
+    throw nb::value_error("values: expected those of a row for each of rows");
   check_rows("rows: expected rows of total", rows, total.shape(0));
-  add_rows(view(total), view(rows), view(values));
+  dispatch_components(components, [&]<std::size_t B>()
+                      { add_rows<B>(view(total), view(rows), view(values)); });
 }
 } // namespace
 
@@ -138,6 +140,6 @@ void springs(nb::module_& m)
         "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "
         "stayed, that came, that changed the segment, of springs, of friction");
   m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(), nb::arg("rows"),
-        nb::arg("values"), "adds values (..., 3) to rows (...) of (n, 3)");
+        nb::arg("values"), "adds values (..., b) to rows (...) of (n, b)");
 }
 } // namespace nts::bindings

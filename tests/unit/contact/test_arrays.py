@@ -58,8 +58,8 @@ def test_what_is_written_to_is_never_a_copy(total):
 
 
 def test_wrong_shape_is_named():
-    with pytest.raises(ValueError, match=r"total: expected shape \(any, 3\), given \(3, 2\)"):
-        _kernels.add_rows(np.zeros((3, 2)), ROWS, VALUES)
+    with pytest.raises(ValueError, match=r"total: expected shape \(any, any\), given \(3\)"):
+        _kernels.add_rows(np.zeros(3), ROWS, VALUES)
 
 
 def test_arrays_live_as_long_as_somebody_needs_them():

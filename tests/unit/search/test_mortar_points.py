@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels, compat
+from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.segment_candidates import FoundSegments
 
 pytestmark = pytest.mark.serial
 
@@ -48,7 +49,7 @@ def choose(k: int, rng: np.random.Generator, *, upper=3, lower=4, size=0.9, nois
     nodes = np.arange(len(above), dtype=np.int32)
     area = np.full(len(above), size**2 / len(above))
     surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x)
-    candidates = SegmentCandidates(found)
+    candidates = FacetCandidates(found, segments)
     return surface, candidates, x, MortarPoints.choose(surface, candidates, x, x, 1.0)
 
 
@@ -65,6 +66,22 @@ def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
     assert gap == pytest.approx(0.1, abs=1e-12)
     assert xi.min() >= -1e-9
     assert (xi.sum(axis=1) if k == 3 else xi).max() <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("k", "order"), [(3, [1, 2, 0]), (3, [1, 0, 2]), (4, [1, 3, 0, 2]), (4, [2, 3, 0, 1])]
+)
+def test_points_do_not_depend_on_how_vertices_are_numbered(k, order, rng):
+    surface, candidates, x, points = choose(k, rng)
+    turns = -1 if order in ([1, 0, 2], [2, 3, 0, 1]) else 1  # mirrored
+    other = MortarFacets(
+        *(surface.nodes, surface.area, surface.vertices[:, order].copy()),
+        *(turns * surface.orientation, surface.X),
+    )
+    again = MortarPoints.choose(other, candidates, x, x, 1.0)
+    np.testing.assert_allclose(again.shares.area, points.shares.area, rtol=1e-12)
+    here, there = (p.of(x)[np.lexsort(np.round(p.of(x), 9).T)] for p in (points, again))
+    np.testing.assert_allclose(here, there, atol=1e-9)
 
 
 @shapes
@@ -98,7 +115,7 @@ def test_facets_that_look_away_have_no_points(rng):
     )
     points = MortarPoints.choose(away, candidates, x, x, 1.0)
     assert len(points.segment) == 0
-    assert (points.nearest == -1).all()
+    assert (points.shares.first(points.segment) == -1).all()
 
 
 def test_facets_out_of_reach_or_far_behind_have_no_points(rng):
@@ -125,7 +142,7 @@ def test_overlapping_segments_leave_each_point_with_the_nearest(k, rng):
     found = FoundSegments(scatter, both, np.ones(n), np.arange(n), np.full(n, 0.4), np.full(n, 1.0))
     nodes = np.arange(len(above), dtype=np.int32)
     surface = MortarFacets(nodes, np.full(len(above), 0.07), facets, -np.ones(len(facets)), x)
-    points = MortarPoints.choose(surface, SegmentCandidates(found), x, x, 1.0)
+    points = MortarPoints.choose(surface, FacetCandidates(found, both), x, x, 1.0)
     assert (points.segment < len(first)).all()
     assert points.shares.area.sum() == pytest.approx(0.64, rel=1e-12)
 

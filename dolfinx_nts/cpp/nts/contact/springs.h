@@ -137,13 +137,13 @@ work_by_cause(const MovedSprings& before, const MovedSprings& after,
   return work;
 }
 
-/// @brief Add values, (r, 3), to rows, (r,), of total, (n, 3); rows may repeat.
-inline void add_rows(std::span<double> total,
-                     std::span<const std::int32_t> rows,
-                     std::span<const double> values) noexcept
+/// @brief Add values, (r, B), to rows, (r,), of total, (n, B); rows may repeat.
+template <std::size_t B>
+void add_rows(std::span<double> total, std::span<const std::int32_t> rows,
+              std::span<const double> values) noexcept
 {
   for (std::size_t i = 0; i < rows.size(); ++i)
-    for (std::size_t c = 0; c < 3; ++c)
-      total[3 * rows[i] + c] += values[3 * i + c];
+    for (std::size_t c = 0; c < B; ++c)
+      total[B * rows[i] + c] += values[B * i + c];
 }
 } // namespace nts

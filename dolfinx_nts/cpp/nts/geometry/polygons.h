@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/segment.h"
+#include "nts/geometry/facet.h"
 
 #include <vector>
 
@@ -73,47 +73,6 @@ Polygon clipped(Polygon polygon)
   return polygon;
 }
 
-/// @brief Coordinates in the reference cell of a point in the plane of a
-/// facet with corners c; any, but one function of the point, if there are none.
-template <class S>
-Vec2 pulled_back(const Vec2& y, const std::array<Vec2, S::vertices>& c) noexcept
-{
-  constexpr int max_iterations = 20;
-  constexpr double accurate = 1e-14, longest = 2, degenerate = 1e-12;
-  const auto at = [&](const auto& weights)
-  {
-    Vec2 sum = {};
-    for (std::size_t i = 0; i < S::vertices; ++i)
-      for (std::size_t d = 0; d < 2; ++d)
-        sum[d] += weights[i] * c[i][d];
-    return sum;
-  };
-  const auto jacobian = [&](const Vec2& xi) -> Matrix<2, 2>
-  {
-    const Matrix<2, S::vertices> d = S::dphi(xi);
-    const Vec2 a = at(d[0]), b = at(d[1]);
-    return {{{a[0], b[0]}, {a[1], b[1]}}};
-  };
-  Vec2 xi = S::centre;
-  const Matrix<2, 2> first = jacobian(xi);
-  for (int iteration = 0; iteration < max_iterations; ++iteration)
-  {
-    const Vec2 there = at(S::phi(xi));
-    Matrix<2, 2> J = jacobian(xi);
-    if (!(std::abs(det(J)) > degenerate * std::abs(det(first))))
-      J = first;
-    Vec2 step = inverse(J) * Vec2{y[0] - there[0], y[1] - there[1]};
-    const double way = std::max(std::abs(step[0]), std::abs(step[1]));
-    // The first step goes to where the affine part of the map leads.
-    if (iteration > 0 && way > longest)
-      step = {longest / way * step[0], longest / way * step[1]};
-    xi = {xi[0] + step[0], xi[1] + step[1]};
-    if (way < accurate)
-      break;
-  }
-  return xi;
-}
-
 /// @brief Whether a convex polygon holds a point.
 inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
 {
@@ -129,16 +88,121 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
   return true;
 }
 
-/// @brief Call add(xi, weight) for the points of a rule on a convex polygon
-/// that is exact for polynomials of degree 2.
-template <class Add>
+/// @brief Area, centroid, and second moments about it by the area.
+struct Moments
+{
+  double area;
+  Vec2 centroid;
+  Matrix<2, 2> second;
+};
+
+/// @brief Moments of a convex polygon, whichever vertex is the first.
+inline Moments moments(const Polygon& p) noexcept
+{
+  const auto sum = [&](const Vec2& from, auto&& add)
+  {
+    for (std::size_t i = 0; i < p.size(); ++i)
+    {
+      const Vec2 &u = p[i], &v = p[(i + 1) % p.size()];
+      const Vec2 a = {u[0] - from[0], u[1] - from[1]},
+                 b = {v[0] - from[0], v[1] - from[1]};
+      add(std::abs(a[0] * b[1] - a[1] * b[0]) / 2, a, b);
+    }
+  };
+  Vec2 mean = {};
+  for (const Vec2& vertex : p)
+    for (std::size_t d = 0; d < 2; ++d)
+      mean[d] += vertex[d] / static_cast<double>(p.size());
+  Moments m = {0, mean, {}};
+  Vec2 first = {};
+  sum(mean,
+      [&](double area, const Vec2& a, const Vec2& b)
+      {
+        m.area += area;
+        for (std::size_t d = 0; d < 2; ++d)
+          first[d] += area * (a[d] + b[d]) / 3;
+      });
+  for (std::size_t d = 0; d < 2; ++d)
+    m.centroid[d] += first[d] / m.area;
+  sum(m.centroid,
+      [&](double area, const Vec2& a, const Vec2& b)
+      {
+        for (std::size_t d = 0; d < 2; ++d)
+          for (std::size_t e = 0; e < 2; ++e)
+            m.second[d][e] += area / m.area / 12
+                              * (a[d] * a[e] + b[d] * b[e]
+                                 + (a[d] + b[d]) * (a[e] + b[e]));
+      });
+  return m;
+}
+
+/// @brief Symmetric square root of a symmetric matrix that is not negative.
+inline Matrix<2, 2> root(const Matrix<2, 2>& A) noexcept
+{
+  const double product = std::sqrt(std::max(det(A), 0.));
+  const double sum = std::sqrt(A[0][0] + A[1][1] + 2 * product);
+  return {{{(A[0][0] + product) / sum, A[0][1] / sum},
+           {A[1][0] / sum, (A[1][1] + product) / sum}}};
+}
+
+/// @brief Call add(xi, weight) for the points of a rule on a convex polygon in
+/// the reference cell of a facet that is exact for polynomials of degree 2.
+///
+/// Points of equal weights whose mean and covariance are those of the polygon:
+/// the symmetric root of the latter times vectors that the symmetries of the
+/// cell exchange, so that the rule does not depend on how vertices are
+/// numbered. In a square they point to its corners; a triangle is made regular
+/// first. A ball of this radius is inside of any convex polygon that has the
+/// covariance 1 (Kannan, Lovasz and Simonovits 1995).
+template <class S, class Add>
 void integrate(const Polygon& p, Add&& add)
+{
+  static const double height = std::sqrt(0.75);
+  const Moments m = moments(p);
+  if constexpr (S::vertices == 4)
+  {
+    const Matrix<2, 2> R = root(m.second);
+    for (const Vec2& v : {Vec2{-1, -1}, {1, -1}, {1, 1}, {-1, 1}})
+    {
+      const Vec2 way = R * v;
+      add(Vec2{m.centroid[0] + way[0], m.centroid[1] + way[1]}, m.area / 4);
+    }
+  }
+  else
+  {
+    // To the regular triangle with the same first edge, and back.
+    const Matrix<2, 2> T = {{{1, 0.5}, {0, height}}};
+    const Matrix<2, 2> back = inverse(T), &J = m.second;
+    Matrix<2, 2> K = {};
+    for (std::size_t a = 0; a < 2; ++a)
+      for (std::size_t b = 0; b < 2; ++b)
+        for (std::size_t c = 0; c < 2; ++c)
+          for (std::size_t d = 0; d < 2; ++d)
+            K[a][b] += T[a][c] * J[c][d] * T[b][d];
+    const Matrix<2, 2> R = root(K);
+    const double length = std::sqrt(2.);
+    for (const Vec2& v : {Vec2{-height, -0.5}, {height, -0.5}, {0, 1}})
+    {
+      const Vec2 way = back * (R * v);
+      add(Vec2{m.centroid[0] + length * way[0],
+               m.centroid[1] + length * way[1]},
+          m.area / 3);
+    }
+  }
+}
+
+/// @brief The same for polynomials of degree 4.
+template <class Add>
+void integrate_fourth(const Polygon& p, Add&& add)
 {
   if (p.size() == 4)
   {
-    static const double offset = std::sqrt(1. / 12);
-    for (const double a : {0.5 - offset, 0.5 + offset})
-      for (const double b : {0.5 - offset, 0.5 + offset})
+    // Gauss' points on [0, 1] and their weights.
+    static const double offset = std::sqrt(3. / 20);
+    static const std::array<Vec2, 3> rule
+        = {{{0.5 - offset, 5. / 18}, {0.5, 4. / 9}, {0.5 + offset, 5. / 18}}};
+    for (const auto& [a, first] : rule)
+      for (const auto& [b, second] : rule)
       {
         Vec2 xi, d1, d2;
         for (std::size_t d = 0; d < 2; ++d)
@@ -148,32 +212,32 @@ void integrate(const Polygon& p, Add&& add)
           d1[d] = (1 - b) * (p[1][d] - p[0][d]) + b * (p[2][d] - p[3][d]);
           d2[d] = (1 - a) * (p[3][d] - p[0][d]) + a * (p[2][d] - p[1][d]);
         }
-        add(xi, std::abs(d1[0] * d2[1] - d1[1] * d2[0]) / 4);
+        add(xi, first * second * std::abs(d1[0] * d2[1] - d1[1] * d2[0]));
       }
     return;
   }
-  // From the mean of the vertices, so that it does not matter which is the
-  // first.
-  Vec2 mean = {};
-  for (const Vec2& vertex : p)
-    for (std::size_t d = 0; d < 2; ++d)
-      mean[d] += vertex[d] / static_cast<double>(p.size());
+  // Three points for each pair: weight, and the part of the other two corners
+  // (Dunavant 1985).
+  static constexpr std::array<Vec2, 2> rule
+      = {{{0.22338158967801147, 0.44594849091596489},
+          {0.10995174365532187, 0.091576213509770743}}};
   const auto add_triangle = [&](const std::array<Vec2, 3>& corner)
   {
-    const double weight = std::abs(area({corner[0], corner[1], corner[2]})) / 3;
-    for (std::size_t q = 0; q < 3; ++q)
-    {
-      Vec2 xi;
-      for (std::size_t d = 0; d < 2; ++d)
-        xi[d] = (corner[0][d] + corner[1][d] + corner[2][d] + 3 * corner[q][d])
-                / 6;
-      add(xi, weight);
-    }
+    const double whole = std::abs(area({corner[0], corner[1], corner[2]}));
+    for (const auto& [weight, other] : rule)
+      for (std::size_t q = 0; q < 3; ++q)
+      {
+        Vec2 xi;
+        for (std::size_t d = 0; d < 2; ++d)
+          xi[d] = other * (corner[0][d] + corner[1][d] + corner[2][d])
+                  + (1 - 3 * other) * corner[q][d];
+        add(xi, weight * whole);
+      }
   };
   if (p.size() == 3)
-    add_triangle({p[0], p[1], p[2]});
-  else
-    for (std::size_t i = 0; i < p.size(); ++i)
-      add_triangle({mean, p[i], p[(i + 1) % p.size()]});
+    return add_triangle({p[0], p[1], p[2]});
+  const Vec2 middle = moments(p).centroid;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    add_triangle({middle, p[i], p[(i + 1) % p.size()]});
 }
 } // namespace nts

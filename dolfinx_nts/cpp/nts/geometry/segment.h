@@ -21,6 +21,7 @@ using Edges = std::array<std::array<std::size_t, 2>, N>;
 /// along z, so that its second tangent is along z and as long as the edge.
 struct Line2
 {
+  using Linear = Line2;
   static constexpr std::size_t vertices = 2;
   static constexpr bool is_simplex = true;
   static constexpr Vec2 centre = {0.5, 0};
@@ -54,6 +55,7 @@ struct Line2
 /// @brief Linear triangle on (0,0), (1,0), (0,1).
 struct Tri3
 {
+  using Linear = Tri3;
   static constexpr std::size_t vertices = 3;
   static constexpr bool is_simplex = true;
   static constexpr Vec2 centre = {1. / 3, 1. / 3};
@@ -88,6 +90,7 @@ struct Tri3
 /// (1,1).
 struct Quad4
 {
+  using Linear = Quad4;
   static constexpr std::size_t vertices = 4;
   static constexpr bool is_simplex = false;
   static constexpr Vec2 centre = {0.5, 0.5};

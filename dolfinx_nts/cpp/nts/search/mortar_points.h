@@ -1,10 +1,13 @@
 #pragma once
 
+#include "nts/geometry/intervals.h"
 #include "nts/geometry/polygons.h"
 #include "nts/search/cached_tree.h"
 #include "nts/search/local_search.h"
 
+#include <iterator>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 /// @brief Contact points of surface-to-surface contact (mortar): quadrature
@@ -12,10 +15,12 @@
 /// the same segment.
 ///
 /// Segments are projected along the mean normal of a facet into its reference
-/// cell and clipped there, so that neighbours tile the facet without gaps.
-/// Weights are reference areas. The multipliers' shape functions are dual to
-/// the shape functions of the facet on the part of it that is covered (Cichosz
-/// and Bischoff 2011), and these themselves where a part is not.
+/// cell and clipped there, so that neighbours tile the facet without gaps; in
+/// the plane, edges are projected on edges.
+/// Weights are reference areas. Multipliers belong to the vertices. Their shape
+/// functions are dual to the linear ones of the facet on the part of it that is
+/// covered (Cichosz and Bischoff 2011), and these themselves where a part is
+/// not.
 namespace nts
 {
 /// @brief Numbers of the choice of contact points.
@@ -38,26 +43,36 @@ struct MortarPoints
   std::vector<std::int32_t> facet;   ///< number of the facet
   std::vector<std::int32_t> segment; ///< number of the segment
   std::vector<double> weight;        ///< reference area [m^2]
-  std::vector<double> phi;           ///< shape functions of the facet, (p, k)
+  std::vector<double> phi;           ///< shape functions of the facet, (p, n)
   std::vector<double> psi;           ///< those of the multipliers, (p, k)
 };
 
-/// @brief Chooses the contact points of facets.
-template <class S>
+/// @brief Positions of nodes at one end of a step, and of segments [m].
+struct Ends
+{
+  std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
+  std::span<const double> x_n;        ///< at t_n, the same
+  std::span<const double> segments_n; ///< at t_n, of vertices of segments
+};
+
+/// @brief Chooses the contact points of facets F with segments of degree 1.
+template <class F>
 class MortarSearch
 {
 public:
-  static constexpr std::size_t k = S::vertices;
+  using S = typename F::Linear;
+  static constexpr std::size_t k = S::vertices, n = F::vertices;
+  /// Part of a reference cell.
+  using Part = std::conditional_t<k == 2, Interval, Polygon>;
 
   /// @param[in] facets Facets of the nodes, like segments.
   /// @param[in] segments What they may touch.
-  /// @param[in] X Reference positions, (l, 3) [m].
-  /// @param[in] x_n Positions at t_n, (l, 3) [m].
+  /// @param[in] ends Other positions of both.
   /// @param[in] reach Distance up to which facets look for segments [m].
-  MortarSearch(const SegmentSurface<S>& facets,
-               const SegmentSurface<S>& segments, std::span<const double> X,
-               std::span<const double> x_n, double reach)
-      : _facets(facets), _segments(segments), _X(X), _x_n(x_n), _reach(reach)
+  MortarSearch(const SegmentSurface<F>& facets,
+               const SegmentSurface<S>& segments, const Ends& ends,
+               double reach)
+      : _facets(facets), _segments(segments), _ends(ends), _reach(reach)
   {
   }
 
@@ -65,7 +80,7 @@ public:
   /// @param[in] tree Over the segments where they are.
   MortarPoints find(const Tree& tree)
   {
-    for (std::size_t e = 0; e < _facets.vertices.size() / k; ++e)
+    for (std::size_t e = 0; e < _facets.vertices.size() / n; ++e)
       add_facet(static_cast<std::int32_t>(e), tree);
     return std::move(_points);
   }
@@ -75,7 +90,7 @@ private:
   struct Below
   {
     std::int32_t segment;
-    Polygon whole, part; // in the reference cell, before and after clipping
+    Part whole, part; // in the reference cell, before and after clipping
   };
 
   /// @brief A point in the reference cell of a facet.
@@ -86,28 +101,32 @@ private:
     std::int32_t segment;
   };
 
-  static Vec3 normal(const std::array<Vec3, k>& x, double orientation) noexcept
+  template <class T>
+  static Vec3 normal(const std::array<Vec3, T::vertices>& x,
+                     double orientation) noexcept
   {
-    const Matrix<2, k> d = S::dphi(S::centre);
-    const Vec3 n = cross(combine(d[0], x), combine(d[1], x));
-    return (orientation / norm(n)) * n;
+    const auto [first, second] = tangents<T>(x, T::centre);
+    const Vec3 across = cross(first, second);
+    return (orientation / norm(across)) * across;
   }
 
-  /// @brief Positions of the vertices of a facet or segment.
-  static std::array<Vec3, k> corners(const SegmentSurface<S>& surface,
-                                     std::size_t i, std::span<const double> x)
+  /// @brief Positions of the nodes of a facet or segment.
+  template <class T>
+  static std::array<Vec3, T::vertices> nodes(const SegmentSurface<T>& surface,
+                                             std::size_t i,
+                                             std::span<const double> x)
   {
-    SegmentSurface<S> there = surface;
+    SegmentSurface<T> there = surface;
     there.x = x;
     return there.segment(i);
   }
 
   /// @brief Gap of a point of a facet, NaN where it does not project.
   double gap(std::int32_t facet, const Vec2& xi, std::int32_t segment,
-             std::span<const double> x) const
+             std::span<const double> x, std::span<const double> y) const
   {
-    const Pair<S> pair = {combine(S::phi(xi), corners(_facets, facet, x)),
-                          corners(_segments, segment, x)};
+    const Pair<S> pair = {combine(F::phi(xi), nodes(_facets, facet, x)),
+                          nodes(_segments, segment, y)};
     const Projection<S> p = project(pair, _segments.orientation[segment]);
     return p.converged ? p.gap : NAN;
   }
@@ -120,8 +139,8 @@ private:
     double there = 0, before = 0;
     for (const Vec2& xi : below.part)
     {
-      there += gap(facet, xi, below.segment, _segments.x);
-      before += gap(facet, xi, below.segment, _x_n);
+      there += gap(facet, xi, below.segment, _facets.x, _segments.x);
+      before += gap(facet, xi, below.segment, _ends.x_n, _ends.segments_n);
     }
     return (std::isnan(there) || std::isnan(before))
                ? NAN
@@ -130,35 +149,46 @@ private:
 
   void add_facet(std::int32_t e, const Tree& tree)
   {
-    const std::array<Vec3, k> x = corners(_facets, e, _facets.x);
-    const Vec3 n = normal(x, _facets.orientation[e]);
+    const std::array<Vec3, n> x = nodes(_facets, e, _facets.x);
+    const Vec3 up = normal<F>(x, _facets.orientation[e]);
     Vec3 centre = {};
-    for (const Vec3& vertex : x)
-      centre += (1. / k) * vertex;
+    for (const Vec3& node : x)
+      centre += (1. / n) * node;
     double radius = 0;
-    for (const Vec3& vertex : x)
-      radius = std::max(radius, norm(vertex - centre));
+    for (const Vec3& node : x)
+      radius = std::max(radius, norm(node - centre));
     const Vec3 edge = x[1] - x[0];
-    const Vec3 along = edge - dot(edge, n) * n;
+    const Vec3 along = edge - dot(edge, up) * up;
     const std::array<Vec3, 2> axes
-        = {(1 / norm(along)) * along, cross(n, (1 / norm(along)) * along)};
+        = {(1 / norm(along)) * along, cross(up, (1 / norm(along)) * along)};
     const auto flat = [&](const Vec3& point) -> Vec2
     { return {dot(point - centre, axes[0]), dot(point - centre, axes[1])}; };
-    std::array<Vec2, k> c;
-    for (std::size_t i = 0; i < k; ++i)
+    std::array<Vec2, n> c;
+    for (std::size_t i = 0; i < n; ++i)
       c[i] = flat(x[i]);
 
     std::vector<Below> found;
     double nearest = INFINITY, covered = 0;
     const auto visit = [&](std::int32_t s)
     {
-      const std::array<Vec3, k> y = corners(_segments, s, _segments.x);
-      if (!(dot(normal(y, _segments.orientation[s]), n) < MortarRule::facing))
+      const std::array<Vec3, k> y = nodes(_segments, s, _segments.x);
+      if (!(dot(normal<S>(y, _segments.orientation[s]), up)
+            < MortarRule::facing))
         return radius + _reach;
       Below below = {s, {}, {}};
-      for (const std::size_t i : around<S>())
-        below.whole.push_back(pulled_back<S>(flat(y[i]), c));
-      below.part = clipped<S>(below.whole);
+      const auto corner
+          = [&](std::size_t i) { return pulled_back<F>(flat(y[i]), c); };
+      if constexpr (k == 2)
+      {
+        below.whole = {corner(0), corner(1)};
+        below.part = clipped(below.whole);
+      }
+      else
+      {
+        for (const std::size_t i : around<S>())
+          below.whole.push_back(corner(i));
+        below.part = clipped<S>(below.whole);
+      }
       const double size = std::abs(area(below.part));
       if (size < MortarRule::least_area)
         return radius + _reach;
@@ -183,11 +213,22 @@ private:
     std::vector<Point> points;
     if (covered <= (1 + MortarRule::overlap) * cell)
       for (const Below& below : found)
-        integrate(below.part, [&](const Vec2& xi, double weight)
-                  { points.push_back({xi, weight, below.segment}); });
+        add_rule(below.part, [&](const Vec2& xi, double weight)
+                 { points.push_back({xi, weight, below.segment}); });
     else
       covered = pair_nearest(e, found, points);
     add_points(e, points, covered >= MortarRule::whole * cell);
+  }
+
+  /// @brief Call add(xi, weight) for points by which shape functions are
+  /// integrated exactly.
+  template <class Add>
+  static void add_rule(const Part& part, Add&& add)
+  {
+    if constexpr (n == 9)
+      integrate_fourth(part, add);
+    else
+      integrate<S>(part, add);
   }
 
   /// @brief Pair points of a facet with the nearest segment each; returns the
@@ -203,7 +244,8 @@ private:
       double least = INFINITY;
       for (const Below& below : found)
       {
-        const double g = std::abs(gap(e, xi, below.segment, _segments.x));
+        const double g
+            = std::abs(gap(e, xi, below.segment, _facets.x, _segments.x));
         if (holds(below.whole, xi) && g < least)
         {
           least = g;
@@ -216,15 +258,21 @@ private:
       points.push_back(point);
     };
     constexpr double h = 1. / parts;
+    if constexpr (k == 2)
+    {
+      for (int i = 0; i < parts; ++i)
+        add({(i + 0.5) * h, 0}, h);
+      return covered;
+    }
     for (int i = 0; i < parts; ++i)
       for (int j = 0; j < (k == 3 ? parts - i : parts); ++j)
       {
         const double a = i * h, b = j * h;
         if constexpr (k == 3)
         {
-          integrate({{a, b}, {a + h, b}, {a, b + h}}, add);
+          add_rule({{a, b}, {a + h, b}, {a, b + h}}, add);
           if (i + j + 1 < parts)
-            integrate({{a + h, b}, {a + h, b + h}, {a, b + h}}, add);
+            add_rule({{a + h, b}, {a + h, b + h}, {a, b + h}}, add);
         }
         else
           add({a + h / 2, b + h / 2}, h * h);
@@ -236,47 +284,46 @@ private:
   void add_points(std::int32_t e, const std::vector<Point>& points,
                   bool is_whole)
   {
-    const std::array<Vec3, k> X = corners(_facets, e, _X);
-    std::vector<std::array<double, k>> phi;
+    const std::array<Vec3, n> X = nodes(_facets, e, _ends.X);
+    std::vector<std::array<double, k>> linear;
     std::vector<double> weight;
     Matrix<k, k> M = {}, D = {};
     for (const Point& point : points)
     {
-      const Matrix<2, k> d = S::dphi(point.xi);
-      weight.push_back(point.weight
-                       * norm(cross(combine(d[0], X), combine(d[1], X))));
-      phi.push_back(S::phi(point.xi));
+      weight.push_back(point.weight * area_ratio<F>(X, point.xi));
+      linear.push_back(S::phi(point.xi));
       for (std::size_t a = 0; a < k; ++a)
       {
         for (std::size_t b = 0; b < k; ++b)
-          M[a][b] += weight.back() * phi.back()[a] * phi.back()[b];
-        D[a][a] += weight.back() * phi.back()[a];
+          M[a][b] += weight.back() * linear.back()[a] * linear.back()[b];
+        D[a][a] += weight.back() * linear.back()[a];
       }
     }
-    // psi = D M^-1 phi, with the transpose in D.
+    // psi = D M^-1 N with the linear functions N, and the transpose in D.
     const bool is_dual = is_whole && solve(M, D);
     for (std::size_t q = 0; q < points.size(); ++q)
     {
       _points.facet.push_back(e);
       _points.segment.push_back(points[q].segment);
       _points.weight.push_back(weight[q]);
+      std::ranges::copy(F::phi(points[q].xi), std::back_inserter(_points.phi));
       for (std::size_t a = 0; a < k; ++a)
       {
-        double psi = phi[q][a];
+        double psi = linear[q][a];
         if (is_dual)
         {
           psi = 0;
           for (std::size_t b = 0; b < k; ++b)
-            psi += D[b][a] * phi[q][b];
+            psi += D[b][a] * linear[q][b];
         }
-        _points.phi.push_back(phi[q][a]);
         _points.psi.push_back(psi);
       }
     }
   }
 
-  SegmentSurface<S> _facets, _segments;
-  std::span<const double> _X, _x_n;
+  SegmentSurface<F> _facets;
+  SegmentSurface<S> _segments;
+  Ends _ends;
   double _reach;
   MortarPoints _points;
 };

@@ -1,0 +1,58 @@
+"""Facets of degree 2 as mortar contact sees them: nodes, segments of the same mean, hats."""
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import pytest
+
+from dolfinx_nts import compat
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.whole_facets import Hats, equal_mean_weights, whole_facets
+
+pytestmark = pytest.mark.serial
+
+cells = pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+
+
+@cells
+def test_nodes_of_a_facet_are_found_by_its_segments(cell):
+    element = Element(cell, 2)
+    numbers = np.random.default_rng(2).permutation(100)[: len(element.points)].astype(np.int32)
+    segments = numbers[element.pieces]
+    assert (whole_facets(segments, 2) == numbers).all()
+    assert whole_facets(segments, 1) is segments
+
+
+@cells
+def test_segments_have_the_mean_of_their_facet(cell, rng):
+    element = Element(cell, 2)
+    points, weights = basix.make_quadrature(basix.CellType[cell], 4)
+    phi = element.basix.tabulate(0, points)[0, :, :, 0]
+    field = rng.normal(size=len(element.points))
+    wholes = whole_facets(element.pieces, 2)
+    at_vertices = np.einsum("skn,sn->sk", equal_mean_weights(element.pieces, wholes), field[wholes])
+    # Four segments of the same area, in each the mean of linear functions.
+    assert at_vertices.mean() == pytest.approx(weights @ phi @ field / weights.sum(), rel=1e-12)
+    linear = element.points @ [0.3, -0.7] + 0.2
+    at_vertices = np.einsum(
+        "skn,sn->sk", equal_mean_weights(element.pieces, wholes), linear[wholes]
+    )
+    np.testing.assert_allclose(at_vertices, linear[element.pieces], atol=1e-14)
+
+
+@cells
+def test_hats_are_linear_on_facets_and_forces_do_the_same_work_on_them(cell, rng):
+    element, none = Element(cell, 2), np.empty(0, dtype=np.int64)
+    n, k = len(element.points), len(element.basix.entity_closure_dofs[0])
+    index_map = compat.index_map(MPI.COMM_SELF, n, none, none.astype(np.int32))
+    hats = Hats(NodalScatter(index_map, is_local=True), np.arange(n, dtype=np.int32)[None], k)
+    values = np.zeros((n, 3))
+    values[:k] = element.points[:k] @ rng.normal(size=(2, 3)) + 0.4
+    field, forces = hats.spread(values), rng.normal(size=(n, 3))
+    middle = np.linalg.lstsq(np.c_[element.points, np.ones(n)], field, rcond=None)[1]
+    assert np.abs(middle).max(initial=0.0) <= 1e-20
+    gathered = hats.gather(forces)
+    assert not gathered[k:].any()
+    assert np.vdot(gathered, values) == pytest.approx(np.vdot(forces, field), rel=1e-12)
