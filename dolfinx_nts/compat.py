@@ -4,11 +4,14 @@ Features are detected, versions are never compared. A comment in each function s
 what changed, in which release, and when the function can be simplified.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
 from mpi4py import MPI
 
+import basix.ufl
 import cffi
 import numpy as np
 from dolfinx.common import IndexMap
@@ -44,6 +47,7 @@ __all__ = [
     "index_map",
     "kernel",
     "model_to_mesh",
+    "remembered_cells",
     "shared",
     "vtx_writer",
 ]
@@ -139,6 +143,32 @@ def model_to_mesh(
         none = np.empty(0, dtype=np.int32)
         facets = meshtags(mesh, mesh.topology.dim - 1, none, none)
     return mesh, cells, facets
+
+
+@contextmanager
+def remembered_cells() -> Iterator[None]:
+    """Context in which elements give the same UFL cell each time, instead of a new one. Local.
+
+    FFCx asks thousands of times, and a third of its time went into making cells, which do not
+    change.
+    """
+    # Releases up to 0.11 make new ones. The class of all elements has no public name.
+    element = getattr(basix.ufl, "_ElementBase", None)
+    if element is None:
+        yield
+        return
+    given, cells = element.cell, {}
+
+    def cell(self: Any) -> Any:
+        if self.cell_type not in cells:
+            cells[self.cell_type] = given.fget(self)
+        return cells[self.cell_type]
+
+    element.cell = property(cell)
+    try:
+        yield
+    finally:
+        element.cell = given
 
 
 def vtx_writer() -> Any:

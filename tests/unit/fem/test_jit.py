@@ -3,17 +3,27 @@
 import platform
 import re
 import subprocess
+from pathlib import Path
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import GhostMode, create_unit_cube
+from ffcx.compiler import compile_ufl_objects
+from ffcx.options import get_options
 
 import dolfinx_nts as nts
-from dolfinx_nts.fem.jit import assembled, compile_expression, compile_form
+from dolfinx_nts import compat
+from dolfinx_nts.fem.jit import (
+    assembled,
+    compile_bilinear_form,
+    compile_expression,
+    compile_form,
+)
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
@@ -95,3 +105,37 @@ def test_kernels_with_logarithms_call_vector_functions(comm):
         ["nm", "--dynamic", form.module.__file__], capture_output=True, text=True, check=True
     )
     assert re.search(r"_ZGV[bcde]N\d+v_log", symbols.stdout)
+
+
+@pytest.mark.serial
+def test_ffcx_makes_few_cells_and_writes_the_same_kernels(comm, monkeypatch):
+    """It asks elements for their cell thousands of times, and gets a new one each time."""
+    _, form = weight(comm, GhostMode.none)
+    made = []
+    new = ufl.Cell.__init__
+    monkeypatch.setattr(ufl.Cell, "__init__", lambda *given: (made.append(given), new(*given))[1])
+
+    def written():
+        made.clear()
+        return compile_ufl_objects([form], get_options(), "weight"), len(made)
+
+    (expected, many), given = written(), basix.ufl._ElementBase.cell
+    with compat.remembered_cells():
+        text, few = written()
+    assert text == expected
+    assert few < many / 10
+    assert basix.ufl._ElementBase.cell is given
+
+
+@pytest.mark.serial
+def test_matrices_are_soon_compiled(comm):
+    """With GCC's higher levels of optimisation kernels take five times as long to compile."""
+    body, _ = weight(comm, GhostMode.none)
+    u, v = ufl.TrialFunction(body.V), ufl.TestFunction(body.V)
+    form = compile_bilinear_form(bulk_form([body], lambda *_: ufl.inner(u, v)))
+    module = Path(form.module.__file__)
+    log = module.with_name(module.name.split(".")[0] + ".c.cached").read_text()
+    (command,) = (line.split() for line in log.splitlines() if " -c " in line)
+    assert [flag for flag in command if re.fullmatch("-O.", flag)][-1] == "-O1"
+    assert [flag for flag in command if re.fullmatch("-g.?", flag)][-1] == "-g0"
+    assert "-ftree-vectorize" in command
