@@ -117,7 +117,7 @@ def test_ffcx_makes_few_cells_and_writes_the_same_kernels(comm, monkeypatch):
 
     def written():
         made.clear()
-        return compile_ufl_objects([form], get_options(), "weight"), len(made)
+        return compile_ufl_objects([form], get_options(), prefix="weight"), len(made)
 
     (expected, many), given = written(), basix.ufl._ElementBase.cell
     with compat.remembered_cells():
