@@ -19,7 +19,7 @@ __all__ = [
     "compile_bilinear_form",
     "compile_expression",
     "compile_form",
-    "describe_form",
+    "compile_quickly",
 ]
 
 # GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels a fifth
@@ -71,8 +71,8 @@ def _compiler(options: dict[str, Any]) -> Callable[[ufl.Form], fem.Form]:
 _FAST = _options(*OPTIMISED, *_UNROLLED)
 compile_form = _compiler(_FAST)
 compile_bilinear_form = _compiler(_options(*OPTIMISED, *_SOON))
-# Soon compiled, with slow kernels: for what else a compiled form knows.
-describe_form = _compiler(_options("-O0"))
+# With slow kernels: for forms that are assembled once, and for what else a compiled form knows.
+compile_quickly = _compiler(_options("-O0"))
 
 
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:

@@ -22,7 +22,7 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.fem.jit import assembled
+from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
@@ -219,7 +219,8 @@ class Surface(Declaration):
         It is the integral of the node's shape function. Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        area: Floats = assembled(fem.form(eta[0] * self.measure())).reshape(-1, dimension(self.V))
+        form = compile_quickly(eta[0] * self.measure())
+        area: Floats = assembled(form).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
         return area
 

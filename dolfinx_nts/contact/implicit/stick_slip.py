@@ -126,6 +126,7 @@ class StickSlip(Friction):
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
+        self._has_spring = state.pair.has_slip_spring
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._pivoting = BlockPivoting(comm)
         self._rounding = ROUNDING * stiffness * state.pair.segment_size
@@ -152,7 +153,7 @@ class StickSlip(Friction):
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
-        flags: Flags = active & ~self.sliding[node] & (not self._state.pair.has_slip_spring)
+        flags: Flags = active & ~self.sliding[node] & (not self._has_spring)
         return flags
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
@@ -228,7 +229,7 @@ class StickSlip(Friction):
         """Tractions that do not scale with the pressing force, shape ``(m, 2)`` [N]."""
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
-        if not self._state.pair.has_slip_spring:
+        if not self._has_spring:
             turned = pairs.slip.value - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed

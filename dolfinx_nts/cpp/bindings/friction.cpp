@@ -59,10 +59,9 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
     Matrix<3, 3> own;
     for (std::size_t a = 0; a < 3; ++a)
       std::copy_n(columns.data() + (3 * i + a) * d, 3, own[a].begin());
-    const Vec3 result
-        = balance(vector(view(normal), i), vector(view(force), i), own,
-                  static_cast<std::size_t>(rank.data()[i]), pair(known, i),
-                  pair(direction, i));
+    const Vec3 result = balance(vector(view(normal), i), vector(view(force), i),
+                                own, static_cast<std::size_t>(rank.data()[i]),
+                                pair(known, i), pair(direction, i));
     store(result, view(multipliers), i);
   }
   return multipliers;

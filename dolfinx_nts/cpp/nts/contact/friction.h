@@ -8,8 +8,8 @@ namespace nts
 /// @brief Linear model of a traction, t = fixed + p direction + stiffness dg.
 struct TractionModel
 {
-  Vec2 fixed = {};            ///< what does not scale with p [N]
-  Vec2 direction = {};        ///< factor of the pressing force p [-]
+  Vec2 fixed = {};             ///< what does not scale with p [N]
+  Vec2 direction = {};         ///< factor of the pressing force p [-]
   Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
 };
 
@@ -33,8 +33,8 @@ inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
   // small.
   constexpr double stiffest = 1e4;
   const double limit = mu * std::max(p, 0.);
-  const bool turns = slides && limit > 0
-                     && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
+  const bool turns
+      = slides && limit > 0 && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
   const Vec2 trial
       = turns ? Vec2{t[0] + c * slip[0], t[1] + c * slip[1]} : heading;
   double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
