@@ -62,7 +62,7 @@ def _compiler(options: dict[str, Any]) -> Callable[[ufl.Form], fem.Form]:
     """Compiler of forms. Collective, as is what it returns."""
 
     def compiled(form: ufl.Form) -> fem.Form:
-        with compat.remembered_cells():
+        with compat.quicker_ffcx():
             return fem.form(form, jit_options=options)
 
     return compiled
@@ -89,7 +89,7 @@ def compile_expression(expression: Any, points: Floats) -> fem.Expression:
         The compiled expression.
     """
     plain = map_expr_dag(_WithoutVariables(), expand_derivatives(expression))
-    with compat.remembered_cells():
+    with compat.quicker_ffcx():
         return fem.Expression(plain, points, jit_options=_FAST)
 
 
