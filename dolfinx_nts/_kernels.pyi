@@ -33,7 +33,23 @@ def slip(
 def convective_slip(
     x_pair_n: _Floats, x_pair: _Floats, orientation: _Floats
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
-def balance(normal: _Floats, force: _Floats, columns: _Floats) -> _Floats: ...
+def balance(
+    normal: _Floats,
+    force: _Floats,
+    columns: _Floats,
+    rank: _Ints,
+    known: _Floats,
+    direction: _Floats,
+) -> _Floats: ...
+def exact_friction(
+    mu: float,
+    t: _Floats,
+    slip: _Floats,
+    p: _Floats,
+    c: _Floats,
+    heading: _Floats,
+    sliding: npt.NDArray[np.bool_],
+) -> tuple[_Floats, _Floats, _Floats]: ...
 def close_gaps(
     nodes: _Ints,
     moves: npt.NDArray[np.bool_],

@@ -8,12 +8,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from functools import cached_property
 from pathlib import Path
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import pytest
 
@@ -21,13 +19,6 @@ from helpers import traps, verified
 
 # Seconds that a rank on which a test failed waits for the others.
 _PATIENCE = 30.0
-
-
-# Elements build their cell, a hexahedron with its 143 parts, whenever UFL asks: a
-# third of the time in which a stepper is made. Cells never change.
-_cell = cached_property(basix.ufl._ElementBase.cell.fget)
-_cell.__set_name__(basix.ufl._ElementBase, "cell")
-basix.ufl._ElementBase.cell = _cell
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

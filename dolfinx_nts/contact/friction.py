@@ -11,15 +11,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arguments import as_call, nonnegative, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["Coulomb", "TractionModel", "slip_energy", "transport"]
 
-# Bound on the stiffness against a change of the direction of slip, relative to the weight [-]:
-# a tighter one would slow Newton's method where slip is small.
-_STIFFEST_DIRECTION = 1e4
 # Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0
 # where a normal is reversed, and there no rotation is the smallest.
 _REVERSED = 1e-12
@@ -143,18 +141,7 @@ class Coulomb(Declaration):
             heading: Direction of the traction, of any length, shape ``(m, 2)``.
             sliding: Whether the node slides now, shape ``(m,)``.
         """
-        limit = self.mu * np.maximum(p, 0.0)
-        turns = sliding & (limit > 0) & (np.einsum("mi,mi->m", heading, slip) >= 0)
-        size, s, across = _polar(np.where(turns[:, None], t + c[:, None] * slip, heading))
-        ratio = np.minimum(limit / np.where(size > 0, size, 1.0), 1.0)
-        stiffest = np.full_like(ratio, _STIFFEST_DIRECTION)
-        turn = np.divide(ratio, 1.0 - ratio, out=stiffest, where=ratio != 1.0)
-        turn = np.where(turns, np.minimum(turn, _STIFFEST_DIRECTION), 0.0)
-        return TractionModel(
-            explicit=-turn[:, None] * np.einsum("mij,mj->mi", across, t),
-            direction=np.where(sliding[:, None], self.mu * s, 0.0),
-            stiffness=(turn * c)[:, None, None] * across,
-        )
+        return TractionModel(*_kernels.exact_friction(self.mu, t, slip, p, c, heading, sliding))
 
 
 def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floats) -> Floats:

@@ -20,7 +20,7 @@ from dolfinx_nts.fem.components import (
     nodal,
     resultants,
 )
-from dolfinx_nts.fem.jit import assembled, compile_form
+from dolfinx_nts.fem.jit import assembled, compile_form, compile_quickly
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -86,7 +86,7 @@ class BodyDiagnostics:
         def of(body: Body) -> Floats:
             eta = ufl.TestFunction(body.V)
             form = bulk_form([body], lambda material, parameters, rho: rho * eta[0])
-            masses: Floats = assembled(compile_form(form)).reshape(-1, dimension(body.V))
+            masses: Floats = assembled(compile_quickly(form)).reshape(-1, dimension(body.V))
             return self._stepper.carried(masses)[:, 0]
 
         return {body: of(body) for body in self._stepper.bodies}

@@ -18,7 +18,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.batched_kernels import batched_kernels, begin_batched_kernels
 from dolfinx_nts.fem.cell_constant import changing
-from dolfinx_nts.fem.jit import compile_form, describe_form
+from dolfinx_nts.fem.jit import compile_form, compile_quickly
 
 __all__ = ["CellForm", "Kernels", "PackedForm"]
 
@@ -106,7 +106,7 @@ class CellForm:
 
     def __init__(self, form: ufl.Form, kernels: Kernels = "double") -> None:
         """Compile what tells of the form, and let a compiler begin on its kernels."""
-        self._described = describe_form(form)
+        self._described = compile_quickly(form)
         if kernels != "slow":
             begin_batched_kernels(self._described, is_single=kernels == "single")
         self._loop_of = partial(_CellLoop, form, kernels, self._described)

@@ -5,6 +5,7 @@ pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of the point fi
 obstacle has no vertices, so that d = 3.
 """
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +52,6 @@ class Slip:
 
     Attributes:
         value, force, gradient, frame_n, frame: The arguments.
-        normal_n, normal: Outward unit normals of both frames, ``(m, 3)``.
     """
 
     def __init__(
@@ -64,10 +64,21 @@ class Slip:
         frame: Floats,
         orientation: Floats,
     ) -> None:
-        """Compute the normals of the frames."""
+        """Take the arrays."""
         self.value, self.force, self.gradient, self._second = value, force, gradient, second
         self.frame_n, self.frame = frame_n, frame
-        self.normal_n, self.normal = (_normal(each, orientation) for each in (frame_n, frame))
+        self._orientation = orientation
+
+    # Few evaluations need the normals, which take longer than all that the kernel does.
+    @cached_property
+    def normal_n(self) -> Floats:
+        """Outward unit normals of the frames at t_n, shape ``(m, 3)``."""
+        return _normal(self.frame_n, self._orientation)
+
+    @cached_property
+    def normal(self) -> Floats:
+        """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``."""
+        return _normal(self.frame, self._orientation)
 
     def work(self, t: Floats, dx: Floats) -> Floats:
         """Work of tractions in the step, shape ``(m,)`` [J].
@@ -82,10 +93,11 @@ class Slip:
     def hessian(self, t: Floats) -> Floats:
         """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
         w, b = self._second
-        outer = np.einsum("ma,mi,mib->mab", w, t, b)
-        blocks = outer + outer.transpose(0, 2, 1)
-        m, k, _ = blocks.shape
-        hessian: Floats = np.einsum("mab,ij->maibj", blocks, np.eye(3))
+        m, k = w.shape
+        outer = w[:, :, None] * (t[:, :1] * b[:, 0] + t[:, 1:] * b[:, 1])[:, None, :]
+        hessian: Floats = np.zeros((m, k, 3, k, 3))
+        for i in range(3):
+            np.add(outer, outer.transpose(0, 2, 1), out=hessian[:, :, i, :, i])
         return hessian.reshape(m, 3 * k, 3 * k)
 
 

@@ -23,7 +23,7 @@ from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.axisymmetry import is_on_axis, of_rings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.fem.jit import assembled
+from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
@@ -230,8 +230,8 @@ class Surface(Declaration):
         circumference. Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        form = of_rings(eta[0], self.V.mesh) * self.measure()
-        area: Floats = assembled(fem.form(form)).reshape(-1, dimension(self.V))
+        form = compile_quickly(of_rings(eta[0], self.V.mesh) * self.measure())
+        area: Floats = assembled(form).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
         return area
 

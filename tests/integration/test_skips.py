@@ -152,3 +152,36 @@ def test_without_friction_there_is_no_slip(comm, monkeypatch):
     scene = scenes.ball_plate(comm)
     monkeypatch.setattr("dolfinx_nts.search.segment_candidates.SegmentCandidates.slip", refuse)
     assert any(scene.stepper.advance().num_active for _ in range(8))
+
+
+def test_nodes_that_cannot_touch_are_looked_at_once_in_a_step(comm, monkeypatch):
+    scene, reference = ball_plate(comm, "elastic"), ball_plate(comm, "elastic")
+    for each in (scene, reference):
+        each.stepper.set_velocity(each.bodies["ball"], spinning)
+    calls, looks = [], []
+    for name in ("evaluate", "_kinematics"):
+        call = getattr(ContactStep, name)
+
+        def counted(self, *args, name=name, call=call):
+            calls.append((name, self.may_touch))
+            return call(self, *args)
+
+        monkeypatch.setattr(ContactStep, name, counted)
+    for _ in range(8):
+        calls.clear()
+        scene.stepper.advance()
+        (may_touch,) = {touches for _, touches in calls}
+        names = [name for name, _ in calls]
+        looks.append((may_touch, names.count("evaluate"), names.count("_kinematics")))
+    assert {may_touch for may_touch, *_ in looks} == {True, False}
+    assert all(n > 1 and m == (n if may_touch else 1) for may_touch, n, m in looks)
+    ignored = property(lambda _: None, lambda *_: None)
+    monkeypatch.setattr(ContactStep, "_idle", ignored, raising=False)
+    for _ in range(8):
+        reference.stepper.advance()
+    np.testing.assert_array_equal(scene.positions(), reference.positions())
+
+
+def spinning(X):
+    """Velocity of a ball that turns, so that a step takes several iterations."""
+    return np.stack([-3 * X[1], 1 + 3 * X[0], -1 + 0 * X[2]])

@@ -95,6 +95,8 @@ class ContactStep:
             else StickSlip(state, law, is_static, search, nodal_stiffness)
         )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
+        # What the first evaluation gave, where later ones cannot give anything else.
+        self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, False
         self._is_rigid = np.isin(state.nodes.nodes, rigid)
         self._pairs: PairKinematics  # those of the last evaluation
@@ -122,6 +124,8 @@ class ContactStep:
             The pairs that may transmit force.
         """
         x = self.x = self.candidates.scatter.forward(self.state.search.frame.at_end(x))
+        if self._idle is not None:
+            return self._idle
         self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
@@ -129,7 +133,10 @@ class ContactStep:
         self.num_active = reductions.total(self._comm, num_active)
         self.touched |= self.num_active > 0
         # Without a previous iteration the set of active pairs is new.
-        return self._contribution(pairs, changed if iteration else num_active)
+        contribution = self._contribution(pairs, changed if iteration else num_active)
+        if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
+            self._idle = contribution
+        return contribution
 
     def reproject(self) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
@@ -139,6 +146,7 @@ class ContactStep:
         moved, is_renewed = self.search.reproject(self.x, self.normal.nodes)
         if is_renewed:
             self.normal.renew()
+            self._idle = None
         return moved
 
     def close_gaps(self, x: Floats, u: Floats) -> None:

@@ -7,7 +7,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.given_up import GivenUp
 from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
-from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
+from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks, with_friction
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
@@ -162,18 +162,26 @@ class PointBlocks(PairBlocks):
         tangent *= free[:, :, None] * free[:, None, :]
         return force * self._free[self.dofs].reshape(force.shape)
 
-    def at_nodes(self, force: Floats) -> Floats:
-        """Sum up the forces of all pairs, see `PairBlocks.at_nodes`."""
-        total = np.zeros((self._scatter.index_map.size_local, 3))
-        self._scatter.add(total, self.dofs, force.reshape(*self.dofs.shape, 3))
-        return self.gathered(total)
-
     def gathered(self, force: Floats) -> Floats:
         """Sum up what forces do along what the nodes give up, see `PairBlocks.gathered`."""
         return self.given_up.gather(force)
 
-    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
+    def balance(
+        self,
+        normal: Floats,
+        force: Floats,
+        columns: Floats,
+        rank: Ints,
+        friction: tuple[Floats, Floats] | None,
+    ) -> Floats:
         """Solve for all multipliers at once, see `PairBlocks.balance`."""
+        if friction is not None:
+            known, direction = friction
+            tractions = np.einsum("mi,mid->md", known, columns[:, 1:])
+            total = np.zeros((self._scatter.index_map.size_local, 3))
+            self._scatter.add(total, self.dofs, tractions.reshape(*self.dofs.shape, 3))
+            force = force + self.gathered(total)
+            columns = with_friction(columns, direction)
         system = self.given_up.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["OwnBlocks", "PairBlocks"]
+__all__ = ["OwnBlocks", "PairBlocks", "with_friction"]
 
 
 class PairBlocks(ABC):
@@ -40,10 +40,6 @@ class PairBlocks(ABC):
         """
 
     @abstractmethod
-    def at_nodes(self, force: Floats) -> Floats:
-        """Sum of the forces of all pairs, ``(m, 3 d)``, at the nodes, ``(m, 3)``. Collective."""
-
-    @abstractmethod
     def gathered(self, force: Floats) -> Floats:
         """Forces that balance what pairs do along what their nodes give up. Collective.
 
@@ -56,7 +52,14 @@ class PairBlocks(ABC):
         """
 
     @abstractmethod
-    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
+    def balance(
+        self,
+        normal: Floats,
+        force: Floats,
+        columns: Floats,
+        rank: Ints,
+        friction: tuple[Floats, Floats] | None,
+    ) -> Floats:
         """Multipliers of pairs that balance forces at their nodes. Collective.
 
         Args:
@@ -64,6 +67,8 @@ class PairBlocks(ABC):
             force: What is to be balanced at the nodes, shape ``(m, 3)`` [N].
             columns: Force per multiplier, shape ``(m, 3, 3 d)``.
             rank: Number of multipliers, 0, 1 or all components of the space, ``(m,)``.
+            friction: Tractions that the multipliers balance too, shape ``(m, 2)`` [N], and
+                direction of those per pressing force, see `with_friction`; None without any.
 
         Returns:
             Shape ``(m, 3)`` [N]; others than these multipliers mean nothing.
@@ -124,22 +129,21 @@ class OwnBlocks(PairBlocks):
         tangent *= self._free[:, :, None] * self._free[:, None, :]
         return force * self._free
 
-    def at_nodes(self, force: Floats) -> Floats:
-        """Take the force of each pair itself, see `PairBlocks.at_nodes`."""
-        return force[:, :3]
-
     def gathered(self, force: Floats) -> Floats:
         """Take those at the nodes, see `PairBlocks.gathered`."""
         return force[self.dofs[:, 0]]
 
-    def balance(self, normal: Floats, force: Floats, columns: Floats, rank: Ints) -> Floats:
+    def balance(
+        self,
+        normal: Floats,
+        force: Floats,
+        columns: Floats,
+        rank: Ints,
+        friction: tuple[Floats, Floats] | None,
+    ) -> Floats:
         """Balance node by node, see `PairBlocks.balance`."""
-        multipliers = np.zeros((len(rank), 3))
-        multipliers[:, 0] = _kernels.balance(normal, force, columns)
-        whole, d = rank > 1, int(rank.max(initial=0))
-        A = columns[whole, :d, :d].transpose(0, 2, 1)
-        multipliers[whole, :d] = np.linalg.solve(A, -force[whole, :d, None])[:, :, 0]
-        return multipliers
+        tractions = np.zeros((2, len(rank), 2)) if friction is None else friction
+        return _kernels.balance(normal, force, columns, rank, *tractions)
 
     def close_gaps(
         self,
@@ -153,3 +157,13 @@ class OwnBlocks(PairBlocks):
         """Move node by node, see `PairBlocks.close_gaps`."""
         normal = normal[:, : u.shape[1]]
         _kernels.close_gaps(self.dofs[:, 0], held, gap, normal, gradients, farthest, u)
+
+
+def with_friction(columns: Floats, direction: Floats) -> Floats:
+    """Forces per multiplier, ``(m, 3, d)``, with the friction that scales with the normal one.
+
+    ``direction`` is that of the traction per pressing force, shape ``(m, 2)``.
+    """
+    mixed: Floats = columns.copy()
+    mixed[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
+    return mixed

@@ -11,6 +11,7 @@ from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, tr
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.pair_blocks import with_friction
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension
 
@@ -80,7 +81,7 @@ class Friction:
         shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], means nothing for other pairs.
         """
         rank = (active & ~pairs.fixed).astype(np.int32)
-        return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank)[:, 0]
+        return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, None)[:, 0]
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
         """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
@@ -125,6 +126,7 @@ class StickSlip(Friction):
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
+        self._has_spring = state.pair.has_slip_spring
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._pivoting = BlockPivoting(comm)
         self._rounding = ROUNDING * stiffness * state.pair.segment_size
@@ -156,7 +158,7 @@ class StickSlip(Friction):
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
-        flags: Flags = active & ~self.sliding[node] & (not self._state.pair.has_slip_spring)
+        flags: Flags = active & ~self.sliding[node] & (not self._has_spring)
         return flags
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
@@ -213,10 +215,9 @@ class StickSlip(Friction):
         node, known = pairs.node, self._known(pairs, active)
         stick = self.sticks(node, active) & ~pairs.fixed
         rank = np.where(stick, self._dim, active & ~pairs.fixed).astype(np.int32)
-        force = R + pairs.blocks.at_nodes(np.einsum("mi,mid->md", known, pairs.columns[:, 1:]))
         direction = self._model.direction[node]
-        columns = _with_friction(pairs.columns, direction)
-        multipliers = pairs.blocks.balance(pairs.normal, force, columns, rank)
+        friction = known, direction
+        multipliers = pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, friction)
         traction = np.where(
             stick[:, None], multipliers[:, 1:], known - multipliers[:, :1] * direction
         )
@@ -235,7 +236,7 @@ class StickSlip(Friction):
         """Tractions that do not scale with the pressing force, shape ``(m, 2)`` [N]."""
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
-        if not self._state.pair.has_slip_spring:
+        if not self._has_spring:
             turned = pairs.slip.value - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed
@@ -252,7 +253,7 @@ class StickSlip(Friction):
         slopes = np.zeros((len(node), 3, 3))
         slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
         direction = np.where(slides[:, None], self._model.direction[node], 0.0)
-        return _with_friction(pairs.columns, direction), slopes
+        return with_friction(pairs.columns, direction), slopes
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""
@@ -273,13 +274,3 @@ class StickSlip(Friction):
         energy = slip_energy(parts["traction"], state.eps_T)
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
-
-
-def _with_friction(columns: Floats, direction: Floats) -> Floats:
-    """Forces per multiplier, ``(m, 3, d)``, with the friction that scales with the normal one.
-
-    ``direction`` is that of the traction per pressing force, shape ``(m, 2)``.
-    """
-    mixed: Floats = columns.copy()
-    mixed[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
-    return mixed

@@ -4,27 +4,6 @@ namespace nts::bindings
 {
 namespace
 {
-auto balance_batch(const Doubles& normal, const Doubles& force,
-                   const Doubles& columns)
-{
-  check("columns", columns, {any, any, any});
-  const std::size_t m = columns.shape(0);
-  check("normal", normal, {m, any});
-  const std::size_t components = normal.shape(1);
-  check("force", force, {m, components});
-  if (columns.shape(1) == 0 || columns.shape(2) < components)
-    throw nb::value_error("columns: expected the node of each pair");
-  auto lambda = create<double>({m});
-  dispatch_components(components,
-                      [&]<std::size_t B>()
-                      {
-                        balance<B>(view(normal), view(force), view(columns),
-                                   columns.shape(1) * columns.shape(2),
-                                   view(lambda));
-                      });
-  return lambda;
-}
-
 void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
                       const Doubles& gap, const Doubles& normal,
                       const Doubles& gradients, double farthest, Out<double> x)
@@ -74,10 +53,6 @@ void elimination(nb::module_& m)
            "that this removes, (m, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
-  m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
-        nb::arg("columns"),
-        "lambda (m,) with n . (force + lambda F) = 0, 0 where n . F is small: "
-        "(m, B), (m, B), (m, c, d) of which F is [:, 0, :B], B = 2 or 3");
   m.def(
       "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
       nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),

@@ -13,6 +13,7 @@ void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
 void contact_schwarz(nanobind::module_& m);
+void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
 void springs(nanobind::module_& m);
@@ -31,6 +32,7 @@ NB_MODULE(_kernels, m)
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
   nts::bindings::contact_schwarz(m);
+  nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
   nts::bindings::mortar(m);
   nts::bindings::springs(m);

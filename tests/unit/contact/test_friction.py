@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts import _kernels
 from dolfinx_nts.contact.friction import transport
 from reference.bulk import rotation, taylor_order
 
@@ -173,3 +174,34 @@ def test_coefficient_that_is_no_coefficient_is_refused(mu):
 def test_spring_without_positive_stiffness_is_refused(eps_T):
     with pytest.raises(ValueError, match=rf"eps_T > 0, given {eps_T}"):
         nts.Coulomb(0.3, eps_T)
+
+
+@pytest.mark.parametrize("components", [2, 3])
+def test_multipliers_balance_forces_and_tractions_at_the_nodes(rng, components):
+    m = 9
+    normal, force = rng.normal(size=(2, m, 3))
+    columns, known, direction = (rng.normal(size=(m, *s)) for s in ((3, 12), (2,), (2,)))
+    columns[:, 0, :3] += 5 * normal
+    rank = np.resize([0, 1, components], m).astype(np.int32)
+    sticks = rank > 1
+    known[sticks] = direction[sticks] = 0
+    columns[0, 0, :3] = np.einsum("i,ij->j", direction[0], columns[0, 1:, :3])  # no response
+    multipliers = _kernels.balance(normal, force, columns, rank, known, direction)
+    pressing = -multipliers[:, :1]
+    traction = np.where(sticks[:, None], multipliers[:, 1:], known + pressing * direction)
+    own = columns[:, :, :3]
+    total = force + multipliers[:, :1] * own[:, 0]
+    total += np.einsum("mi,mij->mj", traction, own[:, 1:])
+    along = np.einsum("mi,mi->m", normal, total)
+    assert multipliers[0, 0] == 0 and abs(along[0]) > 1e-3
+    np.testing.assert_allclose(along[1:][~sticks[1:]], 0, atol=ROUNDING)
+    np.testing.assert_allclose(total[sticks, :components], 0, atol=ROUNDING)
+    assert np.all(multipliers[sticks, components:] == 0)
+
+
+def test_multipliers_of_singular_systems_are_no_numbers(rng):
+    normal, force = rng.normal(size=(2, 1, 3))
+    none, rank = np.zeros((2, 1, 2)), np.array([3], dtype=np.int32)
+    assert np.isnan(_kernels.balance(normal, force, np.ones((1, 3, 3)), rank, *none)).all()
+    with pytest.raises(ValueError, match="the node of each pair"):
+        _kernels.balance(normal, force, np.ones((1, 3, 2)), rank, *none)

@@ -17,7 +17,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem import batched_kernels as module
 from dolfinx_nts.fem.batched_kernels import batched_kernels
 from dolfinx_nts.fem.batched_source import batched_source
-from dolfinx_nts.fem.jit import compile_form, describe_form
+from dolfinx_nts.fem.jit import compile_form, compile_quickly
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
@@ -73,7 +73,7 @@ def test_functions_of_energies(comm):
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("hexahedron", 2)])
 def test_sums_over_tables_are_taken_direction_by_direction(comm, cell, degree):
     law = nts.SaintVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
-    source = batched_source(source_of(describe_form(virtual_work(comm, law, cell, degree))))
+    source = batched_source(source_of(compile_quickly(virtual_work(comm, law, cell, degree))))
     sums = re.findall(r"\+= .*\[iq\]\[i", source)
     # Nine derivatives of u, nine of the coordinates in the Jacobian.
     assert source.count("_at(iq);") == (18 if degree == 1 else 0)
@@ -87,7 +87,7 @@ def test_sums_over_tables_are_taken_direction_by_direction(comm, cell, degree):
 )
 def test_logarithms_are_vector_functions(comm, monkeypatch):
     # Without them a kernel takes half as long again.
-    form = describe_form(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0)))
+    form = compile_quickly(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0)))
     loaded = []
     monkeypatch.setattr(module.ctypes, "CDLL", _recording(module.ctypes.CDLL, loaded))
     batched_kernels(form)
@@ -135,7 +135,7 @@ def test_nobody_waits_for_the_compiler_before_the_form_is_assembled(comm, monkey
 
 @pytest.mark.serial
 def test_only_kernels_of_ffcx_without_branches_are_translated(comm):
-    source = source_of(describe_form(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))))
+    source = source_of(compile_quickly(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))))
     with pytest.raises(ValueError, match="expected kernels of FFCx"):
         batched_source("int main() { return 0; }")
     with pytest.raises(ValueError, match="expected kernels without branches"):

@@ -3,17 +3,29 @@
 import platform
 import re
 import subprocess
+from pathlib import Path
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import GhostMode, create_unit_cube
+from ffcx.compiler import compile_ufl_objects
+from ffcx.ir.analysis.valuenumbering import ValueNumberer
+from ffcx.options import get_options
+from ufl.core.expr import Expr
 
 import dolfinx_nts as nts
-from dolfinx_nts.fem.jit import assembled, compile_expression, compile_form
+from dolfinx_nts import compat
+from dolfinx_nts.fem.jit import (
+    assembled,
+    compile_bilinear_form,
+    compile_expression,
+    compile_form,
+)
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
@@ -95,3 +107,52 @@ def test_kernels_with_logarithms_call_vector_functions(comm):
         ["nm", "--dynamic", form.module.__file__], capture_output=True, text=True, check=True
     )
     assert re.search(r"_ZGV[bcde]N\d+v_log", symbols.stdout)
+
+
+@pytest.mark.serial
+def test_ffcx_makes_few_cells_and_comparisons_and_writes_the_same_kernels(comm, monkeypatch):
+    """It asks elements for a cell thousands of times, and compares expressions with all others."""
+    body, _ = weight(comm, GhostMode.none)
+    form = bulk_form([body], lambda material, parameters, rho: energy(body, material, parameters))
+    calls = []
+    for owner, name in ((ufl.Cell, "__init__"), (Expr, "__eq__")):
+        call = getattr(owner, name)
+
+        def counted(*given, name=name, call=call):
+            calls.append(name)
+            return call(*given)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    def written():
+        calls.clear()
+        text = compile_ufl_objects([form], get_options(), prefix="energy")
+        return text, np.array([calls.count(name) for name in ("__init__", "__eq__")])
+
+    methods = basix.ufl._ElementBase.cell, ValueNumberer.get_node_symbols
+    expected, many = written()
+    with compat.quicker_ffcx():
+        text, few = written()
+    assert text == expected
+    assert np.all(few < many / 4)
+    assert methods == (basix.ufl._ElementBase.cell, ValueNumberer.get_node_symbols)
+
+
+def energy(body, material, parameters):
+    """Strain energy of a body at some displacement."""
+    F = ufl.Identity(3) + ufl.grad(fem.Function(body.V))
+    return material.psi(F.T * F, **parameters)
+
+
+@pytest.mark.serial
+def test_matrices_are_soon_compiled(comm):
+    """With GCC's higher levels of optimisation kernels take five times as long to compile."""
+    body, _ = weight(comm, GhostMode.none)
+    u, v = ufl.TrialFunction(body.V), ufl.TestFunction(body.V)
+    form = compile_bilinear_form(bulk_form([body], lambda *_: ufl.inner(u, v)))
+    module = Path(form.module.__file__)
+    log = module.with_name(module.name.split(".")[0] + ".c.cached").read_text()
+    (command,) = (line.split() for line in log.splitlines() if " -c " in line)
+    assert [flag for flag in command if re.fullmatch("-O.", flag)][-1] == "-O1"
+    assert [flag for flag in command if re.fullmatch("-g.?", flag)][-1] == "-g0"
+    assert "-ftree-vectorize" in command

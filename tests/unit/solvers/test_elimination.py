@@ -49,17 +49,6 @@ def test_act_adds_the_tangent_and_removes_multipliers(kind, rng):
     assert np.abs(E.T @ result.ravel()).max() < ROUNDING
 
 
-@pytest.mark.parametrize("c", [1, 3])
-def test_multipliers_balance_forces_along_the_normals(rng, c):
-    normal, force = rng.normal(size=(2, 6, 3))
-    columns = rng.normal(size=(6, c, 12))
-    columns[0, 0, :3] = np.cross(normal[0], force[0])  # nothing along the normal
-    lambda_N = _kernels.balance(normal, force, columns)
-    total = force + lambda_N[:, None] * columns[:, 0, :3]
-    assert lambda_N[0] == 0
-    np.testing.assert_allclose(np.einsum("mi,mi->m", normal, total)[1:], 0, atol=ROUNDING)
-
-
 def test_nodes_move_along_their_normals_to_zero_gap(rng):
     normal, gradients = rng.normal(size=(5, 3)), rng.normal(size=(5, 3, 12))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -75,11 +64,6 @@ def test_nodes_move_along_their_normals_to_zero_gap(rng):
     assert np.abs(np.cross(x[:2], normal[:2])).max() < ROUNDING
     # Held back, too far, without a gap; and all that are no contact nodes.
     np.testing.assert_array_equal(x[2:], 0)
-
-
-def test_columns_without_three_numbers_are_refused(rng):
-    with pytest.raises(ValueError, match="the node of each pair"):
-        _kernels.balance(*rng.normal(size=(2, 6, 3)), rng.normal(size=(6, 1, 2)))
 
 
 def test_wrong_lists_and_vectors_are_refused(rng):

@@ -69,20 +69,24 @@ private:
   std::size_t _size;
 };
 
-/// @brief Copy rows of D numbers into lanes.
+/// @brief Copy rows of D numbers into lanes: those of the k nodes of L cells.
 /// @param[in] x (l, D)
-/// @param[in] row Where they begin in x, (n, L).
-/// @param[out] out (n, D, L)
+/// @param[in] nodes Rows of x of the nodes of all cells, (c, k).
+/// @param[in] cells (L,)
+/// @param[out] out (k, D, L)
 template <std::size_t D, class T, std::size_t L>
-void gather_lanes(std::span<const T> x,
-                  std::span<const std::array<std::size_t, L>> rows, T* out)
+void gather_lanes(std::span<const T> x, std::span<const std::int32_t> nodes,
+                  std::size_t k, const std::array<std::size_t, L>& cells,
+                  T* out)
 {
-  for (const auto& row : rows)
+  for (std::size_t i = 0; i < k; ++i)
   {
+    std::array<const T*, L> row;
     for (std::size_t l = 0; l < L; ++l)
-      for (std::size_t i = 0; i < D; ++i)
-        out[i * L + l] = x[row[l] + i];
-    out += D * L;
+      row[l] = x.data() + D * static_cast<std::size_t>(nodes[k * cells[l] + i]);
+    for (std::size_t j = 0; j < D; ++j, out += L)
+      for (std::size_t l = 0; l < L; ++l)
+        out[l] = row[l][j];
   }
 }
 
@@ -125,7 +129,6 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
   std::vector<Converted<T>> values;
   for (const Gathered& function : functions)
     values.emplace_back(function.values);
-  std::vector<std::array<std::size_t, L>> vertices(v), nodes(k);
   for (std::size_t begin = 0; begin < cells.size(); begin += L)
   {
     const std::size_t many = std::min(L, cells.size() - begin);
@@ -133,29 +136,24 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
     std::array<std::size_t, L> batch;
     for (std::size_t l = 0; l < L; ++l)
       batch[l] = static_cast<std::size_t>(cells[begin + (l < many ? l : 0)]);
-    for (std::size_t l = 0; l < L; ++l)
-    {
-      for (std::size_t i = 0; i < v; ++i)
-        vertices[i][l]
-            = 3 * static_cast<std::size_t>(all_vertices[v * batch[l] + i]);
-      for (std::size_t i = 0; i < k; ++i)
-        nodes[i][l] = D * static_cast<std::size_t>(all_nodes[k * batch[l] + i]);
-    }
-    gather_lanes<3, T, L>(x, vertices, X.data());
+    gather_lanes<3, T, L>(x, all_vertices, v, batch, X.data());
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
     for (std::size_t i = 0; i < functions.size(); ++i)
-      gather_lanes<D, T, L>(values[i], nodes,
+      gather_lanes<D, T, L>(values[i], all_nodes, k, batch,
                             w.data() + functions[i].first * L);
     element.clear();
     for (const BatchKernel& kernel : kernels)
       kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)
-      for (std::size_t i = 0; i < k; ++i)
-        for (std::size_t j = 0; j < D; ++j)
-          b[nodes[i][l] + j] += element.data()[(D * i + j) * L + l];
+    {
+      const T* values_of_lane = element.data() + l;
+      for (const std::int32_t node : all_nodes.subspan(k * batch[l], k))
+        for (std::size_t j = 0; j < D; ++j, values_of_lane += L)
+          b[D * static_cast<std::size_t>(node) + j] += *values_of_lane;
+    }
   }
 }
 

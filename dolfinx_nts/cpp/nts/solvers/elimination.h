@@ -72,27 +72,6 @@ struct Elimination
   }
 };
 
-/// @brief Multipliers that balance forces at nodes along their normals:
-/// -n . force / n . F, 0 where F has no part along the normal.
-/// @param[in] normal Normals n, (m, B).
-/// @param[in] force What is to be balanced, (m, B).
-/// @param[in] columns Force per multiplier F, (m, stride): the first B.
-/// @param[out] lambda Multipliers, (m,).
-template <std::size_t B>
-void balance(std::span<const double> normal, std::span<const double> force,
-             std::span<const double> columns, std::size_t stride,
-             std::span<double> lambda) noexcept
-{
-  constexpr double least = 1e-3; // of the unit force per multiplier [-]
-  for (std::size_t i = 0; i < lambda.size(); ++i)
-  {
-    const double* n = normal.data() + B * i;
-    const double response = inner<B>(n, columns.data() + stride * i);
-    const bool responds = std::abs(response) > least;
-    lambda[i] = responds ? -inner<B>(n, force.data() + B * i) / response : 0;
-  }
-}
-
 /// @brief Move contact nodes along their normals, as far as closes their gaps
 /// to first order; those that would go farther than `farthest` stay.
 /// @param[in] nodes Contact nodes, (m,).

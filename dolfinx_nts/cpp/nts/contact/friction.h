@@ -1,0 +1,110 @@
+#pragma once
+
+#include "nts/geometry/small.h"
+
+/// @brief Coulomb friction of a node that sticks and slides without springs.
+namespace nts
+{
+/// @brief Linear model of a traction, t = fixed + p direction + stiffness dg.
+struct TractionModel
+{
+  Vec2 fixed = {};             ///< what does not scale with p [N]
+  Vec2 direction = {};         ///< factor of the pressing force p [-]
+  Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
+};
+
+/// @brief Model stick and slip for one semismooth Newton iteration.
+///
+/// The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 is linearised and
+/// solved for t where the node slides along the traction.
+/// @param[in] mu Coefficient of friction [-].
+/// @param[in] t Traction of the last iteration [N].
+/// @param[in] slip Slip g of the step [m].
+/// @param[in] p Pressing force [N].
+/// @param[in] c Weight of the slip [N/m].
+/// @param[in] heading Direction of the traction, of any length.
+/// @param[in] slides Whether the node slides now.
+inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
+                                    double p, double c, const Vec2& heading,
+                                    bool slides) noexcept
+{
+  // Bound on the stiffness against a change of the direction of slip, relative
+  // to the weight [-]: a tighter one would slow Newton's method where slip is
+  // small.
+  constexpr double stiffest = 1e4;
+  const double limit = mu * std::max(p, 0.);
+  const bool turns
+      = slides && limit > 0 && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
+  const Vec2 trial
+      = turns ? Vec2{t[0] + c * slip[0], t[1] + c * slip[1]} : heading;
+  double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
+  if (size == 0)
+    size = 1;
+  const Vec2 s = {trial[0] / size, trial[1] / size};
+  const Matrix<2, 2> across
+      = {{{1 - s[0] * s[0], -s[0] * s[1]}, {-s[1] * s[0], 1 - s[1] * s[1]}}};
+  double turn = 0;
+  if (turns)
+  {
+    const double ratio = std::min(limit / size, 1.);
+    turn = ratio == 1 ? stiffest : std::min(ratio / (1 - ratio), stiffest);
+  }
+  TractionModel model;
+  const Vec2 turned = across * t;
+  for (std::size_t i = 0; i < 2; ++i)
+  {
+    model.fixed[i] = -turn * turned[i];
+    model.direction[i] = slides ? mu * s[i] : 0;
+    for (std::size_t j = 0; j < 2; ++j)
+      model.stiffness[i][j] = turn * c * across[i][j];
+  }
+  return model;
+}
+
+/// @brief Multipliers of a node that balance the force on it: one along its
+/// normal, 0 where the force per multiplier has no part along it, or one for
+/// each component of the space.
+/// @param[in] normal Normal of the node.
+/// @param[in] force What is to be balanced [N].
+/// @param[in] columns Forces on the node per multiplier, rows.
+/// @param[in] rank Number of multipliers, 0, 1, 2 or 3; 0 as 1.
+/// @param[in] known Tractions that are balanced too [N].
+/// @param[in] direction Of the traction per pressing force, -multiplier [-].
+/// @return NaN where a system is singular [N].
+inline Vec3 balance(const Vec3& normal, Vec3 force, Matrix<3, 3> columns,
+                    std::size_t rank, const Vec2& known,
+                    const Vec2& direction) noexcept
+{
+  constexpr double least = 1e-3; // of the unit force per multiplier [-]
+  for (std::size_t i = 0; i < 2; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      force[j] += known[i] * columns[i + 1][j];
+      columns[0][j] -= direction[i] * columns[i + 1][j];
+    }
+  const auto all = [&]<std::size_t B>() -> Vec3
+  {
+    Matrix<B, B> A;
+    Matrix<B, 1> x;
+    for (std::size_t i = 0; i < B; ++i)
+    {
+      x[i][0] = -force[i];
+      for (std::size_t j = 0; j < B; ++j)
+        A[i][j] = columns[j][i];
+    }
+    if (!solve(A, x))
+      return {NAN, NAN, NAN};
+    Vec3 multipliers = {};
+    for (std::size_t i = 0; i < B; ++i)
+      multipliers[i] = x[i][0];
+    return multipliers;
+  };
+  if (rank == 2)
+    return all.template operator()<2>();
+  if (rank == 3)
+    return all.template operator()<3>();
+  const double response = dot(normal, columns[0]);
+  const bool responds = std::abs(response) > least;
+  return {responds ? -dot(normal, force) / response : 0, 0, 0};
+}
+} // namespace nts
