@@ -26,10 +26,12 @@ from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantK
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.guide import Guide
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.resultants import Force, Moment
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
@@ -55,14 +57,17 @@ __all__ = [
     "Diagnostics",
     "EnergyMomentum",
     "Fields",
+    "Force",
     "FormLoad",
     "GeneralizedAlpha",
     "Gravity",
+    "Guide",
     "Hyperelastic",
     "LagrangeMultiplier",
     "Load",
     "MeshData",
     "Midpoint",
+    "Moment",
     "MooneyRivlin",
     "Motion",
     "NeoHookean",

@@ -104,7 +104,9 @@ class ImplicitStepper(Stepper):
         else:
             self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
-        self._bulk.rigid = rigid_motion(bodies, self._rates, self._bulk.supports)
+        self._bulk.rigid = rigid_motion(
+            bodies, self._rates, self.scheme, self._bulk.supports
+        )
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -173,14 +175,21 @@ class ImplicitStepper(Stepper):
         self.watch.vertices.forget()
         self._last.load = np.inf
 
+    def _begin(self, t_n: float, t: float) -> None:
+        super()._begin(t_n, t)
+        self._bulk.rigid.lead(t_n, t)
+
+    def _turns(self) -> list[tuple[str, float]]:
+        return super()._turns() + self._bulk.rigid.turns()
+
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
         self._choose_springs()
         load = self._norm(self._load()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
-        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
+        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self._start(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
         force_scale = self._force_scale(load)
@@ -217,7 +226,7 @@ class ImplicitStepper(Stepper):
         if self._bulk.rigid.exists:
             u_n, trial = self.u_n.x.array, self.u.x
             du = self._owned(u - u_n)
-            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du)
+            self._owned(trial.array)[:] = self._bulk.rigid.started(self._owned(u_n), du)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n
@@ -249,10 +258,11 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether supports and obstacles stay, and the norm of the loads [N] is the last one."""
+        """Whether supports, guides and obstacles stay, and the norm of the loads [N] is the last one."""
         fixed, u = self.supports.fixed, self.u.x.array
         moves = any(contact.search.frame.moves for contact in self.contacts)
-        stays = not moves and np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        stays = stays and not (moves or self._bulk.rigid.leads)
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
@@ -410,8 +420,9 @@ class ImplicitStepper(Stepper):
     def _reactions(
         self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
     ) -> tuple[Reaction, ...]:
-        """Reactions of the supports in a step with increment du ``(3 n,)`` [m]. Collective."""
-        if not self.supports.exist:
+        """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m]."""
+        rigid = self._bulk.rigid
+        if not (self.supports.exist or rigid.exists):
             return ()
         fixed = self.supports.fixed
         # The residual of a state has no forces on given displacements; ``force`` has all.
@@ -421,4 +432,5 @@ class ImplicitStepper(Stepper):
         x = self.x
         if self.scheme.loads_at == "mean":
             x[:n] -= in_space(du.reshape(n, d)) / 2
-        return self.supports.reactions(force[fixed], x, du[fixed])
+        of_supports = self.supports.reactions(force[fixed], x, du[fixed])
+        return of_supports + rigid.reactions(force.reshape(n, d), x, du.reshape(n, d))

@@ -16,8 +16,10 @@ from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.rigid_motion import LinearFields, RigidMotion
+from dolfinx_nts.solvers.linear_fields import LinearFields
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["check_rigid_bodies", "rigid_motion"]
 
@@ -45,8 +47,8 @@ def check_rigid_bodies(
     names = ", ".join(body.name for body in rigid)
     if not scheme.moves_rigid_bodies:
         raise ValueError(
-            f"expected EnergyMomentum or Midpoint with rigid bodies ({names}), given {name}: there "
-            "a stiff material, or a moving obstacle, can take their place"
+            f"expected EnergyMomentum, Midpoint or QuasiStatic with rigid bodies ({names}), given "
+            f"{name}: there a stiff material, or a moving obstacle, can take their place"
         )
     for one, other in combinations(rigid, 2):
         common = np.intersect1d(one.nodes, other.nodes)
@@ -64,35 +66,51 @@ def check_rigid_bodies(
             )
 
 
-def rigid_motion(bodies: Sequence[Body], rates: Rates, supports: Supports) -> RigidMotion:
+def rigid_motion(
+    bodies: Sequence[Body], rates: Rates, scheme: Scheme, supports: Supports
+) -> RigidMotion:
     """Make the motion of the rigid bodies among some bodies. Collective.
 
     Args:
         bodies: All bodies of a stepper.
         rates: How velocities follow from displacements.
+        scheme: Tells where forces act.
         supports: Dirichlet conditions.
 
     Raises:
         ValueError: There are conditions on rigid bodies.
     """
     V = rates.u.function_space
-    rigid = [body for body in bodies if body.is_rigid]
-    fields = [LinearFields(body) for body in rigid]
+    rigid = [body for body in bodies if isinstance(body, RigidBody)]
+    fields, masses = [], []
     supported: Ints = np.unique(supports.fixed // dimension(V))
-    for body in fields:
+    for body in rigid:
         shared = len(np.intersect1d(supported, body.nodes))
         if count := reductions.total(V.mesh.comm, shared):
             raise ValueError(
                 f"expected bcs at nodes of deformable bodies, given {count} nodes of the rigid "
-                f"{body.body.name}, which moves freely: a moving obstacle follows a given motion"
+                f"{body.name}: RigidBody(guide=) holds and leads it"
             )
-    masses = [_mass(body, of_body) for body, of_body in zip(rigid, fields, strict=True)]
-    return RigidMotion(V, fields, masses, rates.inertia_share)
+        of_body = LinearFields(body, _given_point(body))
+        mass = _mass(of_body)
+        if body.guide is not None and body.guide.point is None:
+            of_body = LinearFields(body, of_body.point + mass[0, 1:] / mass[0, 0])
+            mass = _mass(of_body)
+        fields.append(of_body)
+        masses.append(mass)
+    part = 1.0 if scheme.loads_at == "end" else 0.5
+    return RigidMotion(V, fields, masses, rates.inertia_share, part)
 
 
-def _mass(body: Body, fields: LinearFields) -> Floats:
+def _given_point(body: RigidBody) -> Floats | None:
+    """Guided point of a body, if there is one, shape ``(d,)`` [m]."""
+    return None if body.guide is None else body.guide.point
+
+
+def _mass(fields: LinearFields) -> Floats:
     """Products of the linear fields over a body with its mass, ``(d + 1, d + 1)`` [kg]."""
     # The consistent mass, as the balance of momentum has it.
+    body = fields.body
     field = fem.Function(body.V)
     mass, values = ConsistentMass([body], field), nodal(field)
     products = np.zeros((len(fields.reference),) * 2)

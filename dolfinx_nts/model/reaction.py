@@ -1,12 +1,21 @@
 """Reactions of supports."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
-__all__ = ["Reaction"]
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import in_space, moments
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["Reaction", "summed"]
 
 
 class Reaction(NamedTuple):
-    """What a support did to bodies in a step, the same on all ranks.
+    """What a support, or the guide of a rigid body, did to bodies in a step, the same on all ranks.
 
     The force is the one of the scheme: its product with the increment of the displacement is
     the work of the support, and with loads and contact forces it is the rate of the momentum.
@@ -29,3 +38,27 @@ class Reaction(NamedTuple):
     force: tuple[float, ...]
     moment: tuple[float, ...]
     work: float
+
+
+def summed(
+    comm: MPI.Comm, parts: Iterable[tuple[Floats, Floats, Floats]]
+) -> tuple[Reaction, ...]:
+    """Sum the forces of some supports over their nodes. Collective.
+
+    Args:
+        comm: Communicator.
+        parts: For each support forces at owned nodes, shape ``(n, d)`` [N], positions,
+            ``(n, 3)``, and displacements in the step, ``(n, d)`` [m].
+
+    Returns:
+        The reaction of each support.
+    """
+    rows = []
+    for force, x, du in parts:
+        d = force.shape[1]
+        moment = moments(np.cross(x, in_space(force)), d).sum(axis=0)
+        rows.append(np.concatenate([force.sum(axis=0), moment, [np.vdot(force, du)]]))
+    if not rows:
+        return ()
+    totals = reductions.total(comm, np.array(rows)).tolist()
+    return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in totals)

@@ -118,10 +118,12 @@ def find_free_bodies(
     for some, frame in zip(nodes, frames, strict=True):
         motions[:, some] = _rigid_motions(x[some], *frame, dim == 2)[..., :dim]
     forces = np.array([bulk.action(motion) for motion in motions])
-    # Supports resist as nodes do.
+    # Supports and guides resist as nodes do.
     held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
+    if bulk.rigid.exists:
+        forces += [stiffness[:, None] * bulk.rigid.held(motion) for motion in motions]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)

@@ -193,7 +193,7 @@ class LinearSolver:
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, pairs)
-        if self._hopeless.skips():
+        if self._operator.bulk.rigid.has_no_inertia or self._hopeless.skips():
             return self._solve_direct(R, steps, pairs)
         preconditioner = self._preconditioner
         cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST

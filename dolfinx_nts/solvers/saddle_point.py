@@ -110,7 +110,7 @@ class SaddlePointSystem:
 
     def _with_rigid_bodies(self, A: Any, right: Floats) -> Floats:
         """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
-        held = self._tangent.shift * np.ones(self._rigid.dim)
+        held = self._tangent.held * np.ones(self._rigid.dim)
         system = reduced(A, self._rigid.columns(), held.ravel())
         b, forces = A.createVecLeft(), system.rows.createVecRight()
         b.array[:] = right

@@ -42,6 +42,7 @@ class Tangent:
         comm: Communicator of the mesh.
         shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
             the forms, shape ``(n, 1)``, or of all [N/m].
+        held: The same of nodes that `hold` holds.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -69,6 +70,7 @@ class Tangent:
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
+        self.held: Floats | float = 0.0
         self.num_assembled = 0
 
     @property
@@ -146,10 +148,10 @@ class Tangent:
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
-        self.shift = np.zeros_like(stiffness)
-        self.shift[nodes] = stiffness[nodes]
+        self.held = np.zeros_like(stiffness)
+        self.held[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = _NEARBY_SHIFT * self.shift[nodes]
+        holding: Floats = _NEARBY_SHIFT * self.held[nodes]
         return holding
 
     def forget(self) -> None:
@@ -176,8 +178,13 @@ class Tangent:
         return PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
-        """Matrix with the sparsity of a form. Collective."""
-        return fem.create_matrix(form)
+        """Matrix with the sparsity of a form, and all diagonals. Collective."""
+        pattern = fem.create_sparsity_pattern(form)
+        # Rigid bodies may have no form in statics.
+        nodes = self._u.function_space.dofmap.index_map
+        pattern.insert_diagonal(np.arange(nodes.size_local, dtype=np.int32))
+        pattern.finalize()
+        return la.matrix_csr(pattern)
 
     def _add_to(self, rows: BlockCSR) -> Floats | float:
         """Add to an assembled matrix what no form has; returns it for each node [N/m]. Local."""
@@ -192,7 +199,8 @@ class Tangent:
             _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
-        self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
+        shift = self.shift + self.held
+        self._rows.add_to_diagonal(shift if is_exact else _NEARBY_SHIFT * shift)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
