@@ -16,7 +16,7 @@ PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
-        "RigidBody",
+        *("RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
@@ -26,7 +26,9 @@ PARTS = {
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
         "Coulomb",
     ],
-    "Loads": ["Load", "BodyForce", "Gravity", "Traction", "Pressure", "FormLoad"],
+    "Loads": [
+        *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),
+    ],
     "Steps in time": [
         *("EnergyMomentum", "Midpoint", "GeneralizedAlpha", "CentralDifference", "QuasiStatic"),
         *("StepControl", "StepReport", "Reaction", "StepperStatistics", "ConvergenceError"),

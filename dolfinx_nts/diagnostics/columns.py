@@ -48,7 +48,7 @@ class RunColumns:
         self._diagnostics, self._own = diagnostics, dict(own or {})
         self._dim = dimension(diagnostics.stepper.u.function_space)
         stepper = diagnostics.stepper
-        guides = part_names("guide", (body.name for body in guided(stepper.bodies)))
+        guides = part_names("body", (body.name for body in guided(stepper.bodies)))
         of_bcs = (f"support_{i}" for i in range(1, len(stepper.supports) + 1))
         self._supports = [*of_bcs, *(f"guide_{name}" for name in guides)]
         self._loads = part_names("load", (load.name for load in stepper.loads))

@@ -104,9 +104,7 @@ class ImplicitStepper(Stepper):
         else:
             self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
-        self._bulk.rigid = rigid_motion(
-            bodies, self._rates, self.scheme, self._bulk.supports
-        )
+        self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -177,10 +175,10 @@ class ImplicitStepper(Stepper):
 
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
-        self._bulk.rigid.lead(t_n, t)
+        self._bulk.rigid.guides.lead(t_n, t)
 
     def _turns(self) -> list[tuple[str, float]]:
-        return super()._turns() + self._bulk.rigid.turns()
+        return super()._turns() + self._bulk.rigid.guides.turns()
 
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
@@ -226,7 +224,7 @@ class ImplicitStepper(Stepper):
         if self._bulk.rigid.exists:
             u_n, trial = self.u_n.x.array, self.u.x
             du = self._owned(u - u_n)
-            self._owned(trial.array)[:] = self._bulk.rigid.started(self._owned(u_n), du)
+            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, leads=True)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n
@@ -258,11 +256,11 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether supports, guides and obstacles stay, and the norm of the loads [N] is the last one."""
+        """Whether all supports and obstacles stay, and the norm of the loads [N] is the last."""
         fixed, u = self.supports.fixed, self.u.x.array
         moves = any(contact.search.frame.moves for contact in self.contacts)
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
-        stays = stays and not (moves or self._bulk.rigid.leads)
+        stays = stays and not (moves or self._bulk.rigid.guides.move)
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
@@ -433,4 +431,4 @@ class ImplicitStepper(Stepper):
         if self.scheme.loads_at == "mean":
             x[:n] -= in_space(du.reshape(n, d)) / 2
         of_supports = self.supports.reactions(force[fixed], x, du[fixed])
-        return of_supports + rigid.reactions(force.reshape(n, d), x, du.reshape(n, d))
+        return of_supports + rigid.guides.reactions(force.reshape(n, d), x, du.reshape(n, d))

@@ -37,8 +37,8 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
-from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.model.locking import warn_of_locking
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.meeting import meet

@@ -11,7 +11,7 @@ from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension, moments
-from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
@@ -119,8 +119,7 @@ class Supports:
         parts = np.column_stack([vectors[:, :d], turning, force * du])
         sums = np.zeros((len(self.conditions), parts.shape[1]))
         np.add.at(sums, self._number, parts)
-        rows = reductions.total(self._comm, sums).tolist()
-        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
+        return total_reactions(self._comm, sums, d)
 
     def applied(self, values: Floats) -> Floats:
         """Put the present values of the conditions into displacements.

@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.fem.components import moments
 from dolfinx_nts.model.motion import Motion, vector
 
 __all__ = ["Guide"]
@@ -55,7 +56,7 @@ class Guide(Declaration):
     ) -> None:
         """Check the arguments, as far as they do not depend on the dimension."""
         if not (motion is None or isinstance(motion, Motion)):
-            raise TypeError(f"expected a Motion of a guide, given {motion!r}")
+            raise TypeError(f"expected a Motion of a guide, given {type(motion).__name__}")
         self._slides, self._turns = _axes("slides", slides), _axes("turns", turns)
         if len(self._turns) == 2:
             raise ValueError(
@@ -124,7 +125,8 @@ class Guide(Declaration):
             TypeError, ValueError: A function of the motion returns something else than described.
         """
         frame = self.motion.frame(t_n, t, dim)
-        motion = np.concatenate([frame.carried(point, point)[:dim], frame.turn[{2: 2, 3: 0}[dim] :]])
+        shift, turn = frame.carried(point, point)[:dim], moments(frame.turn, dim)
+        motion = np.concatenate([shift, turn])
         free = self.free(dim)
         led: Floats = motion - free.T @ (free @ motion)
         return led

@@ -1,17 +1,13 @@
 """Reactions of supports."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 from mpi4py import MPI
 
-import numpy as np
-
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import in_space, moments
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Reaction", "summed"]
+__all__ = ["Reaction", "total_reactions"]
 
 
 class Reaction(NamedTuple):
@@ -40,25 +36,14 @@ class Reaction(NamedTuple):
     work: float
 
 
-def summed(
-    comm: MPI.Comm, parts: Iterable[tuple[Floats, Floats, Floats]]
-) -> tuple[Reaction, ...]:
-    """Sum the forces of some supports over their nodes. Collective.
+def total_reactions(comm: MPI.Comm, parts: Floats, dim: int) -> tuple[Reaction, ...]:
+    """Sum what each rank knows of some reactions. Collective.
 
     Args:
         comm: Communicator.
-        parts: For each support forces at owned nodes, shape ``(n, d)`` [N], positions,
-            ``(n, 3)``, and displacements in the step, ``(n, d)`` [m].
-
-    Returns:
-        The reaction of each support.
+        parts: Force, moment and work of each on this rank, shape ``(r, m)``.
+        dim: Dimension of the space.
     """
-    rows = []
-    for force, x, du in parts:
-        d = force.shape[1]
-        moment = moments(np.cross(x, in_space(force)), d).sum(axis=0)
-        rows.append(np.concatenate([force.sum(axis=0), moment, [np.vdot(force, du)]]))
-    if not rows:
-        return ()
-    totals = reductions.total(comm, np.array(rows)).tolist()
-    return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in totals)
+    sums: Floats = reductions.total(comm, parts)
+    rows: list[list[float]] = [list(map(float, row)) for row in sums]
+    return tuple(Reaction(tuple(row[:dim]), tuple(row[dim:-1]), row[-1]) for row in rows)

@@ -59,7 +59,7 @@ class RigidBody(Body):
         """Check the arguments, see `Body`."""
         super().__init__(V, cells, tag, Rigid(rho))
         if not (guide is None or isinstance(guide, Guide)):
-            raise TypeError(f"expected a Guide of a rigid body, given {guide!r}")
+            raise TypeError(f"expected a Guide of a rigid body, given {type(guide).__name__}")
         if guide is not None:
             guide.check(dimension(V))
         self.guide = guide

@@ -123,7 +123,7 @@ def find_free_bodies(
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
     if bulk.rigid.exists:
-        forces += [stiffness[:, None] * bulk.rigid.held(motion) for motion in motions]
+        forces += [stiffness[:, None] * bulk.rigid.guides.held(motion) for motion in motions]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)

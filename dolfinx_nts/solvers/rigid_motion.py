@@ -30,9 +30,15 @@ from dolfinx import fem
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.reaction import Reaction, summed
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import TURNS, LinearFields, nearest, products_of, rigid_motions
+from dolfinx_nts.solvers.guides import Guides
+from dolfinx_nts.solvers.linear_fields import (
+    TURNS,
+    LinearFields,
+    nearest,
+    products_of,
+    rigid_motions,
+)
 
 __all__ = ["RigidColumns", "RigidMotion"]
 
@@ -41,7 +47,7 @@ _NOT_RIGID = 1e-8
 
 
 class RigidColumns(NamedTuple):
-    """What the free motions of one body are in the unknowns of its nodes, see `RigidMotion.columns`.
+    """Free motions of one body in the unknowns of its nodes, see `RigidMotion.columns`.
 
     Attributes:
         dofs: Owned dofs of the body, shape ``(d n,)``.
@@ -104,7 +110,8 @@ class _Linearisation:
 
     def respond(self, r: Floats) -> Floats:
         """Coefficients of the increments by which inertia alone balances forces r."""
-        return self._field(np.linalg.solve(self._stiffness, self._resultant(r)))
+        amounts = np.linalg.solve(self._stiffness, self._resultant(r))
+        return self._field(np.asarray(amounts, dtype=np.float64))
 
     def _resultant(self, sums: Floats) -> Floats:
         """Resultant and moment in the free motions [N, N m]."""
@@ -131,8 +138,8 @@ class RigidMotion:
 
     Attributes:
         dim: Dimension of the space, d.
+        guides: What holds and leads the bodies.
         exists: Whether there are rigid bodies, on any rank.
-        has_no_inertia: Whether contact and loads alone resist the free motions of any body.
         nodes: Owned nodes of rigid bodies, sorted.
     """
 
@@ -146,16 +153,20 @@ class RigidMotion:
     ) -> None:
         """Keep the bodies, as yet without positions."""
         self._comm: MPI.Comm = V.mesh.comm
-        self._part, self._led = part, [np.zeros(body.free.shape[1]) for body in bodies]
+        self._part, self.guides = part, Guides(self._comm, bodies)
         self._bodies, self._masses, self._share = tuple(bodies), tuple(masses), inertia_share
         self.dim, self.exists = dimension(V), bool(bodies)
         none = np.empty(0, dtype=np.int32)
-        is_at_rest = not any(np.any(inertia_share(mass)) for mass in masses)
-        self.has_no_inertia = is_at_rest and any(body.free.size for body in bodies)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
         self._given: set[tuple[LinearFields, str]] = set()
         self._starts: list[Floats] = []
         self._states: list[_Linearisation] = []
+
+    @property
+    def has_no_inertia(self) -> bool:
+        """Whether contact and loads alone resist free motions of bodies. Local."""
+        moves = any(np.any(self._share(mass)) for mass in self._masses)
+        return not moves and any(body.free.size for body in self._bodies)
 
     def given(self, body: Body, name: str) -> None:
         """Let the next `check` look at all nodes of a body, whose state was given. Local.
@@ -196,24 +207,6 @@ class RigidMotion:
                     )
         self.restored()
 
-    def lead(self, t_n: float, t: float) -> None:
-        """Let guides move bodies from t_n to t [s] in the next step. Local.
-
-        Raises:
-            TypeError, ValueError: The motion of a guide is none, see `Motion`.
-        """
-        self._led = [body.led(t_n, t) for body in self._bodies]
-
-    @property
-    def leads(self) -> bool:
-        """Whether guides move bodies in the step. Local."""
-        return any(map(np.any, self._led))
-
-    def turns(self) -> list[tuple[str, float]]:
-        """Names of guided bodies, and angles by which guides turn them [rad]. Local."""
-        angles = (2 * np.arctan(np.linalg.norm(led[self.dim :]) / 2) for led in self._led)
-        return [(body.body.name, float(a)) for body, a in zip(self._bodies, angles, strict=True)]
-
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""
         if self.exists:
@@ -245,32 +238,22 @@ class RigidMotion:
         sums = self._sums(r)
         return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
 
-    def started(self, u_n: Floats, du: Floats) -> Floats:
-        """Displacements u_n [m] at the start of a step after increments du, and as guides lead.
-
-        See `moved`.
-        """
-        return self._turned(u_n, du, self._led)
-
-    def moved(self, u: Floats, du: Floats) -> Floats:
+    def moved(self, u: Floats, du: Floats, *, leads: bool = False) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
 
-        Increments of rigid bodies are taken as free motions at u.
+        Increments of rigid bodies are taken as free motions at u. At the start of a step guides
+        lead the bodies in the others.
         """
-        return self._turned(u, du, [np.zeros_like(led) for led in self._led])
-
-    def _turned(self, u: Floats, du: Floats, led: Sequence[Floats]) -> Floats:
-        """The same with given amounts of the motions that are not free."""
         result: Floats = u + du
         if not self.exists:
             return result
         sums, dim = self._sums(u, du), self.dim
         fields = []
-        for body, q, (_, increment), given in zip(
-            self._bodies, self._positions(sums), sums, led, strict=True
+        for body, q, (_, increment), led in zip(
+            self._bodies, self._positions(sums), sums, self.guides.led, strict=True
         ):
             amounts = nearest(rigid_motions(q), body.products, increment)
-            amounts = body.free.T @ (body.free @ amounts) + given
+            amounts = body.free.T @ (body.free @ amounts) + leads * led
             spin = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim])
             change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
             change[0] = amounts[:dim]
@@ -279,31 +262,6 @@ class RigidMotion:
         changes = self._put(fields, np.zeros_like(u))
         result[self.nodes] = (u + changes)[self.nodes]
         return result
-
-    def held(self, x: Floats) -> Floats:
-        """Part of displacements x [m], rigid motions of the bodies at rest, that guides hold."""
-        held = np.zeros_like(x)
-        fields = []
-        for body, (sums,) in zip(self._bodies, self._sums(x), strict=True):
-            motions = rigid_motions(body.reference)
-            amounts = nearest(motions, body.products, sums)
-            amounts = amounts - body.free.T @ (body.free @ amounts)
-            fields.append(np.einsum("k,kmi->mi", amounts, motions))
-        return self._put(fields, held)
-
-    def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
-        """Forces of guides on their bodies in a step, see `Supports.reactions`.
-
-        Args:
-            force: What nodal forces leave of the balance, shape ``(n, d)`` [N].
-            x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
-            du: Displacements of the owned nodes in the step, shape ``(n, d)`` [m].
-
-        Returns:
-            The reaction of each guide, in the order of the bodies.
-        """
-        guided = [body.nodes for body in self._bodies if body.body.guide]
-        return summed(self._comm, [(force[some], x[some], du[some]) for some in guided])
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""

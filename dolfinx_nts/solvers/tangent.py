@@ -42,7 +42,6 @@ class Tangent:
         comm: Communicator of the mesh.
         shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
             the forms, shape ``(n, 1)``, or of all [N/m].
-        held: The same of nodes that `hold` holds.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -70,7 +69,6 @@ class Tangent:
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
-        self.held: Floats | float = 0.0
         self.num_assembled = 0
 
     @property
@@ -148,11 +146,16 @@ class Tangent:
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
-        self.held = np.zeros_like(stiffness)
-        self.held[nodes] = stiffness[nodes]
+        held = self._stiffness.held = np.zeros_like(stiffness)
+        held[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = _NEARBY_SHIFT * self.held[nodes]
+        holding: Floats = _NEARBY_SHIFT * held[nodes]
         return holding
+
+    @property
+    def held(self) -> Floats | float:
+        """The same as `shift` of nodes that `hold` holds."""
+        return self._stiffness.held
 
     def forget(self) -> None:
         """Return to the state before the first matrix. Local."""

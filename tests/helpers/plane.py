@@ -49,10 +49,11 @@ def blocks(
     degree: int = 1,
     *,
     rigid: bool = False,
+    guide: nts.Guide | None = None,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
-    The upper one may be rigid.
+    The upper one may be rigid, with a guide.
     """
     comm, turn = MPI.COMM_WORLD, turning(angle)
     (x_low, low), (x_up, up) = (
@@ -90,7 +91,7 @@ def blocks(
     rubber = nts.SaintVenantKirchhoff(**RUBBER)
     bodies = [nts.Body(V, tags, tag, rubber) for tag in (1, 2)]
     if rigid:
-        bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"])
+        bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"], guide)
     surfaces = [
         nts.Surface.where(V, lambda x, y=y: np.isclose((back @ x[:gdim])[1], y))
         for y in (0.02, 0.0)
