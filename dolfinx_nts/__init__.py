@@ -6,7 +6,7 @@ they declare, integrators that advance them, and what records and draws a run.
 
 from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
@@ -89,6 +89,7 @@ __all__ = [
     "StepReport",
     "StepperStatistics",
     "Surface",
+    "Tied",
     "Traction",
     "Yeoh",
     "all_pairs",
