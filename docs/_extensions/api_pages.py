@@ -24,7 +24,7 @@ PARTS = {
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        "Coulomb",
+        *("Tied", "Coulomb"),
     ],
     "Loads": [
         *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),

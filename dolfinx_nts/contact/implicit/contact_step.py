@@ -15,7 +15,7 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
-from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints
+from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
@@ -37,8 +37,10 @@ _NONE: Ints = np.empty(0, dtype=np.int32)
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
     ("node-to-segment", True): StaticSearch,
+    ("node-to-segment", "tied"): LocalSearch,
     ("mortar", False): FrozenPoints,
     ("mortar", True): SettlingPoints,
+    ("mortar", "tied"): TiedPoints,
 }
 
 
@@ -83,8 +85,8 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
-        make = _SEARCHES[state.pair.method, is_static]
-        self.search = search = make(state, x_n, x_trial)
+        kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
+        self.search = search = _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
