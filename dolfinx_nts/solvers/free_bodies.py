@@ -281,7 +281,10 @@ class FreeBodies:
     def advice(self) -> str:
         """Say what would help where there is no solution; "" without free bodies. Local."""
         if self._relief.driven:
-            return f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would"
+            return (
+                f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would, or a "
+                "start nearer to what it is to touch"
+            )
         if not self.bodies:
             return ""
         names = "; ".join(map(str, self.bodies))

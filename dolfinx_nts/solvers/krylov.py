@@ -156,7 +156,7 @@ class LinearSolver:
             context = RigidPreconditioner(context, bulk.rigid, tangent)
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
-        self._saddle = SaddlePointSystem(tangent, bulk.rigid)
+        self._saddle = SaddlePointSystem(tangent, bulk)
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
         self.num_direct = 0

@@ -20,7 +20,7 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
-__all__ = ["Tangent"]
+__all__ = ["Tangent", "TangentOfAllCells"]
 
 # Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
 # contact makes up for what is too much, not for what is too little.
@@ -181,13 +181,8 @@ class Tangent:
         return PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
-        """Matrix with the sparsity of a form, and all diagonals. Collective."""
-        pattern = fem.create_sparsity_pattern(form)
-        # Rigid bodies may have no form in statics.
-        nodes = self._u.function_space.dofmap.index_map
-        pattern.insert_diagonal(np.arange(nodes.size_local, dtype=np.int32))
-        pattern.finalize()
-        return la.matrix_csr(pattern)
+        """Matrix with the sparsity of a form. Collective."""
+        return fem.create_matrix(form)
 
     def _add_to(self, rows: BlockCSR) -> Floats | float:
         """Add to an assembled matrix what no form has; returns it for each node [N/m]. Local."""
@@ -208,6 +203,15 @@ class Tangent:
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
+
+
+class TangentOfAllCells(Tangent):
+    """The same where some cells are in forms of loads alone, as those of rigid bodies in statics."""
+
+    def _created(self, form: fem.Form) -> la.MatrixCSR:
+        V = self._u.function_space
+        every = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ufl.dx
+        return fem.create_matrix(compile_bilinear_form(every))
 
 
 def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -> None:

@@ -4,7 +4,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
+from dolfinx.mesh import meshtags
 
 import dolfinx_nts as nts
 from helpers.plane import blocks
@@ -18,7 +20,7 @@ DEPTH, TURN = 0.3, 0.8  # speeds of tools [m/s, rad/s]
 CENTRE = np.array([0.52, 0.48, 0.651])
 
 
-def pressed(comm, scheme, guide, force=None, *, friction=None, dt=0.1, moment=None):
+def pressed(comm, scheme, guide, force=None, *, friction=None, dt=0.1, moment=None, spring=False):
     """A rigid tool above a block on a clamped foot."""
     data = boxes([(4, 4, 2), (2, 2, 1)], [(1.0, 1.0, 0.5), (0.6, 0.6, 0.3)])
     upper = np.unique(data.cells[data.body == 1])
@@ -34,6 +36,8 @@ def pressed(comm, scheme, guide, force=None, *, friction=None, dt=0.1, moment=No
     loads = [] if force is None else [nts.Force(tool, force)]
     if moment is not None:
         loads.append(nts.Moment(tool, moment))
+    if spring:
+        loads.append(spring_of(V, tool))
     stepper = scheme([block, tool], [pair], dt=dt, bcs=[clamp], loads=loads)
     return stepper, tool
 
@@ -63,6 +67,51 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, friction)
         reaction = stepper.advance().reactions[1]
         assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-10)
         assert abs(reaction.force[2]) < 1e-9 * abs(forces[1]) and reaction.work < 1e-12
+
+
+def spring_of(V, tool):
+    """A spring from a tool to a base that moves down, spread over its cells."""
+    tags = meshtags(V.mesh, 3, np.sort(tool.cells), np.ones(len(tool.cells), dtype=np.int32))
+    dx, volume = ufl.Measure("dx", V.mesh, subdomain_data=tags)(1), 0.6 * 0.6 * 0.3
+    stiffness = 300.0 / volume  # N/m^4
+    return nts.FormLoad(
+        V, lambda u, eta, t: -stiffness * ufl.inner(u - ufl.as_vector([0, 0, -0.1 * t]), eta) * dx
+    )
+
+
+STATICS = {
+    "tilts": (nts.Guide(slides="z", turns="xyz"), None, {"force": lambda t: (0, 0, -30 * t)}),
+    "turns": (
+        nts.Guide(slides="z", turns="z"),
+        nts.Coulomb(0.5),
+        {"force": lambda t: (0, 0, -30 * t), "moment": lambda t: (0, 0, t)},
+    ),
+    "free": (None, STICK, {"force": lambda t: (0, 0, -30 * t)}),
+    "spring": (nts.Guide(slides="z"), None, {"spring": True}),
+}
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("case", STATICS)
+def test_static_tool_is_in_equilibrium_with_the_foot(comm, case):
+    guide, friction, loads = STATICS[case]
+    stepper, tool = pressed(comm, nts.QuasiStatic, guide, friction=friction, dt=0.5, **loads)
+    for _ in range(2):
+        foot, *of_guide = stepper.advance().reactions
+    assert stepper.step == 2
+    press, moment = 30.0, 1.0 if case == "turns" else 0.0
+    if case == "spring":
+        z = nts.Diagnostics(stepper).centre_of_mass(tool)[2]
+        press = 300.0 * (0.1 - (CENTRE[2] - z))
+        assert 20.0 < press < 29.0
+    assert abs(foot.force[2] - press) < 1e-8 * press
+    # All else is taken by the guide; a turning tool leaves the moment to friction.
+    rest = np.sum([r.force for r in of_guide], axis=0) + np.array(foot.force)
+    assert np.abs(rest - [0, 0, press]).max() < 1e-7
+    if moment:
+        lever = np.cross(CENTRE, of_guide[0].force)[2]
+        assert abs(foot.moment[2] + lever + moment) < 1e-7
+        assert abs(of_guide[0].moment[2] - lever) < 1e-7
 
 
 def check_ledger(stepper, num_steps, force=(0, 0, 0)):
