@@ -206,7 +206,7 @@ class Tangent:
 
 
 class TangentOfAllCells(Tangent):
-    """The same where some cells are in forms of loads alone, as those of rigid bodies in statics."""
+    """The same where loads alone have forms on some cells, as of rigid bodies in statics."""
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         V = self._u.function_space
