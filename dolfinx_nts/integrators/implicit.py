@@ -37,7 +37,7 @@ from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rigid import rigid_motion
+from dolfinx_nts.integrators.rigid import contact_stiffness, redundant, rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
@@ -286,6 +286,11 @@ class ImplicitStepper(Stepper):
         if nodes := self._listed(step.restless for step in steps):
             reasons += f"; nodes that keep changing segment or state: {nodes}"
         advice = self._free_bodies.advice() or self._time_helps()
+        if names := redundant(self.bodies, self.pairs):
+            reasons += (
+                f"; forces of points that stick between rigid bodies are not unique: springs, as "
+                f"Penalty(eps_N=), between {names} make them so"
+            )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
         if sunk or "contact holds" in advice:
             springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
@@ -379,7 +384,10 @@ class ImplicitStepper(Stepper):
         """Solve the step from a displacement; ``x`` are positions at its start and on trial."""
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
-            stiffness = self._tangent.nodal_stiffness()
+            mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+            stiffness = contact_stiffness(
+                self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
+            )
             is_static = self._rates.acceleration is None
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, nodal
@@ -17,11 +18,15 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.rigid_body import RigidBody
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
-__all__ = ["check_rigid_bodies", "rigid_motion"]
+__all__ = ["check_rigid_bodies", "contact_stiffness", "redundant", "rigid_motion"]
+
+# Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
+_AT_A_POINT = 0.25
 
 
 def check_rigid_bodies(
@@ -100,6 +105,50 @@ def rigid_motion(
         masses.append(mass)
     part = 1.0 if scheme.loads_at == "end" else 0.5
     return RigidMotion(V, fields, masses, rates.inertia_share, part)
+
+
+def contact_stiffness(
+    stiffness: Floats, bodies: Sequence[Body], mass: Floats, rates: Rates
+) -> Floats:
+    """Stiffness with which contact weighs gaps and slips at the owned nodes, ``(n,)`` [N/m].
+
+    Who pushes a node of a rigid body moves the whole body. Collective.
+
+    Args:
+        stiffness: Mean diagonal entry of the tangent at each node [N/m].
+        bodies: All bodies.
+        mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
+        rates: How velocities follow from displacements.
+    """
+    rigid = [body.nodes[body.nodes < len(mass)] for body in bodies if body.is_rigid]
+    if not rigid:
+        return stiffness
+    comm: MPI.Comm = bodies[0].V.mesh.comm
+    masses = reductions.total(comm, np.array([mass[nodes].sum() for nodes in rigid]))
+    of_nodes = stiffness.copy()
+    for nodes, share in zip(rigid, rates.inertia_share(_AT_A_POINT * masses), strict=True):
+        of_nodes[nodes] = np.maximum(stiffness[nodes], share)
+    return of_nodes
+
+
+def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
+    """Name pairs in which forces of points that stick are not unique, or "". Collective.
+
+    These are pairs with friction by multipliers of rigid bodies with each other or with obstacles.
+    """
+    rigid = [body for body in bodies if body.is_rigid]
+    if not rigid:
+        return ""
+    nodes = np.unique(np.concatenate([body.nodes for body in rigid]))
+    comm: MPI.Comm = rigid[0].V.mesh.comm
+    names = []
+    for pair in pairs:
+        surfaces = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
+        inside = all(bool(np.isin(side.nodes, nodes).all()) for side in surfaces)
+        sticks = pair.friction is not None and isinstance(pair.enforcement, LagrangeMultiplier)
+        if reductions.everywhere(comm, inside) and sticks:
+            names.append(pair.between)
+    return "; ".join(names)
 
 
 def _given_point(body: RigidBody) -> Floats | None:
