@@ -6,7 +6,7 @@ they declare, integrators that advance them, and what records and draws a run.
 
 from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
@@ -28,10 +28,12 @@ from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.guide import Guide
 from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.resultants import Force, Moment
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
@@ -58,14 +60,17 @@ __all__ = [
     "Diagnostics",
     "EnergyMomentum",
     "Fields",
+    "Force",
     "FormLoad",
     "GeneralizedAlpha",
     "Gravity",
+    "Guide",
     "Hyperelastic",
     "LagrangeMultiplier",
     "Load",
     "MeshData",
     "Midpoint",
+    "Moment",
     "MooneyRivlin",
     "Motion",
     "NeoHookean",
@@ -89,6 +94,7 @@ __all__ = [
     "StepReport",
     "StepperStatistics",
     "Surface",
+    "Tied",
     "Traction",
     "Yeoh",
     "all_pairs",

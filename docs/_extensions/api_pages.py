@@ -16,8 +16,7 @@ PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
-        "PlaneStress",
-        "RigidBody",
+        *("PlaneStress", "RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
@@ -25,9 +24,11 @@ PARTS = {
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        "Coulomb",
+        *("Tied", "Coulomb"),
     ],
-    "Loads": ["Load", "BodyForce", "Gravity", "Traction", "Pressure", "FormLoad"],
+    "Loads": [
+        *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),
+    ],
     "Steps in time": [
         *("EnergyMomentum", "Midpoint", "GeneralizedAlpha", "CentralDifference", "QuasiStatic"),
         *("StepControl", "StepReport", "Reaction", "StepperStatistics", "ConvergenceError"),

@@ -13,7 +13,7 @@ from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration
 
-__all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty"]
+__all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty", "Tied"]
 
 # Gap, relative to the segment's size [-], below which an active node stays eligible, as
 # elastic impact holds it at the gap with which it came.
@@ -137,6 +137,41 @@ class LagrangeMultiplier(Declaration):
         """
         flags: Flags = lambda_N + stiffness * excess < 0
         return flags
+
+
+class Tied(LagrangeMultiplier):
+    """Nodes that are tied to what they lie on, for good: a mesh tie.
+
+    Multipliers hold the gap and the slip of each tied node in every step, and pull as well as
+    push. Nodes are tied where they are in the first step: those within reach of a segment, whose
+    gap stays as it is, so that surfaces which do not match exactly stay without stress. All other
+    nodes of the surface are free. Energy and both momenta are as exact as with contact.
+    ``method="mortar"`` transmits uniform stresses exactly, whatever the meshes. Local.
+
+    Args:
+        reach: Gap up to which a node is tied, relative to the size of its segment [-].
+
+    Attributes:
+        reach: The argument.
+
+    Raises:
+        ValueError: ``reach`` is not positive.
+
+    Example:
+        >>> law = nts.Tied()
+        >>> print(nts.ContactPair(bottom, top, enforcement=law, method="mortar"))
+        surface-to-surface contact by Tied
+    """
+
+    def __init__(self, reach: float = 0.05) -> None:
+        """Check the reach."""
+        super().__init__()
+        positive("the reach of a tie", reach)
+        self.reach = float(reach)
+
+    def __repr__(self) -> str:
+        """Reach in one line. Local."""
+        return as_call(self, reach=self.reach)
 
 
 class Penalty(Declaration):

@@ -2,13 +2,14 @@
 
 from typing import Any, Literal
 
+from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method"]
+__all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method", "check_tie"]
 
 Method = Literal["node-to-segment", "mortar"]
 NODES: Method = "node-to-segment"
@@ -40,6 +41,24 @@ def check_method(pair: Any) -> None:
         raise ValueError(
             f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"
         )
+
+
+def check_tie(pair: Any) -> None:
+    """Raise ValueError unless nodes can be tied, where the law of a pair says so. Local.
+
+    ``pair`` is as of `check_method`.
+    """
+    if not isinstance(pair.enforcement, Tied):
+        return
+    wrong = ""
+    if not isinstance(pair.segments, Surface):
+        wrong = f"a Surface as segments, given {pair.segments!r}: bcs hold nodes in space"
+    elif pair.touches_itself:
+        wrong = "two surfaces, given one that touches itself"
+    elif pair.friction is not None:
+        wrong = f"no friction, as tied nodes never slide, given {pair.friction!r}"
+    if wrong:
+        raise ValueError(f"expected, with Tied, {wrong}")
 
 
 def check_dimension(pair: Any) -> None:

@@ -16,7 +16,7 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
-from dolfinx_nts.contact.method import KINDS, Method, check_dimension, check_method
+from dolfinx_nts.contact.method import KINDS, Method, check_dimension, check_method, check_tie
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -122,6 +122,7 @@ class ContactPair(Declaration):
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         self.method = method
         check_method(self)
+        check_tie(self)
         check_dimension(self)
         self._states: WeakSet[AcceptedContact] = WeakSet()
 

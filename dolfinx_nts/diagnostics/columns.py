@@ -15,6 +15,7 @@ from dolfinx_nts.fem.components import dimension, moments, resultants
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["OwnColumn", "Parts", "RunColumns"]
@@ -42,14 +43,18 @@ class RunColumns:
         parts: Collection[Parts],
         own: Mapping[str, OwnColumn] | None = None,
     ) -> None:
-        """Check the parts, and name loads as far as they have columns."""
+        """Check the parts, and name loads, supports and guides."""
         if unknown := sorted(set(parts) - set(get_args(Parts))):
             names = ", ".join(map(repr, get_args(Parts)))
             raise ValueError(f"expected columns_of some of {names}, given {unknown}")
         self._diagnostics, self._own = diagnostics, dict(own or {})
-        self._V = V = diagnostics.stepper.u.function_space
-        self._dim, self._zero = dimension(V), np.zeros(3)
-        self._loads = part_names("load", (load.name for load in diagnostics.stepper.loads))
+        stepper = diagnostics.stepper
+        self._V = stepper.u.function_space
+        self._dim, self._zero = dimension(self._V), np.zeros(3)
+        guides = part_names("body", (body.name for body in guided(stepper.bodies)))
+        of_bcs = (f"support_{i}" for i in range(1, len(stepper.supports) + 1))
+        self._supports = [*of_bcs, *(f"guide_{name}" for name in guides)]
+        self._loads = part_names("load", (load.name for load in stepper.loads))
         groups: dict[str, Callable[[StepReport | None, EnergyLedger], dict[str, float]]] = {
             "pairs": self._of_pairs,
             "obstacles": self._of_obstacles,
@@ -113,9 +118,9 @@ class RunColumns:
         force, moment = resultants(self._zero, self._V), moments(self._zero, self._V)
         nothing = Reaction(tuple(map(float, force)), tuple(map(float, moment)), 0.0)
         reactions = [nothing] * len(works) if step is None else step.reactions
-        for i, (reaction, work) in enumerate(zip(reactions, works, strict=True), start=1):
+        for name, reaction, work in zip(self._supports, reactions, works, strict=True):
             values = {"force": reaction.force, "moment": reaction.moment, "work": float(work)}
-            columns |= flat(f"support_{i}_", values)
+            columns |= flat(f"{name}_", values)
         return columns
 
     def _of_loads(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:

@@ -115,7 +115,7 @@ class GeneralizedAlpha(ImplicitStepper):
             if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
                 raise ValueError(
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
-                    f"given {law.impact} impact"
+                    f"given {law!r}"
                 )
         parameters = _Parameters.of(rho_inf)
         self.scheme = Scheme(

@@ -37,7 +37,7 @@ from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rigid import rigid_motion
+from dolfinx_nts.integrators.rigid import contact_stiffness, redundant, rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
@@ -104,7 +104,7 @@ class ImplicitStepper(Stepper):
         else:
             self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
-        self._bulk.rigid = rigid_motion(bodies, self._rates, self._bulk.supports)
+        self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
@@ -173,14 +173,21 @@ class ImplicitStepper(Stepper):
         self.watch.vertices.forget()
         self._last.load = np.inf
 
+    def _begin(self, t_n: float, t: float) -> None:
+        super()._begin(t_n, t)
+        self._bulk.rigid.guides.lead(t_n, t)
+
+    def _turns(self) -> list[tuple[str, float]]:
+        return super()._turns() + self._bulk.rigid.guides.turns()
+
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
         self._choose_springs()
         load = self._norm(self._load()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
-        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
+        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
         starts = {name: self._start(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
         force_scale = self._force_scale(load)
@@ -217,7 +224,7 @@ class ImplicitStepper(Stepper):
         if self._bulk.rigid.exists:
             u_n, trial = self.u_n.x.array, self.u.x
             du = self._owned(u - u_n)
-            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du)
+            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, leads=True)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n
@@ -249,10 +256,11 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether supports and obstacles stay, and the norm of the loads [N] is the last one."""
+        """Whether all supports and obstacles stay, and the norm of the loads [N] is the last."""
         fixed, u = self.supports.fixed, self.u.x.array
         moves = any(contact.search.frame.moves for contact in self.contacts)
-        stays = not moves and np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
+        stays = stays and not (moves or self._bulk.rigid.guides.move)
         same = abs(load - self._last.load) <= _SAME_LOAD * load
         return same and reductions.everywhere(self._comm, stays)
 
@@ -278,6 +286,11 @@ class ImplicitStepper(Stepper):
         if nodes := self._listed(step.restless for step in steps):
             reasons += f"; nodes that keep changing segment or state: {nodes}"
         advice = self._free_bodies.advice() or self._time_helps()
+        if names := redundant(self.bodies, self.pairs):
+            reasons += (
+                f"; forces of points that stick between rigid bodies are not unique: springs, as "
+                f"Penalty(eps_N=), between {names} make them so"
+            )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
         if sunk or "contact holds" in advice:
             springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
@@ -371,7 +384,10 @@ class ImplicitStepper(Stepper):
         """Solve the step from a displacement; ``x`` are positions at its start and on trial."""
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
-            stiffness = self._tangent.nodal_stiffness()
+            mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+            stiffness = contact_stiffness(
+                self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
+            )
             is_static = self._rates.acceleration is None
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
@@ -410,8 +426,9 @@ class ImplicitStepper(Stepper):
     def _reactions(
         self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
     ) -> tuple[Reaction, ...]:
-        """Reactions of the supports in a step with increment du ``(3 n,)`` [m]. Collective."""
-        if not self.supports.exist:
+        """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m]."""
+        rigid = self._bulk.rigid
+        if not (self.supports.exist or rigid.exists):
             return ()
         fixed = self.supports.fixed
         # The residual of a state has no forces on given displacements; ``force`` has all.
@@ -421,4 +438,5 @@ class ImplicitStepper(Stepper):
         x = self.x
         if self.scheme.loads_at == "mean":
             x[:n] -= in_space(du.reshape(n, d)) / 2
-        return self.supports.reactions(force[fixed], x, du[fixed])
+        of_supports = self.supports.reactions(force[fixed], x, du[fixed])
+        return of_supports + rigid.guides.reactions(force.reshape(n, d), x, du.reshape(n, d))

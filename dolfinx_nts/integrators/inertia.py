@@ -15,7 +15,7 @@ from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.tangent import Tangent, TangentOfAllCells
 
 __all__ = ["ConsistentInertia", "Inertia"]
 
@@ -79,7 +79,10 @@ class ConsistentInertia(Inertia):
         self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
         self.forms = StepForms(bodies, rates, scheme)
         works = self.forms.residual(), rates.u, bcs, loads
-        self.bulk, self.tangent = Bulk(*works), Tangent(*works, self.forms.nearby_tangent())
+        # Rigid bodies have neither stress nor inertia in statics.
+        is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)
+        make = TangentOfAllCells if is_partial else Tangent
+        self.bulk, self.tangent = Bulk(*works), make(*works, self.forms.nearby_tangent())
 
     def momentum(self) -> Floats:
         """Multiply the velocity by the mass, see `Inertia.momentum`."""

@@ -50,8 +50,9 @@ class StepReport(_Numbers):
         damping_work: Work of damping, never positive [J].
         solver_work: Work of the residual that Newton's method left [J].
         load_works: Work of each load [J], in the order of the loads of the stepper.
-        reactions: Reaction of each support, in the order of ``bcs`` of the stepper. A degree of
-            freedom with several conditions counts for the first of them.
+        reactions: Reaction of each support, in the order of ``bcs`` of the stepper, then of each
+            guide of a rigid body, in the order of the bodies. A degree of freedom with several
+            conditions counts for the first of them.
         rejected: Number of longer steps that were tried before this one.
 
     Example:

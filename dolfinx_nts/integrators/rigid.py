@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
@@ -17,10 +18,16 @@ from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.rigid_body import RigidBody
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.rigid_motion import LinearFields, RigidMotion
+from dolfinx_nts.solvers.linear_fields import LinearFields
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
-__all__ = ["check_rigid_bodies", "rigid_motion"]
+__all__ = ["check_rigid_bodies", "contact_stiffness", "redundant", "rigid_motion"]
+
+# Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
+_AT_A_POINT = 0.25
 
 
 def check_rigid_bodies(
@@ -46,8 +53,8 @@ def check_rigid_bodies(
     names = ", ".join(body.name for body in rigid)
     if not scheme.moves_rigid_bodies:
         raise ValueError(
-            f"expected EnergyMomentum or Midpoint with rigid bodies ({names}), given {name}: there "
-            "a stiff material, or a moving obstacle, can take their place"
+            f"expected EnergyMomentum, Midpoint or QuasiStatic with rigid bodies ({names}), given "
+            f"{name}: there a stiff material, or a moving obstacle, can take their place"
         )
     if is_axisymmetric(V.mesh):
         raise ValueError(
@@ -70,35 +77,95 @@ def check_rigid_bodies(
             )
 
 
-def rigid_motion(bodies: Sequence[Body], rates: Rates, supports: Supports) -> RigidMotion:
+def rigid_motion(
+    bodies: Sequence[Body], rates: Rates, scheme: Scheme, supports: Supports
+) -> RigidMotion:
     """Make the motion of the rigid bodies among some bodies. Collective.
 
     Args:
         bodies: All bodies of a stepper.
         rates: How velocities follow from displacements.
+        scheme: Tells where forces act.
         supports: Dirichlet conditions.
 
     Raises:
         ValueError: There are conditions on rigid bodies.
     """
     V = rates.u.function_space
-    rigid = [body for body in bodies if body.is_rigid]
-    fields = [LinearFields(body) for body in rigid]
+    rigid = [body for body in bodies if isinstance(body, RigidBody)]
+    fields, masses = [], []
     supported: Ints = np.unique(supports.fixed // dimension(V))
-    for body in fields:
+    for body in rigid:
         shared = len(np.intersect1d(supported, body.nodes))
         if count := reductions.total(V.mesh.comm, shared):
             raise ValueError(
                 f"expected bcs at nodes of deformable bodies, given {count} nodes of the rigid "
-                f"{body.body.name}, which moves freely: a moving obstacle follows a given motion"
+                f"{body.name}: RigidBody(guide=) holds and leads it"
             )
-    masses = [_mass(body, of_body) for body, of_body in zip(rigid, fields, strict=True)]
-    return RigidMotion(V, fields, masses, rates.inertia_share)
+        of_body = LinearFields(body, _given_point(body))
+        mass = _mass(of_body)
+        if body.guide is not None and body.guide.point is None:
+            of_body = LinearFields(body, of_body.point + mass[0, 1:] / mass[0, 0])
+            mass = _mass(of_body)
+        fields.append(of_body)
+        masses.append(mass)
+    part = 1.0 if scheme.loads_at == "end" else 0.5
+    return RigidMotion(V, fields, masses, rates.inertia_share, part)
 
 
-def _mass(body: Body, fields: LinearFields) -> Floats:
+def contact_stiffness(
+    stiffness: Floats, bodies: Sequence[Body], mass: Floats, rates: Rates
+) -> Floats:
+    """Stiffness with which contact weighs gaps and slips at the owned nodes, ``(n,)`` [N/m].
+
+    Who pushes a node of a rigid body moves the whole body. Collective.
+
+    Args:
+        stiffness: Mean diagonal entry of the tangent at each node [N/m].
+        bodies: All bodies.
+        mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
+        rates: How velocities follow from displacements.
+    """
+    rigid = [body.nodes[body.nodes < len(mass)] for body in bodies if body.is_rigid]
+    if not rigid:
+        return stiffness
+    comm: MPI.Comm = bodies[0].V.mesh.comm
+    masses = reductions.total(comm, np.array([mass[nodes].sum() for nodes in rigid]))
+    of_nodes = stiffness.copy()
+    for nodes, share in zip(rigid, rates.inertia_share(_AT_A_POINT * masses), strict=True):
+        of_nodes[nodes] = np.maximum(stiffness[nodes], share)
+    return of_nodes
+
+
+def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
+    """Name pairs in which forces of points that stick are not unique, or "". Collective.
+
+    These are pairs with friction by multipliers of rigid bodies with each other or with obstacles.
+    """
+    rigid = [body for body in bodies if body.is_rigid]
+    if not rigid:
+        return ""
+    nodes = np.unique(np.concatenate([body.nodes for body in rigid]))
+    comm: MPI.Comm = rigid[0].V.mesh.comm
+    names = []
+    for pair in pairs:
+        surfaces = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
+        inside = all(bool(np.isin(side.nodes, nodes).all()) for side in surfaces)
+        sticks = pair.friction is not None and isinstance(pair.enforcement, LagrangeMultiplier)
+        if reductions.everywhere(comm, inside) and sticks:
+            names.append(pair.between)
+    return "; ".join(names)
+
+
+def _given_point(body: RigidBody) -> Floats | None:
+    """Guided point of a body, if there is one, shape ``(d,)`` [m]."""
+    return None if body.guide is None else body.guide.point
+
+
+def _mass(fields: LinearFields) -> Floats:
     """Products of the linear fields over a body with its mass, ``(d + 1, d + 1)`` [kg]."""
     # The consistent mass, as the balance of momentum has it.
+    body = fields.body
     field = fem.Function(body.V)
     mass, values = ConsistentMass([body], field), nodal(field)
     products = np.zeros((len(fields.reference),) * 2)

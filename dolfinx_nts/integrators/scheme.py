@@ -26,7 +26,7 @@ class Scheme:
         loads_at: Displacement at which loads act: the mean of the step or that at its end.
         resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
         moves_rigid_bodies: Whether bodies may be rigid: displacements of a step must have the same
-            mean as velocities, see `RigidMotion`.
+            mean as velocities, see `RigidMotion`, or there are none.
     """
 
     contact: Literal["conserving", "midpoint", "static"]

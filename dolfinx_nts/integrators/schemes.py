@@ -141,6 +141,7 @@ class QuasiStatic(ImplicitStepper):
         stress_share=1.0,
         load_point=1.0,
         loads_at="end",
+        moves_rigid_bodies=True,
     )
 
     def _check_state(self) -> None:

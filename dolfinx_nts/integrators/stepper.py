@@ -38,6 +38,7 @@ from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.locking import warn_of_locking
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.meeting import meet
@@ -203,14 +204,14 @@ class Stepper(TimeLoop):
         if self._was_displaced:
             self._look_at_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
-        if self._update is not None or self.loads or moving:
+        if self._update is not None or self.loads or moving or guided(self.bodies):
             call = f"update, loads and motions of {self._next()}"
             with agreed(self._comm, call), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
                 self._begin(self.t, self.t + self.dt)
-        self._check_turns(moving)
+        self._check_turns()
         self.supports.check()
         self._u_n[:] = self._u
         report = self._step()
@@ -257,17 +258,20 @@ class Stepper(TimeLoop):
             load.update(self.t + point * self.dt)
 
     def _begin(self, t_n: float, t: float) -> None:
-        """Tell contact that a step goes from t_n to t [s], for obstacles that move. Local."""
+        """Tell what has a motion of its own that a step goes from t_n to t [s]. Local."""
         for contact in self.contacts:
             contact.search.begin(t_n, t)
 
-    def _check_turns(self, moving: Sequence[PairState]) -> None:
-        """Raise if an obstacle turns too far in the step."""
-        for contact in moving:
-            angle = contact.search.frame.angle
+    def _turns(self) -> list[tuple[str, float]]:
+        """Names of what is moved in the step, and by which angles it turns [rad]. Local."""
+        return [(c.segments.name, c.search.frame.angle) for c in self.contacts]
+
+    def _check_turns(self) -> None:
+        """Raise if an obstacle or a guide turns too far in the step."""
+        for name, angle in self._turns():
             if angle > _MOST_TURN:
                 raise ConvergenceError(
-                    f"{self._next()} failed: {contact.segments.name} turns by "
+                    f"{self._next()} failed: {name} turns by "
                     f"{np.degrees(angle):.3g} degrees in it, more than "
                     f"{np.degrees(_MOST_TURN):.3g}; a smaller dt may help, unless the rotation "
                     "of its motion jumps",

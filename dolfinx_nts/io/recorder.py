@@ -18,6 +18,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton import ConvergenceError
@@ -172,8 +173,10 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         with self._stepper.timings.phase("output"), ExitStack() as stack:
             stepper = self._stepper
-            numbers = len(stepper.loads), len(stepper.supports)
-            self._ledger = EnergyLedger(stepper.step, self.diagnostics.balance(), *numbers)
+            num_supports = len(stepper.supports) + len(guided(stepper.bodies))
+            self._ledger = EnergyLedger(
+                stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
+            )
             first = self._columns.row(None, self._ledger)
             stack.callback(self._files.close)
             if not self._files.open(self._ledger, list(first), self._options.resume):

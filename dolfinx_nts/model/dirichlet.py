@@ -16,7 +16,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, moments, resultants
-from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Supports"]
@@ -145,10 +145,7 @@ class Supports:
         parts = np.column_stack([resultant, turning, force * du])
         sums = np.zeros((len(self.conditions), parts.shape[1]))
         np.add.at(sums, self._number, parts)
-        rows, c = reductions.total(self._comm, sums).tolist(), resultant.shape[1]
-        return tuple(
-            Reaction(tuple(row[:c]), tuple(row[c:-1]), row[-1]) for row in rows[: len(self)]
-        )
+        return total_reactions(self._comm, sums[: len(self)], resultant.shape[1])
 
     def applied(self, values: Floats) -> Floats:
         """Put the present values of the conditions into displacements.

@@ -51,10 +51,12 @@ class Frame:
         centre: Point in the middle of the step about which moments are taken, ``(3,)`` [m].
         angle: Angle by which the frame turns in the step [rad].
         stays_on_axis: Whether it has only moved along y since it was declared.
+        turn: Cayley vector of this, 2 tan(angle/2) along the axis, shape ``(3,)`` [-].
     """
 
     moves, stays_on_axis = False, True
     centre: Floats = np.zeros(3)
+    turn: Floats = np.zeros(3)
     angle = 0.0
 
     def at_start(self, x_n: Floats) -> Floats:
@@ -110,8 +112,8 @@ class MovingFrame(Frame):
         self._origin, self._start, self._end = origin, start, end
         self._mean: Floats = (start.rotation + end.rotation) / 2
         turn = end.rotation @ start.rotation.T
-        # Cayley vector: 2 tan(angle/2) along the axis; without end for half a turn.
-        self._theta = 4 * _axial(turn) / max(1 + np.trace(turn), np.finfo(float).eps)
+        # Without end for half a turn.
+        self.turn = 4 * _axial(turn) / max(1 + np.trace(turn), np.finfo(float).eps)
         self._shift: Floats = end.centre - start.centre
         self.centre = (start.centre + end.centre) / 2
         self.angle = start.angle_to(middle) + middle.angle_to(end)
@@ -137,13 +139,13 @@ class MovingFrame(Frame):
     def relative(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement relative to the frame, see `Frame.relative`."""
         y_n, y = self._arms(X_n, X)
-        way: Floats = y - y_n - np.cross(self._theta, (y_n + y) / 2)
+        way: Floats = y - y_n - np.cross(self.turn, (y_n + y) / 2)
         return way
 
     def carried(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement of the frame's points, see `Frame.carried`."""
         y_n, y = self._arms(X_n, X)
-        way: Floats = self._shift + np.cross(self._theta, (y_n + y) / 2)
+        way: Floats = self._shift + np.cross(self.turn, (y_n + y) / 2)
         return way
 
     def _arms(self, X_n: Floats, X: Floats) -> tuple[Floats, Floats]:

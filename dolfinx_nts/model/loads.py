@@ -23,7 +23,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "Pressure", "Traction"]
+__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "LoadWithValue", "Pressure", "Traction"]
 
 
 class Load(ABC):
@@ -82,7 +82,7 @@ class Load(ABC):
         return True
 
 
-class _LoadWithValue(Load):
+class LoadWithValue(Load):
     """A load with a value that is constant, or depends on time or on place.
 
     Args:
@@ -100,7 +100,7 @@ class _LoadWithValue(Load):
     def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
         """Check shape and value; a function of time is evaluated at 0."""
         self.V = V
-        self._shape = (dimension(V),) if self._is_vector else ()
+        self._shape = self._shape_in(dimension(V))
         self._in_time: Callable[[float], Any] | None = None
         self._value = value
         if isinstance(value, ufl.core.expr.Expr):
@@ -110,6 +110,10 @@ class _LoadWithValue(Load):
             self._in_time = value if callable(value) else None
             with agreed(V.mesh.comm, f"make a {type(self).__name__}"):
                 self._set(value(0.0) if callable(value) else value)
+
+    def _shape_in(self, dim: int) -> tuple[int, ...]:
+        """Shape of the value in two or three dimensions."""
+        return (dim,) if self._is_vector else ()
 
     def update(self, t: float) -> None:
         """Set the value to that at a time, if it depends on the time.
@@ -145,7 +149,7 @@ class _LoadWithValue(Load):
             )
 
 
-class BodyForce(_LoadWithValue):
+class BodyForce(LoadWithValue):
     """Force per reference volume of a body. Collective.
 
     Args:
@@ -189,7 +193,7 @@ class BodyForce(_LoadWithValue):
         return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 
 
-class Gravity(_LoadWithValue):
+class Gravity(LoadWithValue):
     """Weight of bodies. Collective.
 
     Args:
@@ -236,12 +240,12 @@ class Gravity(_LoadWithValue):
         return bulk_form(self._bodies, lambda material, parameters, rho: rho * work)
 
 
-class _SurfaceLoad(_LoadWithValue):
+class _SurfaceLoad(LoadWithValue):
     """A load with a value on a surface.
 
     Args:
         surface: Where it acts.
-        value: As for `_LoadWithValue`.
+        value: As for `LoadWithValue`.
     """
 
     def __init__(self, surface: Surface, value: Any) -> None:

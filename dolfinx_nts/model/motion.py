@@ -69,6 +69,11 @@ class Motion(Declaration):
         """Whether nothing moves."""
         return self._translation is None and self._rotation is None
 
+    @property
+    def turns(self) -> bool:
+        """Whether there is a rotation."""
+        return self._rotation is not None
+
     def check(self, dim: int) -> None:
         """Raise unless the centre has three coordinates, or the dimension is 2.
 

@@ -2,11 +2,16 @@
 
 from typing import NamedTuple
 
-__all__ = ["Reaction"]
+from mpi4py import MPI
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["Reaction", "total_reactions"]
 
 
 class Reaction(NamedTuple):
-    """What a support did to bodies in a step, the same on all ranks.
+    """What a support, or the guide of a rigid body, did to bodies in a step, the same on all ranks.
 
     The force is the one of the scheme: its product with the increment of the displacement is
     the work of the support, and with loads and contact forces it is the rate of the momentum.
@@ -29,3 +34,16 @@ class Reaction(NamedTuple):
     force: tuple[float, ...]
     moment: tuple[float, ...]
     work: float
+
+
+def total_reactions(comm: MPI.Comm, parts: Floats, size: int) -> tuple[Reaction, ...]:
+    """Sum what each rank knows of some reactions. Collective.
+
+    Args:
+        comm: Communicator.
+        parts: Force, moment and work of each on this rank, shape ``(r, m)``.
+        size: Number of components of a force.
+    """
+    sums: Floats = reductions.total(comm, parts)
+    rows: list[list[float]] = [list(map(float, row)) for row in sums]
+    return tuple(Reaction(tuple(row[:size]), tuple(row[size:-1]), row[-1]) for row in rows)

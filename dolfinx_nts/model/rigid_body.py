@@ -1,16 +1,20 @@
-"""Free rigid bodies: meshed regions with mass and inertia that do not deform."""
+"""Rigid bodies: meshed regions with mass and inertia that do not deform, free or guided."""
+
+from collections.abc import Iterable
 
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.materials.mass_only import Rigid
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.guide import Guide
 
-__all__ = ["RigidBody"]
+__all__ = ["RigidBody", "guided"]
 
 
 class RigidBody(Body):
-    """A body that moves freely and does not deform. Collective.
+    """A body that does not deform, and moves freely or as a guide lets it. Collective.
 
     Mass, centre of mass and inertia are those of its mesh. Other bodies meet it by its surface,
     as that of any body, and it may share nodes with deformable bodies, which are then bonded to
@@ -21,14 +25,18 @@ class RigidBody(Body):
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         rho: Reference density [kg/m^3].
+        guide: In which directions it is free, and how it moves in the others; None: it is free
+            in all.
 
     Attributes:
         material: Inertia without strain energy.
+        guide: The argument.
 
     Raises:
-        TypeError: ``V`` is no function space, ``cells`` no MeshTags, or ``tag`` no integer.
-        ValueError: The space or the tag does not fit, or the density is not positive: a body
-            without mass could be anywhere.
+        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
+            ``guide`` no Guide.
+        ValueError: The space, the tag or the axes of the guide do not fit, or the density is
+            not positive: a body without mass could be anywhere.
 
     Example:
         >>> hammer = nts.RigidBody(V, cells, tag["upper"], rho=7800.0)  # kg/m^3
@@ -40,6 +48,24 @@ class RigidBody(Body):
 
     is_rigid = True
 
-    def __init__(self, V: fem.FunctionSpace, cells: MeshTags, tag: int, rho: float) -> None:
+    def __init__(
+        self,
+        V: fem.FunctionSpace,
+        cells: MeshTags,
+        tag: int,
+        rho: float,
+        guide: Guide | None = None,
+    ) -> None:
         """Check the arguments, see `Body`."""
         super().__init__(V, cells, tag, Rigid(rho))
+        if not (guide is None or isinstance(guide, Guide)):
+            raise TypeError(f"expected a Guide of a rigid body, given {type(guide).__name__}")
+        if guide is not None:
+            guide.check(dimension(V))
+        self.guide = guide
+
+
+def guided(bodies: Iterable[Body]) -> list[RigidBody]:
+    """Rigid bodies with a guide among some bodies, in their order. Local."""
+    rigid = (body for body in bodies if isinstance(body, RigidBody))
+    return [body for body in rigid if body.guide is not None]

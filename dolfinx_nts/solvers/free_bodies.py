@@ -118,10 +118,12 @@ def find_free_bodies(
     for some, frame in zip(nodes, frames, strict=True):
         motions[:, some] = _rigid_motions(x[some], *frame, dim == 2)[..., :dim]
     forces = np.array([bulk.action(motion) for motion in motions])
-    # Supports resist as nodes do.
+    # Supports and guides resist as nodes do.
     held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
+    if bulk.rigid.exists:
+        forces += [stiffness[:, None] * bulk.rigid.guides.held(motion) for motion in motions]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)
@@ -279,7 +281,10 @@ class FreeBodies:
     def advice(self) -> str:
         """Say what would help where there is no solution; "" without free bodies. Local."""
         if self._relief.driven:
-            return f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would"
+            return (
+                f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would, or a "
+                "start nearer to what it is to touch"
+            )
         if not self.bodies:
             return ""
         names = "; ".join(map(str, self.bodies))

@@ -156,7 +156,7 @@ class LinearSolver:
             context = RigidPreconditioner(context, bulk.rigid, tangent)
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
-        self._saddle = SaddlePointSystem(tangent, bulk.rigid)
+        self._saddle = SaddlePointSystem(tangent, bulk)
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
         self.num_direct = 0
@@ -193,7 +193,7 @@ class LinearSolver:
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, pairs)
-        if self._hopeless.skips():
+        if self._operator.bulk.rigid.has_no_inertia or self._hopeless.skips():
             return self._solve_direct(R, steps, pairs)
         preconditioner = self._preconditioner
         cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST

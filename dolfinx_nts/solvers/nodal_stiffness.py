@@ -30,11 +30,13 @@ class NodalStiffness:
 
     Attributes:
         values: What is known of the owned nodes, ``(n,)`` [N/m]; None before.
+        held: Stiffness that matrices have to hold nodes where they are, ``(n, 1)`` [N/m].
     """
 
     def __init__(self, V: fem.FunctionSpace, fixed: Ints) -> None:
         """Find the unknown displacements."""
         self.values: Floats | None = None
+        self.held: Floats | float = 0.0
         self._is_free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
         self._is_free.ravel()[fixed] = False
         # Stiffness to be expected, relative to others: that of rings grows with their radius.

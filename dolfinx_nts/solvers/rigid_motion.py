@@ -8,7 +8,11 @@ that with the Cayley vector :math:`\theta` of the rotation, whatever it is,
 
 holds exactly. The balance of a body is that of resultant and moment of all nodal forces about its
 mean position: both momenta are conserved, and as the work of the forces is that of resultant and
-moment, so is the energy. No multiplier keeps the body rigid.
+moment, so is the energy. No multiplier keeps the body rigid. In statics forces act at the end of
+the step, and :math:`x_{n+1}` takes the place of :math:`x_m` in the balance.
+
+A guide leaves some combinations of :math:`\Delta\varphi` and :math:`\theta` free, which do not
+depend on the state, and gives the others. The balance is that of the free ones.
 
 Linear systems keep nodal unknowns. Rigid bodies project them, as contact does, see `elimination`:
 increments are rigid motions at the end of the step, and forces are replaced by such fields with
@@ -27,63 +31,23 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.guides import Guides
+from dolfinx_nts.solvers.linear_fields import (
+    TURNS,
+    LinearFields,
+    nearest,
+    products_of,
+    rigid_motions,
+)
 
-__all__ = ["LinearFields", "RigidColumns", "RigidMotion"]
+__all__ = ["RigidColumns", "RigidMotion"]
 
 # Part of its size, or of its speed, by which a given state may deform a rigid body [-].
 _NOT_RIGID = 1e-8
-# Rotations by a unit vector: of x, y and z in space, of z in the plane.
-_TURNS = {
-    2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
-    3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),
-}
-
-
-class LinearFields:
-    """Fields over the nodes of a body that are linear in the reference position. Collective.
-
-    Coefficients of a vector field have the shape ``(d + 1, d)``.
-
-    Args:
-        body: The body.
-
-    Attributes:
-        body: The argument.
-        nodes: Its owned nodes, shape ``(n,)``.
-        values: One, and the position from the mean of all nodes, shape ``(n, d + 1)`` [-, m].
-        products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
-        reference: Coefficients of the reference position.
-        size: Greatest coordinate from the mean of all nodes [m].
-    """
-
-    def __init__(self, body: Body) -> None:
-        """Find the nodes, and their mean position."""
-        self.body, V = body, body.V
-        comm: MPI.Comm = V.mesh.comm
-        self.nodes: Ints = body.nodes[body.nodes < V.dofmap.index_map.size_local]
-        X = V.tabulate_dof_coordinates()[self.nodes, : dimension(V)]
-        *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
-        centre = np.array(total) / count
-        self.values: Floats = np.column_stack([np.ones(len(X)), X - centre])
-        self.size = reductions.largest(comm, float(np.abs(X - centre).max(initial=0.0)))
-        self.products: Floats = reductions.total(comm, self.values.T @ self.values)
-        self.reference: Floats = np.vstack([centre, np.eye(len(centre))])
-
-    def sums(self, vectors: Floats) -> Floats:
-        """Products of the fields with nodal vectors ``(f, N, d)`` on this rank, ``(f, d + 1, d)``.
-
-        Local.
-        """
-        products: Floats = np.matmul(self.values.T, vectors[:, self.nodes])
-        return products
-
-    def fit(self, sums: Floats) -> Floats:
-        """Coefficients of a field by its total `sums`. Local."""
-        return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
 
 
 class RigidColumns(NamedTuple):
-    """What the motions of one body are in the unknowns of its nodes, see `RigidMotion.columns`.
+    """Free motions of one body in the unknowns of its nodes, see `RigidMotion.columns`.
 
     Attributes:
         dofs: Owned dofs of the body, shape ``(d n,)``.
@@ -105,31 +69,38 @@ class _Linearisation:
         fields: Linear fields over the body.
         q_n: Coefficients of the positions at the start.
         q: The same at the end.
+        part: Where between them forces act, from 0 to 1 [-].
         forces: Total sums of the nodal forces on the body [N, N m].
         inertia: Sums of products of the fields with mass, times what inertia has of it in the
             tangent, shape ``(d + 1, d + 1)``.
 
     Attributes:
-        end: Coefficients of the motions at the end, shape ``(k, d + 1, d)``.
-        mean: The same at the mean position.
+        end: Coefficients of the free motions at the end, shape ``(k, d + 1, d)``.
+        mean: The same where forces act.
         turning: See `RigidColumns`.
     """
 
     def __init__(
-        self, fields: LinearFields, q_n: Floats, q: Floats, forces: Floats, inertia: Floats
+        self,
+        fields: LinearFields,
+        q_n: Floats,
+        q: Floats,
+        part: float,
+        forces: Floats,
+        inertia: Floats,
     ) -> None:
-        turns = _TURNS[q.shape[1]]
-        self.end, self.mean = _rigid_motions(q), _rigid_motions((q_n + q) / 2)
+        turns, free = TURNS[q.shape[1]], fields.free
+        end, mean = rigid_motions(q), rigid_motions((1 - part) * q_n + part * q)
+        self.end, self.mean = (np.einsum("kl,lmi->kmi", free, motions) for motions in (end, mean))
         # Forces stay as they are where their levers turn.
-        k = len(turns)
-        self.turning = np.zeros((len(self.end), len(self.end)))
-        levers = self.end[:, 1:] / 2
-        self.turning[-k:] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
+        turning = np.zeros((len(end), len(end)))
+        levers = part * end[:, 1:]
+        turning[-len(turns) :] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
+        self.turning: Floats = free @ turning @ free.T
         products = fields.products
-        self._of_end = np.linalg.inv(_matrix(self.end, products, self.end))
-        self._of_forces = np.linalg.inv(_matrix(self.mean, products, self.end))
-        stiffness = _matrix(self.mean, inertia, self.end) + self.turning
-        self._response = np.linalg.inv(stiffness)
+        self._of_end = np.linalg.inv(products_of(self.end, products, self.end))
+        self._of_forces = np.linalg.inv(products_of(self.mean, products, self.end))
+        self._stiffness = products_of(self.mean, inertia, self.end) + self.turning
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Coefficients of the forces that stand for y where increments x turn the levers."""
@@ -139,10 +110,11 @@ class _Linearisation:
 
     def respond(self, r: Floats) -> Floats:
         """Coefficients of the increments by which inertia alone balances forces r."""
-        return self._field(self._response @ self._resultant(r))
+        amounts = np.linalg.solve(self._stiffness, self._resultant(r))
+        return self._field(np.asarray(amounts, dtype=np.float64))
 
     def _resultant(self, sums: Floats) -> Floats:
-        """Resultant and moment about the mean position [N, N m]."""
+        """Resultant and moment in the free motions [N, N m]."""
         resultant: Floats = np.einsum("kmi,mi->k", self.mean, sums)
         return resultant
 
@@ -162,9 +134,11 @@ class RigidMotion:
         bodies: Linear fields over each rigid body.
         masses: Their products with the mass of each, see `_Linearisation` [kg].
         inertia_share: What inertia has of a mass in the tangent of a step [N/m].
+        part: Where between start and end of a step forces act, from 0 to 1 [-].
 
     Attributes:
         dim: Dimension of the space, d.
+        guides: What holds and leads the bodies.
         exists: Whether there are rigid bodies, on any rank.
         nodes: Owned nodes of rigid bodies, sorted.
     """
@@ -175,9 +149,11 @@ class RigidMotion:
         bodies: Sequence[LinearFields] = (),
         masses: Sequence[Floats] = (),
         inertia_share: Callable[[Floats], Floats] = np.zeros_like,
+        part: float = 0.5,
     ) -> None:
         """Keep the bodies, as yet without positions."""
         self._comm: MPI.Comm = V.mesh.comm
+        self._part, self.guides = part, Guides(self._comm, bodies)
         self._bodies, self._masses, self._share = tuple(bodies), tuple(masses), inertia_share
         self.dim, self.exists = dimension(V), bool(bodies)
         none = np.empty(0, dtype=np.int32)
@@ -185,6 +161,12 @@ class RigidMotion:
         self._given: set[tuple[LinearFields, str]] = set()
         self._starts: list[Floats] = []
         self._states: list[_Linearisation] = []
+
+    @property
+    def has_no_inertia(self) -> bool:
+        """Whether contact and loads alone resist free motions of bodies. Local."""
+        moves = any(np.any(self._share(mass)) for mass in self._masses)
+        return not moves and any(body.free.size for body in self._bodies)
 
     def given(self, body: Body, name: str) -> None:
         """Let the next `check` look at all nodes of a body, whose state was given. Local.
@@ -208,13 +190,13 @@ class RigidMotion:
         # After a step velocities are rigid only in the mean of the step.
         sums, given = self._sums(u, v), self._given
         for body, q, (of_u, of_v) in zip(self._bodies, self._positions(sums), sums, strict=True):
-            directors, motions = q[1:], _rigid_motions(q)
+            directors, motions = q[1:], rigid_motions(q)
             misfits = {"displacement": np.abs(directors @ directors.T - np.eye(self.dim)).max()}
             if (body, "displacement") in given:
                 bent = self._greatest(body, u, body.fit(of_u)) / body.size
                 misfits["displacement"] = max(misfits["displacement"], bent)
             if (body, "velocity") in given:
-                amounts = _amounts(motions, body.products, of_v)
+                amounts = nearest(motions, body.products, of_v)
                 rest = self._greatest(body, v, np.einsum("k,kmi->mi", amounts, motions))
                 misfits["velocity"] = rest / (self._greatest(body, v, 0 * of_v) or 1.0)
             for name, misfit in misfits.items():
@@ -236,7 +218,7 @@ class RigidMotion:
             return R
         sums = self._sums(u, R)
         self._states = [
-            _Linearisation(body, q_n, q, forces[1], self._share(mass))
+            _Linearisation(body, q_n, q, self._part, forces[1], self._share(mass))
             for body, mass, q_n, q, forces in zip(
                 self._bodies, self._masses, self._starts, self._positions(sums), sums, strict=True
             )
@@ -256,20 +238,23 @@ class RigidMotion:
         sums = self._sums(r)
         return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
 
-    def moved(self, u: Floats, du: Floats) -> Floats:
+    def moved(self, u: Floats, du: Floats, *, leads: bool = False) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
 
-        Increments of rigid bodies are taken as motions at u.
+        Increments of rigid bodies are taken as free motions at u. At the start of a step guides
+        lead the bodies in the others.
         """
         result: Floats = u + du
         if not self.exists:
             return result
-        sums = self._sums(u, du)
+        sums, dim = self._sums(u, du), self.dim
         fields = []
-        for body, q, (_, increment) in zip(self._bodies, self._positions(sums), sums, strict=True):
-            motions, dim = _rigid_motions(q), q.shape[1]
-            amounts = _amounts(motions, body.products, increment)
-            spin = np.einsum("k,kij->ij", amounts[dim:], _TURNS[dim])
+        for body, q, (_, increment), led in zip(
+            self._bodies, self._positions(sums), sums, self.guides.led, strict=True
+        ):
+            amounts = nearest(rigid_motions(q), body.products, increment)
+            amounts = body.free.T @ (body.free @ amounts) + leads * led
+            spin = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim])
             change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
             change[0] = amounts[:dim]
             # Small changes that are added have all their digits; positions would lose some.
@@ -317,25 +302,3 @@ class RigidMotion:
         for body, coefficients in zip(self._bodies, fields, strict=True):
             values[body.nodes] = body.values @ coefficients
         return values
-
-
-def _rigid_motions(q: Floats) -> Floats:
-    """Translations, and rotations about the mean of the nodes, ``(k, d + 1, d)``. Local."""
-    dim = q.shape[1]
-    motions = np.zeros((dim + len(_TURNS[dim]), *q.shape))
-    motions[np.arange(dim), 0, np.arange(dim)] = 1.0
-    motions[dim:, 1:] = np.einsum("kij,mj->kmi", _TURNS[dim], q[1:])
-    return motions
-
-
-def _amounts(motions: Floats, products: Floats, sums: Floats) -> Floats:
-    """Amounts of motions nearest to a field with given `sums`, shape ``(k,)``. Local."""
-    gram = _matrix(motions, products, motions)
-    amounts: Floats = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, sums))
-    return amounts
-
-
-def _matrix(left: Floats, products: Floats, right: Floats) -> Floats:
-    """Products of fields ``(k, d + 1, d)`` by those of the linear fields, ``(k, k)``. Local."""
-    matrix: Floats = np.einsum("kmi,mn,lni->kl", left, products, right)
-    return matrix

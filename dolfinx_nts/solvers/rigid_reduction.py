@@ -28,7 +28,7 @@ class Reduced(NamedTuple):
     columns: Any
 
 
-def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats) -> Reduced:
+def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Floats) -> Reduced:
     """Reduce a system in which nodes of rigid bodies have unknowns of their own. Collective.
 
     Args:
@@ -36,6 +36,7 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats) -> Reduced:
         bodies: Motions of the rigid bodies; their amounts are unknowns of the first rank.
         held: Stiffness of the owned dofs in the matrix that the system does not have, ``(d n,)``
             [N/m].
+        resistance: What the system has in the motions of rigid bodies beside the matrix.
     """
     comm = A.comm.tompi4py()
     first, last = A.getOwnershipRange()
@@ -71,6 +72,9 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats) -> Reduced:
             stiffness += body.turning
         amounts = _ints(begin + np.arange(len(stiffness)))
         matrix.setValues(amounts, amounts, stiffness, addv=True)
+    if comm.rank == 0:
+        every = _ints(np.arange(len(resistance)))
+        matrix.setValues(every, every, resistance, addv=True)
     matrix.assemble()
     return Reduced(matrix, rows, columns)
 

@@ -19,9 +19,10 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid_motion import RigidColumns
 from dolfinx_nts.solvers.rigid_reduction import reduced
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -39,12 +40,12 @@ class SaddlePointSystem:
 
     Args:
         tangent: Matrix of the bodies.
-        rigid: Motion of the rigid ones.
+        bulk: Their residual, with the motion of the rigid ones.
     """
 
-    def __init__(self, tangent: Tangent, rigid: RigidMotion) -> None:
+    def __init__(self, tangent: Tangent, bulk: Bulk) -> None:
         """Create the solver, which factorises in each `solve`."""
-        self._tangent, self._rigid = tangent, rigid
+        self._tangent, self._bulk = tangent, bulk
 
     def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
@@ -99,7 +100,7 @@ class SaddlePointSystem:
                     right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
                     multiplier += 1
         A.assemble()
-        if self._rigid.exists:
+        if self._bulk.rigid.exists:
             solution = self._with_rigid_bodies(A, right)
         else:
             solution = _solution(A, right)
@@ -110,8 +111,10 @@ class SaddlePointSystem:
 
     def _with_rigid_bodies(self, A: Any, right: Floats) -> Floats:
         """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
-        held = self._tangent.shift * np.ones(self._rigid.dim)
-        system = reduced(A, self._rigid.columns(), held.ravel())
+        rigid, tangent = self._bulk.rigid, self._tangent
+        added = (tangent.held + tangent.shift) * np.ones(rigid.dim)
+        columns = rigid.columns()
+        system = reduced(A, columns, added.ravel(), self._stabilisation(columns))
         b, forces = A.createVecLeft(), system.rows.createVecRight()
         b.array[:] = right
         system.rows.multTranspose(b, forces)
@@ -122,6 +125,24 @@ class SaddlePointSystem:
         for item in (*system, b, forces, x, amounts):
             item.destroy()
         return solution
+
+    def _stabilisation(self, bodies: Sequence[RigidColumns]) -> Floats:
+        """What holds rigid bodies that nothing else does, in their motions. Collective."""
+        k, n = sum(len(body.turning) for body in bodies), self._bulk.num_owned
+        resistance = np.zeros((k, k))
+        if self._bulk.stabilisation is None:
+            return resistance
+        column = 0
+        for body in bodies:
+            for motion in body.end.T:
+                x = np.zeros(n)
+                x[body.dofs] = motion
+                forces = self._bulk.stabilisation(x.reshape(-1, self._bulk.rigid.dim)).ravel()
+                parts = [other.mean.T @ forces[other.dofs] for other in bodies]
+                resistance[:, column] = np.concatenate(parts)
+                column += 1
+        total: Floats = reductions.total(self._tangent.comm, resistance)
+        return total
 
 
 def _solution(A: Any, right: Floats) -> Floats:

@@ -20,7 +20,7 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
-__all__ = ["Tangent"]
+__all__ = ["Tangent", "TangentOfAllCells"]
 
 # Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
 # contact makes up for what is too much, not for what is too little.
@@ -146,11 +146,16 @@ class Tangent:
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
-        self.shift = np.zeros_like(stiffness)
-        self.shift[nodes] = stiffness[nodes]
+        held = self._stiffness.held = np.zeros_like(stiffness)
+        held[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = _NEARBY_SHIFT * self.shift[nodes]
+        holding: Floats = _NEARBY_SHIFT * held[nodes]
         return holding
+
+    @property
+    def held(self) -> Floats | float:
+        """The same as `shift` of nodes that `hold` holds."""
+        return self._stiffness.held
 
     def forget(self) -> None:
         """Return to the state before the first matrix. Local."""
@@ -192,11 +197,21 @@ class Tangent:
             _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
-        self._rows.add_to_diagonal(self.shift if is_exact else _NEARBY_SHIFT * self.shift)
+        shift = self.shift + self.held
+        self._rows.add_to_diagonal(shift if is_exact else _NEARBY_SHIFT * shift)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
         self.point = [np.array(is_exact), *(array.copy() for array in self._inputs)]
+
+
+class TangentOfAllCells(Tangent):
+    """The same where loads alone have forms on some cells, as of rigid bodies in statics."""
+
+    def _created(self, form: fem.Form) -> la.MatrixCSR:
+        V = self._u.function_space
+        every = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ufl.dx
+        return fem.create_matrix(compile_bilinear_form(every))
 
 
 def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -> None:

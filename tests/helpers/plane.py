@@ -49,12 +49,13 @@ def blocks(
     degree: int = 1,
     *,
     rigid: bool = False,
+    guide: nts.Guide | None = None,
     material: nts.Hyperelastic | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
-    The upper one may be rigid.
+    The upper one may be rigid, with a guide.
     """
     turn = turning(angle)
     (x_low, low), (x_up, up) = (
@@ -92,7 +93,7 @@ def blocks(
     rubber = nts.SaintVenantKirchhoff(**RUBBER) if material is None else material
     bodies = [nts.Body(V, tags, tag, rubber) for tag in (1, 2)]
     if rigid:
-        bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"])
+        bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"], guide)
     surfaces = [
         nts.Surface.where(V, lambda x, y=y: np.isclose((back @ x[:gdim])[1], y))
         for y in (0.02, 0.0)

@@ -25,7 +25,7 @@ def exact(tau):
     return np.where(tau < 2, np.exp(-tau), np.maximum(second, 0.0))
 
 
-def test_duration_impulses_and_rebound_are_exact_within_two_percent():
+def test_duration_impulses_and_rebound_are_exact_within_two_percent(told):
     data = boxes([(1, 1, CELLS), (1, 1, 1)], [(1.0, 1.0, LENGTH), (2.0, 2.0, 0.5)])
     data.X[np.unique(data.cells[data.body == 1])] += [-0.5, -0.5, LENGTH + 1e-6]
     mesh, cells, facets, tag = distribute(MPI.COMM_SELF, data)
@@ -46,10 +46,22 @@ def test_duration_impulses_and_rebound_are_exact_within_two_percent():
     assert abs(energy - first.total_energy) < 1e-11 * first.total_energy
     force = np.diff(speed) / SPEED * CELLS
     tau = np.arange(1, len(speed)) / CELLS
-    assert abs(tau[force > 1e-6][-1] - END) < 0.02 * END
+    duration, impulses = tau[force > 1e-6][-1], []
+    assert abs(duration - END) < 0.02 * END
     fine = np.linspace(0, END, 100_001)
     for some, part in ((tau < 1.8, fine < 1.8), (tau > 1.8, fine > 1.8)):
         impulse = np.trapezoid(exact(fine[part]), fine[part])
-        assert abs(force[some].sum() / CELLS - impulse) < 0.02 * impulse
+        impulses.append(force[some].sum() / CELLS / impulse - 1)
+        assert abs(impulses[-1]) < 0.02
     rebound = np.trapezoid(exact(fine), fine) - 1
     assert abs(speed[-1] / SPEED - rebound) < 0.02 * rebound
+    # The returning front is a jump, which every mesh overshoots: two steps share its peak.
+    largest = max(force[1:] + force[:-1]) / 2
+    told(
+        f"rigid mass strikes a clamped rod of the same mass, {CELLS} cells, elastic impact: "
+        "duration, rebound, largest force (mean of two steps), impulse before and after the "
+        "wave comes back",
+        f"{END:.3f} L/c, {rebound:.3f} v, {exact(2.0):.3f} rho c v A (jump), exact",
+        f"{duration:.3f} L/c, {speed[-1] / SPEED:.3f} v, {largest:.3f} rho c v A, "
+        f"{100 * impulses[0]:+.2f} %, {100 * impulses[1]:+.2f} %",
+    )

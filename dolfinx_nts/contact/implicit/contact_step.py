@@ -12,15 +12,16 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
-from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints
+from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
+from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
@@ -36,8 +37,10 @@ _NONE: Ints = np.empty(0, dtype=np.int32)
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
     ("node-to-segment", True): StaticSearch,
+    ("node-to-segment", "tied"): LocalSearch,
     ("mortar", False): FrozenPoints,
     ("mortar", True): SettlingPoints,
+    ("mortar", "tied"): TiedPoints,
 }
 
 
@@ -82,18 +85,13 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
-        make = _SEARCHES[state.pair.method, is_static]
-        self.search = search = make(state, x_n, x_trial)
+        kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
+        self.search = search = _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = _normal_contact(state, is_static, search, nodal_stiffness)
-        law = state.pair.friction
-        self.friction = (
-            Friction(state)
-            if law is None
-            else StickSlip(state, law, is_static, search, nodal_stiffness)
-        )
+        self.friction = _friction(state, is_static, search, nodal_stiffness)
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
@@ -279,9 +277,23 @@ def _normal_contact(
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
+    if isinstance(law, Tied):
+        return TiedContact(state, law, is_static, search, stiffness)
     if isinstance(law, LagrangeMultiplier):
         return MultiplierContact(state, law, is_static, search, stiffness)
     return PenaltyContact(state, law, is_static, search)
+
+
+def _friction(
+    state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
+) -> Friction:
+    """Make the tangential forces of a pair by its laws. Local."""
+    law = state.pair.friction
+    if isinstance(state.pair.enforcement, Tied):
+        return Bond(state, is_static, search, stiffness)
+    if law is None:
+        return Friction(state)
+    return StickSlip(state, law, is_static, search, stiffness)
 
 
 def contact_residual(

@@ -18,7 +18,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar_search import MortarCandidates
 
-__all__ = ["FrozenPoints", "SettlingPoints"]
+__all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
 
 # Way between equilibrium and where the points were chosen, in coordinates of the reference
 # segment, that is none without inertia.
@@ -43,6 +43,7 @@ class FrozenPoints(LocalSearch):
     def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
         """Choose the points where the surfaces would be without contact."""
         super().__init__(state, x_n, x_trial)
+        self._V = state.nodes.V
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
         self._renewals = 0
@@ -55,7 +56,11 @@ class FrozenPoints(LocalSearch):
 
     def _choose(self, x: Floats) -> None:
         """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
-        ends = self.x_n, x
+        self._take(self.x_n, x)
+
+    def _take(self, x_n: Floats, x: Floats) -> None:
+        """Take the points where segments, at x, project on facets, see `MortarPoints.choose`."""
+        ends = x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         # The segment with the lowest number stands for those of the points of a node.
@@ -93,6 +98,17 @@ class FrozenPoints(LocalSearch):
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
         near: Ints = node[self.gap[node] < self._nearby * size]
         return near
+
+
+class TiedPoints(FrozenPoints):
+    """Contact points that stay where they are on the mesh, in all steps."""
+
+    _most_renewals = 0
+
+    def _choose(self, x: Floats) -> None:
+        """Choose the points by the reference positions, whatever the others are."""
+        X = self.candidates.scatter.forward(self._V.tabulate_dof_coordinates())
+        self._take(X, X)
 
 
 class SettlingPoints(FrozenPoints):

@@ -19,8 +19,7 @@ def compare(monkeypatch, scene, num_steps):
     """Advance; solve every linear system of contact both ways."""
     differences, ranks = [], set()
     solver = scene.stepper._solver
-    rigid = scene.stepper._bulk.rigid
-    saddle, solve = SaddlePointSystem(solver.tangent, rigid), solver.solve
+    saddle, solve = SaddlePointSystem(solver.tangent, scene.stepper._bulk), solver.solve
 
     def both(R, steps, states, rtol):
         du, multipliers = solve(R, steps, states, 1e-11)

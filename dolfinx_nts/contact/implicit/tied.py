@@ -1,0 +1,94 @@
+"""Nodes that are tied to their segments, in one attempt at a step."""
+
+from typing import cast
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import Tied
+from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["Bond", "TiedContact"]
+
+
+class TiedContact(MultiplierContact):
+    """Holds the gaps of tied nodes, by forces of either sign, see `MultiplierContact`."""
+
+    def choose(self) -> Flags:
+        """Choose the tied nodes: in the first step by their gaps, see `NormalContact.choose`."""
+        history, approach, size = self._state.history, self._search.start, self._search.candidates
+        comm: MPI.Comm = self._state.nodes.V.mesh.comm
+        if reductions.anywhere(comm, bool(history.active.any())):
+            return history.active.copy()
+        segment, gap = approach
+        length = size.size.take(segment, mode="wrap") if len(size.size) else np.ones(1)
+        law = cast(Tied, self._law)
+        tied: Flags = (segment >= 0) & (np.abs(gap) <= law.reach * length)
+        if not reductions.anywhere(comm, bool(tied.any())):
+            raise ValueError(
+                f"expected nodes within {law.reach:g} of the size of a segment between "
+                f"{self._state.pair.between}, given none to tie: Tied(reach=) may be larger"
+            )
+        self.active = tied
+        return tied
+
+    def needs(self, node: Ints) -> Flags:
+        """Whether the kinematics of nodes matter: those of all tied ones do."""
+        return np.ones(len(node), dtype=bool)
+
+    @property
+    def may_touch(self) -> Flags:
+        """Whether a node may transmit force: the tied ones do, shape ``(n,)``. Local."""
+        return self._eligible
+
+    def _target(self, pairs: PairKinematics) -> Floats:
+        """Gaps that multipliers hold: those at t_n, shape ``(m,)`` [m]."""
+        return pairs.contact.gap_n
+
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        """Compute multipliers from the balance at the nodes; none is released."""
+        pairs.excess[:, 0] = pairs.contact.gap - self._target(pairs)
+        R = None if R is None else R[pairs.dofs[:, 0]]
+        active = np.ones(len(pairs.node), dtype=bool)
+        self.active[pairs.node] = True
+        self.lambda_N[pairs.node] = self._balance(
+            pairs, R, self.lambda_N[pairs.node], active, friction
+        )
+        # A tied node without a segment never makes an equilibrium.
+        return len(self.nodes) - len(pairs.node)
+
+
+class Bond(StickSlip):
+    """Tangential forces of tied nodes, which stick whatever the force, see `StickSlip`.
+
+    Args:
+        state: State of the pair.
+        is_static: Whether there is no inertia.
+        search: Segments of the nodes.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+    """
+
+    def __init__(
+        self, state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
+    ) -> None:
+        """Let all nodes stick."""
+        super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness)
+        self.sliding = np.zeros(len(stiffness), dtype=bool)
+
+    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
+        """Change nothing, as no tied node comes or goes."""
+
+    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+        """Keep all sticking, see `Friction.update`."""
+        self._slip[pairs.node] = pairs.slip.value
+        return 0

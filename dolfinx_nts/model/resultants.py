@@ -1,0 +1,110 @@
+"""Loads on a body as a whole: a force, and a moment, such as those on a guided tool."""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arguments import as_call, instances
+from dolfinx_nts.fem.components import deformation_gradient, gradient
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.loads import LoadWithValue
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["Force", "Moment"]
+
+
+class _Resultant(LoadWithValue):
+    """A load on a body, spread over its mass.
+
+    Args:
+        body: The body.
+        value: As for `LoadWithValue`.
+    """
+
+    def __init__(self, body: Body, value: Any) -> None:
+        """Check the body and the value, and measure the mass."""
+        (self._body,) = instances(Body, [body])
+        super().__init__(body.V, value)
+        comm: MPI.Comm = body.V.mesh.comm
+        form = compile_form(bulk_form([body], lambda material, parameters, rho: rho))
+        self._mass: float = reductions.total(comm, float(fem.assemble_scalar(form)))
+
+    @property
+    def name(self) -> str:
+        """Class and body. Local."""
+        return f"{type(self).__name__} {self._body.name}"
+
+    def __repr__(self) -> str:
+        """Body and value in one line. Local."""
+        return as_call(self, body=self._body, value=self._described())
+
+    def acts_on(self, body: Body) -> bool:
+        """Whether the body is the one that was given. Local."""
+        return body is self._body
+
+    def _spread(self, work: Any) -> ufl.Form:
+        """Mean over the mass of a virtual work, linear in the test function."""
+        mass = fem.Constant(self.V.mesh, self._mass)
+        return bulk_form([self._body], lambda material, parameters, rho: rho / mass * work)
+
+
+class Force(_Resultant):
+    """Dead force on a body as a whole, at its centre of mass: spread as its weight is. Collective.
+
+    Args:
+        body: The body, such as a rigid one that a guide leaves free along the force.
+        value: Resultant, shape ``(3,)``, in the plane ``(2,)`` [N], a function of the time [s]
+            that returns it, or a UFL expression.
+
+    Raises:
+        TypeError: ``body`` is no body.
+        ValueError: The value has the wrong shape or is not finite.
+
+    Example:
+        >>> nts.Force(body, (0.0, 0.0, -800.0))  # N
+        Force(body=Body(tag=..., ...), value=(0, 0, -800))
+        >>> rising = nts.Force(body, lambda t: (0.0, 0.0, -100.0 * t))
+    """
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step, see `Load.form`."""
+        return self._spread(ufl.inner(self._value, ufl.TestFunction(self.V)))
+
+
+class Moment(_Resultant):
+    r"""Moment on a body as a whole, without a resultant; it keeps its direction. Collective.
+
+    Its work on a rigid body in a step is :math:`M \cdot \theta` with the Cayley vector
+    :math:`\theta`, 2 tan(angle/2) along the axis of the turn: a moment that is given in space has
+    no potential. On a deformable body it acts on the mean rotation, by mass.
+
+    Args:
+        body: The body, such as a rigid one that a guide leaves free to turn.
+        value: Moment, shape ``(3,)`` [N m], in the plane a number, a function of the time [s] that
+            returns it, or a UFL expression.
+
+    Raises:
+        TypeError: ``body`` is no body.
+        ValueError: The value has the wrong shape or is not finite.
+
+    Example:
+        >>> nts.Moment(body, (0.0, 2.0, 0.0))  # N m
+        Moment(body=Body(tag=..., ...), value=(0, 2, 0))
+    """
+
+    def _shape_in(self, dim: int) -> tuple[int, ...]:
+        return () if dim == 2 else (3,)
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step, see `Load.form`."""
+        # A turn by theta about the mean state has the gradient theta x there.
+        F = deformation_gradient((u_n + u) / 2)
+        spin = gradient(ufl.TestFunction(self.V)) * ufl.inv(F)
+        pairs = ((2, 1), (0, 2), (1, 0))
+        axial = ufl.as_vector([(spin[i, j] - spin[j, i]) / 2 for i, j in pairs])
+        value = self._value if self._shape else ufl.as_vector([0, 0, self._value])
+        return self._spread(ufl.inner(value, axial))

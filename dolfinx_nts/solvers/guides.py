@@ -1,0 +1,89 @@
+"""Guides of rigid bodies in a step: how they lead the bodies, and what they take."""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.model.reaction import Reaction, total_reactions
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.linear_fields import LinearFields, nearest, rigid_motions
+
+__all__ = ["Guides"]
+
+
+class Guides:
+    """Guides of the rigid bodies of a stepper; a free body has one that leaves all free.
+
+    Args:
+        comm: Communicator.
+        bodies: Linear fields over each rigid body.
+
+    Attributes:
+        led: Displacement of the guided point, and Cayley vector of the turn, that each body is
+            given in the step, ``(6,)``, in the plane ``(3,)``.
+    """
+
+    def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
+        """Keep the bodies, which no step leads as yet."""
+        self._comm, self._bodies = comm, tuple(bodies)
+        self.led: list[Floats] = [np.zeros(body.free.shape[1]) for body in bodies]
+
+    def lead(self, t_n: float, t: float) -> None:
+        """Lead the bodies from t_n to t [s] in the next step. Local.
+
+        Raises:
+            TypeError, ValueError: The motion of a guide is none, see `Motion`.
+        """
+        self.led = [body.led(t_n, t) for body in self._bodies]
+
+    @property
+    def move(self) -> bool:
+        """Whether they lead any body somewhere in the step. Local."""
+        return any(map(np.any, self.led))
+
+    def turns(self) -> list[tuple[str, float]]:
+        """Names of the bodies, and angles by which the guides turn them [rad]. Local."""
+        turns = []
+        for body, led in zip(self._bodies, self.led, strict=True):
+            half = np.arctan(np.linalg.norm(led[len(body.point) :]) / 2)
+            turns.append((body.body.name, 2 * float(half)))
+        return turns
+
+    def held(self, x: Floats) -> Floats:
+        """Part of displacements, rigid motions of the bodies as declared, that is not free.
+
+        Collective. Displacements of the owned nodes have the shape ``(n, d)`` [m].
+        """
+        held = np.zeros_like(x)
+        for body in self._bodies:
+            sums: Floats = reductions.total(self._comm, body.sums(x[None])[0])
+            motions = rigid_motions(body.reference)
+            amounts = nearest(motions, body.products, sums)
+            amounts = amounts - body.free.T @ (body.free @ amounts)
+            held[body.nodes] = body.values @ np.einsum("k,kmi->mi", amounts, motions)
+        return held
+
+    def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
+        """Forces on the guided bodies in a step, see `Supports.reactions`. Collective.
+
+        Args:
+            force: What nodal forces leave of the balance, shape ``(n, d)`` [N].
+            x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
+            du: Displacements of the owned nodes in the step, shape ``(n, d)`` [m].
+
+        Returns:
+            The reaction of each guide, in the order of the bodies.
+        """
+        guided = [body.nodes for body in self._bodies if body.body.guide is not None]
+        if not guided:
+            return ()
+        d = du.shape[1]
+        turning: Floats = np.asarray(np.cross(x[: len(du)], in_space(force)), dtype=np.float64)
+        turning = turning if d == 3 else turning[:, 2:]
+        parts = np.column_stack([force, turning, (force * du).sum(axis=1)])
+        sums = np.array([parts[nodes].sum(axis=0) for nodes in guided])
+        return total_reactions(self._comm, sums, d)
