@@ -67,7 +67,8 @@ class ContactPair(Declaration):
         method: ``"node-to-segment"``: each node holds its distance from the segment that it
             faces. ``"mortar"``: surface to surface, each node holds the mean distance of the
             facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
-            a uniform pressure exactly, wherever nodes of the two surfaces lie.
+            a uniform pressure exactly, wherever nodes of the two surfaces lie. At degree 2 the
+            vertices hold it.
 
     Attributes:
         nodes, segments, enforcement, method: The arguments.
