@@ -101,6 +101,8 @@ def is_on_axis(mesh: Mesh, x: Floats) -> Flags:
 
 def axis_nodes(V: fem.FunctionSpace) -> Ints:
     """Local nodes of a space on the axis, owned and ghost; none without an axis. Local."""
+    if not is_axisymmetric(V.mesh):
+        return np.empty(0, dtype=np.int32)
     on_axis = is_on_axis(V.mesh, V.tabulate_dof_coordinates())
     return np.flatnonzero(on_axis).astype(np.int32)
 

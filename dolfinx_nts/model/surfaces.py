@@ -57,7 +57,6 @@ class Surface(Declaration):
         name: Name of the region, or ``surface`` with the tag, for messages.
         nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
             ``(n,)``.
-        on_axis: Which of the nodes are on the axis of an axisymmetric mesh, shape ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
             V, owned or ghost, in Basix order, shape ``(s, k)``, ``k`` 3 or 4.
         orientation: +1 where the product a_1 x a_2 of the tangents of a segment points out of
@@ -136,7 +135,6 @@ class Surface(Declaration):
         marker.array[segments.ravel()] = 1
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
-        self.on_axis = is_on_axis(mesh, X[self.nodes])
 
         self.segments: Ints = segments[mine]
         self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)

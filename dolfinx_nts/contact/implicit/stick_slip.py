@@ -13,6 +13,7 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.axisymmetry import axis_nodes
 from dolfinx_nts.fem.components import dimension
 
 __all__ = ["Friction", "StickSlip"]
@@ -135,7 +136,7 @@ class StickSlip(Friction):
         self._arrives_sliding = not is_static
         self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
         # By symmetry nodes on the axis of rings have no traction: they slide without friction.
-        self._on_axis = state.nodes.on_axis
+        self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
         self._arrivals = np.zeros(n, dtype=np.int32)
         # Model of the traction and slip of the last iteration.
