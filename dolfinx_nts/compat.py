@@ -154,8 +154,9 @@ def quicker_ffcx() -> Iterator[None]:
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
-    element, numberer = getattr(basix.ufl, "_ElementBase", None), _value_numberer()
-    given = getattr(element, "cell", None), getattr(numberer, "get_node_symbols", None)
+    element: Any = getattr(basix.ufl, "_ElementBase", None)
+    numberer = _value_numberer()
+    given: Any = getattr(element, "cell", None), getattr(numberer, "get_node_symbols", None)
 
     def cell(self: Any) -> Any:
         if self.cell_type not in cells:
