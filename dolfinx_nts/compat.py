@@ -164,7 +164,8 @@ def quicker_ffcx() -> Iterator[None]:
         return cells[self.cell_type]
 
     def get_node_symbols(self: Any, expr: Any) -> Any:
-        return self.V_symbols[self.G.e2i[expr]]
+        numbers = getattr(self.G, "e2i", None)
+        return given[1](self, expr) if numbers is None else self.V_symbols[numbers[expr]]
 
     if isinstance(given[0], property):
         element.cell = property(cell)
