@@ -154,8 +154,9 @@ def quicker_ffcx() -> Iterator[None]:
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
-    element, numberer = getattr(basix.ufl, "_ElementBase", None), _value_numberer()
-    given = getattr(element, "cell", None), getattr(numberer, "get_node_symbols", None)
+    element: Any = getattr(basix.ufl, "_ElementBase", None)
+    numberer = _value_numberer()
+    given: Any = getattr(element, "cell", None), getattr(numberer, "get_node_symbols", None)
 
     def cell(self: Any) -> Any:
         if self.cell_type not in cells:
@@ -163,7 +164,8 @@ def quicker_ffcx() -> Iterator[None]:
         return cells[self.cell_type]
 
     def get_node_symbols(self: Any, expr: Any) -> Any:
-        return self.V_symbols[self.G.e2i[expr]]
+        numbers = getattr(self.G, "e2i", None)
+        return given[1](self, expr) if numbers is None else self.V_symbols[numbers[expr]]
 
     if isinstance(given[0], property):
         element.cell = property(cell)

@@ -1,7 +1,7 @@
 """Compilation of forms and expressions by FFCx, with the package's compiler flags."""
 
 import platform
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import ufl
@@ -58,21 +58,17 @@ def _options(*flags: str) -> dict[str, Any]:
     return {"cffi_extra_compile_args": [*flags, "-g0"], "timeout": _TIMEOUT}
 
 
-def _compiler(options: dict[str, Any]) -> Callable[[ufl.Form], fem.Form]:
-    """Compiler of forms. Collective, as is what it returns."""
-
-    def compiled(form: ufl.Form) -> fem.Form:
-        with compat.quicker_ffcx():
-            return fem.form(form, jit_options=options)
-
-    return compiled
+def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
+    """Compile a form. Collective."""
+    with compat.quicker_ffcx():
+        return fem.form(form, jit_options=options)
 
 
 _FAST = _options(*OPTIMISED, *_UNROLLED)
-compile_form = _compiler(_FAST)
-compile_bilinear_form = _compiler(_options(*OPTIMISED, *_SOON))
+compile_form = partial(_compiled, _FAST)
+compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *_SOON))
 # With slow kernels: for forms that are assembled once, and for what else a compiled form knows.
-compile_quickly = _compiler(_options("-O0"))
+compile_quickly = partial(_compiled, _options("-O0"))
 
 
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:

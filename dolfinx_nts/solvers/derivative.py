@@ -77,7 +77,7 @@ class Derivative:
     def by(self, kernels: Kernels) -> NodalSum:
         """Forms of the derivative with some kernels. Collective."""
         if kernels not in self._sums:
-            # Few runs need double precision, which takes time to compile.
+            # Without contact nobody needs double precision, which takes time to compile.
             self._sums[kernels] = self._new(kernels)
             self._sums[kernels].leave_out(self._left_out)
         return self._sums[kernels]

@@ -244,8 +244,8 @@ def solve(
         if du_norm <= longest and not changed:  # nodes that have just become active have far to go
             x = X + in_space(nodes)
             with timings.phase("contact"):
-                for step in steps:
-                    step.close_gaps(x, nodes)
+                for step, state in zip(steps, states, strict=True):
+                    step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
 

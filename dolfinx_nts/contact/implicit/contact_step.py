@@ -97,7 +97,6 @@ class ContactStep:
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, False
         self._is_rigid = np.isin(state.nodes.nodes, rigid)
-        self._pairs: PairKinematics  # those of the last evaluation
 
     @property
     def _comm(self) -> MPI.Comm:
@@ -124,7 +123,7 @@ class ContactStep:
         x = self.x = self.candidates.scatter.forward(self.state.search.frame.at_end(x))
         if self._idle is not None:
             return self._idle
-        self._pairs, changed = pairs, changed = self._kinematics(x, iteration)
+        pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
@@ -147,10 +146,13 @@ class ContactStep:
             self._idle = None
         return moved
 
-    def close_gaps(self, x: Floats, u: Floats) -> None:
-        """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`."""
+    def close_gaps(self, contribution: ContactContribution, x: Floats, u: Floats) -> None:
+        """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`.
+
+        ``contribution`` is the last evaluation.
+        """
         if self.num_active:
-            self.normal.close_gaps(self._pairs, x, u, self.friction)
+            self.normal.close_gaps(contribution.pairs, x, u, self.friction)
 
     def add_multipliers(self, contribution: ContactContribution, increments: Floats) -> None:
         """Add increments of the multipliers [N], one for each constraint of the pairs. Local."""
@@ -176,7 +178,7 @@ class ContactStep:
         return history, self._work(contribution, history)
 
     def _history(self, contribution: ContactContribution) -> ContactHistory:
-        pairs, search, n = self._pairs, self.search, len(self.normal.active)
+        pairs, search, n = contribution.pairs, self.search, len(self.normal.active)
         key = np.full(n, -1, dtype=np.int64)
         found = search.segment >= 0
         key[found] = self.candidates.key[search.segment[found]]
