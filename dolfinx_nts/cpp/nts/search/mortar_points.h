@@ -4,6 +4,7 @@
 #include "nts/geometry/polygons.h"
 #include "nts/search/cached_tree.h"
 #include "nts/search/local_search.h"
+#include "nts/search/multiplier_functions.h"
 
 #include <iterator>
 #include <span>
@@ -19,8 +20,9 @@
 /// the plane, edges are projected on edges.
 /// Weights are reference areas. Multipliers belong to the vertices. Their shape
 /// functions are dual to the linear ones of the facet on the part of it that is
-/// covered (Cichosz and Bischoff 2011), and these themselves where a part is
-/// not.
+/// covered (Cichosz and Bischoff 2011). Vertices outside of that part mix them
+/// with those of the others, up to the linear functions themselves, see
+/// multiplier_functions.h.
 namespace nts
 {
 /// @brief Numbers of the choice of contact points.
@@ -30,8 +32,6 @@ struct MortarRule
   static constexpr double facing = -0.1;
   /// Area in the reference cell below which a polygon is left out.
   static constexpr double least_area = 1e-10;
-  /// Covered part of a facet from which on it counts as a whole.
-  static constexpr double whole = 0.999;
   /// By how much segments may cover a facet more than once: but for round-off
   /// they do so only where they overlap in projection.
   static constexpr double overlap = 1e-6;
@@ -217,7 +217,7 @@ private:
                  { points.push_back({xi, weight, below.segment}); });
     else
       covered = pair_nearest(e, found, points);
-    add_points(e, points, covered >= MortarRule::whole * cell);
+    add_points(e, points, covered / cell);
   }
 
   /// @brief Call add(xi, weight) for points by which shape functions are
@@ -280,44 +280,23 @@ private:
     return covered;
   }
 
-  /// @brief Add the points of a facet, with the shape functions there.
+  /// @brief Add the points of a facet, of which a part is covered [-], with the
+  /// shape functions there.
   void add_points(std::int32_t e, const std::vector<Point>& points,
-                  bool is_whole)
+                  double covered)
   {
     const std::array<Vec3, n> X = nodes(_facets, e, _ends.X);
-    std::vector<std::array<double, k>> linear;
-    std::vector<double> weight;
-    Matrix<k, k> M = {}, D = {};
+    MultiplierFunctions<S> functions;
+    for (const Point& point : points)
+      functions.add(point.xi, point.weight * area_ratio<F>(X, point.xi));
+    functions.finish(covered);
     for (const Point& point : points)
     {
-      weight.push_back(point.weight * area_ratio<F>(X, point.xi));
-      linear.push_back(S::phi(point.xi));
-      for (std::size_t a = 0; a < k; ++a)
-      {
-        for (std::size_t b = 0; b < k; ++b)
-          M[a][b] += weight.back() * linear.back()[a] * linear.back()[b];
-        D[a][a] += weight.back() * linear.back()[a];
-      }
-    }
-    // psi = D M^-1 N with the linear functions N, and the transpose in D.
-    const bool is_dual = is_whole && solve(M, D);
-    for (std::size_t q = 0; q < points.size(); ++q)
-    {
       _points.facet.push_back(e);
-      _points.segment.push_back(points[q].segment);
-      _points.weight.push_back(weight[q]);
-      std::ranges::copy(F::phi(points[q].xi), std::back_inserter(_points.phi));
-      for (std::size_t a = 0; a < k; ++a)
-      {
-        double psi = linear[q][a];
-        if (is_dual)
-        {
-          psi = 0;
-          for (std::size_t b = 0; b < k; ++b)
-            psi += D[b][a] * linear[q][b];
-        }
-        _points.psi.push_back(psi);
-      }
+      _points.segment.push_back(point.segment);
+      _points.weight.push_back(point.weight * area_ratio<F>(X, point.xi));
+      std::ranges::copy(F::phi(point.xi), std::back_inserter(_points.phi));
+      std::ranges::copy(functions(point.xi), std::back_inserter(_points.psi));
     }
   }
 
