@@ -131,12 +131,12 @@ def test_plastic_impact_loses_energy_only_where_nodes_arrive(scheme):
 
 
 @cache
-def tilted_impact(method: str, swapped: bool) -> tuple[float, float]:
+def tilted_impact(method: str, swapped: bool, tilt: float) -> tuple[float, float]:
     """Change of the velocity of a tilted block that falls on another; error of the energy."""
     data = scenes.boxes([(4, 4, 2), (6, 6, 3)], [(1, 1, 0.5), (0.8, 0.8, 0.6)])
     upper = np.unique(data.cells[data.body == 1])
     middle = np.array([0.4, 0.4, 0.3])
-    turned = (data.X[upper] - middle) @ rotation([1, 0.3, 0], 0.12).T
+    turned = (data.X[upper] - middle) @ rotation([1, 0.3, 0], tilt).T
     data.X[upper] = turned + middle + [0.1, 0.05, 0.58]
     mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -144,11 +144,11 @@ def tilted_impact(method: str, swapped: bool) -> tuple[float, float]:
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
     sides = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
     pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
-    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.01)
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.005)
     stepper.set_velocity(bodies[1], (0.3, 0.1, -1.0))
     diagnostics = nts.Diagnostics(stepper)
     before, energy = diagnostics.body_velocity(bodies[1])[2], diagnostics.balance().total_energy
-    for _ in range(40):
+    for _ in range(80):
         assert stepper.advance().newton_iterations <= 8 or method != "mortar"
     assert stepper.statistics.solver.num_direct == 0
     error = abs(diagnostics.balance().total_energy / energy - 1)
@@ -156,16 +156,18 @@ def tilted_impact(method: str, swapped: bool) -> tuple[float, float]:
 
 
 def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
-    (one, first), (other, second) = (tilted_impact("mortar", swapped) for swapped in (False, True))
-    assert max(first, second) <= 1e-11
-    assert abs(other / one - 1) <= 0.01
-    nodes = [tilted_impact("node-to-segment", swapped)[0] for swapped in (False, True)]
-    assert abs(nodes[1] / nodes[0] - 1) >= 0.02
-    changes = [100 * abs(pair[1] / pair[0] - 1) for pair in ((one, other), nodes)]
+    """In steps that resolve a cell; in longer ones it is chance which nodes of a rim touch first."""
+    changes = []
+    for method, tilt in (("mortar", 0.12), ("mortar", 0.2), ("node-to-segment", 0.12)):
+        one, other = (tilted_impact(method, swapped, tilt) for swapped in (False, True))
+        assert max(one[1], other[1]) <= 1e-11 or method != "mortar"
+        changes.append(100 * abs(other[0] / one[0] - 1))
+    assert max(changes[:2]) <= 1
+    assert changes[2] >= 2
     told(
         "impact of a tilted block, sides exchanged",
         "the same impulse",
-        f"{changes[0]:.1f} %, by nodes and segments {changes[1]:.1f} %",
+        f"{changes[0]:.1f} and {changes[1]:.1f} %, by nodes and segments {changes[2]:.1f} %",
     )
 
 
@@ -209,3 +211,43 @@ def test_steps_that_are_too_long_are_cut_and_the_run_goes_on():
     assert sum(report.rejected for report in reports) >= 1
     assert max(report.num_active for report in reports) >= 9
     assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-11)
+
+
+def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
+    """Throw a coarse block with a bulging bottom on a plate, over the rim of which it slides.
+
+    The node in the middle touches first; the facets around it rise, so that their outer nodes
+    pass the rim high above it.
+    """
+    data = scenes.boxes([(4, 4, 2), (2, 2, 2)], [(1, 1, 0.5), (0.8, 0.8, 0.4)])
+    upper = np.unique(data.cells[data.body == 1])
+    X = data.X[upper]
+    X[:, 2] += 0.5 * ((X[:, :2] - 0.4) ** 2).sum(axis=1) * (1 - X[:, 2] / 0.4)
+    data.X[upper] = X + [0.15, 0.1, 0.503]
+    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0, one_point=())
+    bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
+    pair = MORTAR(*(nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")))
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=0.005)
+    stepper.set_velocity(bodies[1], (2.0, 0.0, -0.5))
+    return stepper, nts.Diagnostics(stepper)
+
+
+def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(told):
+    """By overlaps of the bodies, which know nothing of pairs."""
+    stepper, diagnostics = sliding_bulge(MPI.COMM_WORLD)
+    energy, depth, active = diagnostics.balance().total_energy, 0.0, 0
+    for _ in range(30):
+        active += stepper.advance().num_active > 0
+        depths = [max(found.depth, found.reverse_depth) for found in diagnostics.overlaps()]
+        depth = max(depth, *depths, 0.0)
+    way = 0.5 * stepper.dt
+    told(
+        "coarse bulge that slides over the rim of a plate",
+        "sinks in by a few ways of a step, 2.5 mm",
+        f"{1e3 * depth:.1f} mm, energy {abs(diagnostics.balance().total_energy / energy - 1):.0e}",
+    )
+    assert active >= 15
+    assert depth <= 3 * way
+    assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-10)

@@ -108,6 +108,51 @@ def test_multipliers_of_partly_covered_facets_are_positive(k, rng):
     assert np.isnan(points.shares.mean(height))[partial_facets == 0].all()
 
 
+def slide_over_rim(k: int, way: float, lift):
+    """Means of heights, and areas, of a sheet of 2 by 2 facets, slid by ``way`` over a rim.
+
+    The first row of nodes lies at y = 0.1 + way, the rim of the other sheet at y = 1; heights
+    are given by ``lift`` of the coordinates (v, 2) on the sheet and the distance from the rim.
+    """
+    none = np.random.default_rng(0)
+    above, facets = sheet(2, k, 0.8, none, 0.0)
+    below, segments = sheet(3, k, 1.0, none, 0.0)
+    above[:, 2] = lift(above[:, :2], 0.9 - way - above[:, 1])
+    x = np.vstack([above + [0.1, 0.1 + way, 0.0], below])
+    n, segments = len(segments), (segments + len(above)).astype(np.int32)
+    sizes = np.full(n, 0.4), np.full(n, 1.0)
+    found = FoundSegments(serial_scatter(len(x)), segments, np.ones(n), np.arange(n), *sizes)
+    nodes = np.arange(len(above), dtype=np.int32)
+    surface = MortarFacets(nodes, np.full(9, 0.07), facets, -np.ones(len(facets)), x)
+    points = MortarPoints.choose(surface, FacetCandidates(found, segments), x, x, 1.0)
+    return points.shares.mean(points.of(x)[:, 2]), points.shares.area
+
+
+@shapes
+def test_mean_gap_of_a_touching_node_stays_as_facets_slide_over_a_rim(k):
+    """It is the gap of the node to the rim, and behind it changes no faster than the node."""
+    step, middle = 0.002, 4
+    ways, gaps = np.arange(0.0, 0.8, step), []
+    for way in ways:
+        mean, area = slide_over_rim(k, way, lambda at, _: 0.4 * ((at - 0.4) ** 2).sum(axis=1))
+        assert area.min() >= 0
+        gaps.append(mean[middle])
+    assert np.abs(gaps)[ways <= 0.45].max() <= 1e-12
+    assert np.abs(np.diff(gaps)).max() <= step
+
+
+@shapes
+def test_nodes_beyond_a_rim_are_no_lever(k):
+    """A sheet that turns about the rim opens; nodes beyond it hardly count as deep."""
+    slope, facet = 0.1, 0.4
+    for way in np.arange(0.0, 0.8, 0.01):
+        mean, area = slide_over_rim(k, way, lambda _, inside: slope * inside)
+        assert np.nanmin(mean) >= -0.2 * slope * facet
+        assert (area * np.nan_to_num(mean)).sum() == pytest.approx(
+            0.4 * slope * (min(0.8, 0.9 - way) * (0.9 - way) * 2 - min(0.8, 0.9 - way) ** 2), rel=2e-2
+        )
+
+
 def test_facets_that_look_away_have_no_points(rng):
     surface, candidates, x, _ = choose(4, rng)
     away = MortarFacets(

@@ -39,7 +39,7 @@ struct MultiplierRule
   static constexpr double inside = 1.2, outside = 2;
   /// Covered part of a facet below which all vertices are outside, as slivers
   /// have no accurate dual functions, and from which on their place tells.
-  static constexpr double sliver = 0.01, wide = 0.05;
+  static constexpr double sliver = 1e-3, wide = 1e-2;
   /// Largest part of what it has that a vertex inside gives to those outside.
   static constexpr double given = 0.9;
 };
