@@ -10,7 +10,16 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["as_call", "finite", "instances", "kind_of", "nonnegative", "positive", "real", "real_array"]
+__all__ = [
+    "as_call",
+    "finite",
+    "instances",
+    "kind_of",
+    "nonnegative",
+    "positive",
+    "real",
+    "real_array",
+]
 
 # Digits of printed numbers [-]: enough for any given number, too few for its round-off.
 _DIGITS = 12

@@ -16,7 +16,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, diameters
-from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
+from dolfinx_nts.model.trajectories import Trajectories, passages
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
@@ -66,7 +66,7 @@ class Passage(NamedTuple):
             free: Which points contact does not hold, shape ``(p,)``; None: all.
         """
         way, longest = _relative_ways(candidates, points, *ends)
-        if way.max(initial=0.0) + longest <= candidates.shortest_passage:
+        if way.max(initial=0.0) + longest <= candidates.passage.min(initial=np.inf):
             return cls(np.empty(0, dtype=np.int32), 1.0)
         segment_n, gap_n = start
         near = ~(gap_n > way + longest) & (way + longest > 0)
@@ -104,7 +104,7 @@ def through_to_another_side(
     inside = np.where(gap < 0, segment, -1).astype(np.int32)
     ways = candidates.follow(points, *ends, inside)
     stays = (ways.entered >= 0) & ~ways.leaves
-    is_deep = bool((-ways.gap[stays] > candidates.shortest_passage).any())
+    is_deep = bool((-ways.gap[stays] > candidates.passage.min(initial=np.inf)).any())
     return number[ways.leaves & (ways.cosine < -_kernels.WALL)], is_deep
 
 
@@ -114,8 +114,8 @@ def shortest_passage_of(pair: ContactPair) -> float:
     if isinstance(segments, Obstacle):
         return segments.shortest_passage
     size = diameters(segments.V.tabulate_dof_coordinates()[segments.segments])
-    shortest = shortest_passage(size, segments.thickness)
-    return float(reductions.least(segments.V.mesh.comm, shortest))
+    shortest = float(passages(size, segments.thickness).min(initial=np.inf))
+    return reductions.least(segments.V.mesh.comm, shortest)
 
 
 def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> str:
@@ -186,5 +186,6 @@ def _is_lost(
 
 def _possible_part(candidates: Candidates, ways: Trajectories, way: Floats, passes: Flags) -> float:
     """Part of a step of relative ways, ``(m,)`` [m], after which points are still caught."""
-    parts = np.fmax(ways.begin, 0.0)[passes] + candidates.shortest_passage / way[passes]
+    shortest = candidates.passage.min(initial=np.inf)
+    parts = np.fmax(ways.begin, 0.0)[passes] + shortest / way[passes]
     return float(parts.min(initial=1.0))

@@ -45,6 +45,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
@@ -426,9 +427,11 @@ class ImplicitStepper(Stepper):
     def _reactions(
         self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
     ) -> tuple[Reaction, ...]:
-        """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m]."""
-        rigid = self._bulk.rigid
-        if not (self.supports.exist or rigid.exists):
+        """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m].
+
+        Collective.
+        """
+        if not (self.supports.exist or guided(self.bodies)):
             return ()
         fixed = self.supports.fixed
         # The residual of a state has no forces on given displacements; ``force`` has all.
@@ -439,4 +442,5 @@ class ImplicitStepper(Stepper):
         if self.scheme.loads_at == "mean":
             x[:n] -= in_space(du.reshape(n, d)) / 2
         of_supports = self.supports.reactions(force[fixed], x, du[fixed])
-        return of_supports + rigid.guides.reactions(force.reshape(n, d), x, du.reshape(n, d))
+        guides = self._bulk.rigid.guides
+        return of_supports + guides.reactions(force.reshape(n, d), x, du.reshape(n, d))

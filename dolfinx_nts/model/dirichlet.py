@@ -73,7 +73,7 @@ class Supports:
 
     def warn_of_empty(self) -> None:
         """Warn of conditions without dofs, as those of a function that holds nowhere have none."""
-        flags = [len(bc.dof_indices()[0]) > 0 for bc in self.conditions]
+        flags = np.array([len(bc.dof_indices()[0]) > 0 for bc in self.conditions], dtype=bool)
         for i, holds in enumerate(reductions.anywhere(self._comm, flags)):
             if not holds and self._comm.rank == 0:
                 _logger.warning(

@@ -11,7 +11,7 @@ from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rims import is_nearest_a_rim
 from dolfinx_nts.model.surfaces import area_vectors, diameters
-from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
+from dolfinx_nts.model.trajectories import Trajectories, passages
 
 __all__ = ["RigidSurface"]
 
@@ -67,7 +67,8 @@ class RigidSurface(Obstacle):
         inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
         everywhere = Facing.everywhere(len(size))
         ways = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
-        return shortest_passage(size, np.where(ways.leaves, ways.way, np.inf))
+        through = passages(size, np.where(ways.leaves, ways.way, np.inf))
+        return float(through.min(initial=np.inf))
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""

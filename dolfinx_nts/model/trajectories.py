@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["Trajectories", "shortest_passage"]
+__all__ = ["Trajectories", "passages"]
 
 # Depth, relative to a segment [-], to which a point may cut off a corner of a body.
 _CORNER = 0.1
@@ -16,14 +16,14 @@ _CORNER = 0.1
 _SHORT, _THIN = 0.25, 0.5
 
 
-def shortest_passage(size: Floats, thickness: Floats) -> float:
-    """Relative motion below which no point passes a segment [m]. Local.
+def passages(size: Floats, thickness: Floats) -> Floats:
+    """Relative motion below which no point passes each segment, shape ``(s,)`` [m]. Local.
 
     Args:
         size: Diameters of the segments, shape ``(s,)`` [m].
         thickness: Of the body behind each segment, shape ``(s,)`` [m].
     """
-    return float(min(_SHORT * size.min(initial=np.inf), _THIN * thickness.min(initial=np.inf)))
+    return np.minimum(_SHORT * size, _THIN * thickness)
 
 
 class Trajectories(NamedTuple):

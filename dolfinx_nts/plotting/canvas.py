@@ -60,14 +60,16 @@ _STYLE = {
 _BAR = {
     "vertical": True,
     "position_x": 0.87,
-    "position_y": 0.12,
-    "height": 0.72,
+    "position_y": 0.25,
+    "height": 0.62,
     "width": 0.05,
     "fmt": "%.4g",
     "color": "black",
     "title_font_size": 24,
     "label_font_size": 24,
 }
+# Left, low, right and upper end of the axes, below the bar, where no bodies are.
+_TRIAD = (0.85, 0.0, 0.99, 0.2)
 _TEXT = 14  # size of the text in a corner
 _LABELS = 5  # of the bar, where the range is given
 _ABOVE = "magenta"  # colour of what is above the range
@@ -123,7 +125,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
         plotter = pyvista.Plotter(off_screen=not interactive, notebook=notebook, window_size=_SIZE)
         try:
             plotter.set_background("white")
-            plotter.add_axes(color="black", viewport=(0.0, 0.0, 0.14, 0.2))
+            plotter.add_axes(color="black", viewport=_TRIAD)
             plotter.enable_anti_aliasing("ssaa")
             yield plotter
         finally:

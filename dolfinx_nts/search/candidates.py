@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
@@ -22,10 +24,10 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["DEEP", "Candidates", "Search"]
+__all__ = ["Candidates", "Search", "sunk_from"]
 
 # Depth relative to the size of a candidate [-] with which points may leave it.
-DEEP = 0.1
+_DEEP = 0.1
 
 
 class Candidates(ABC):
@@ -42,17 +44,14 @@ class Candidates(ABC):
             facet has none.
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
-        deep: Depth below a candidate from which on a point that has none any more has sunk in,
-            and not merely left it, shape ``(s,)`` [m].
-        shortest_passage: Relative motion below which no point passes a candidate [m].
+        passage: Relative motion below which no point passes a candidate, shape ``(s,)`` [m].
     """
 
     scatter: NodalScatter
     segments: Ints
     key: GlobalInts
     size: Floats
-    deep: Floats
-    shortest_passage: float
+    passage: Floats
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
@@ -161,6 +160,15 @@ class Candidates(ABC):
             segments of others.
         """
         return eligible
+
+
+def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
+    """Depth from which on points that have no candidate any more did not merely leave it. Local.
+
+    A node is not seen deeper than the cell below a segment is thick. Arguments are those of
+    `Candidates`; shape ``(m,)`` [m].
+    """
+    return np.minimum(_DEEP * candidates.size[segment], candidates.passage[segment])
 
 
 class Search(ABC):

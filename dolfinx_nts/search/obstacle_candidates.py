@@ -12,7 +12,7 @@ from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories
-from dolfinx_nts.search.candidates import DEEP, Candidates, Search
+from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -43,8 +43,7 @@ class ObstacleCandidates(Candidates):
         self.key = obstacle.key
         self.segments = np.empty((len(self.key), 0), dtype=np.int32)
         self.size = np.full(len(self.key), nodes.size)
-        self.deep = DEEP * self.size
-        self.shortest_passage = obstacle.shortest_passage
+        self.passage = np.full(len(self.key), obstacle.shortest_passage)
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the facet of each key, see `Candidates.find`."""

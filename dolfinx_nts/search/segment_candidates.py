@@ -9,15 +9,12 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.model.rims import is_nearest_a_rim
-from dolfinx_nts.model.trajectories import Trajectories, shortest_passage
-from dolfinx_nts.search.candidates import DEEP, Candidates
+from dolfinx_nts.model.trajectories import Trajectories, passages
+from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["FoundSegments", "SegmentCandidates"]
-
-# The same relative to the thickness of the cell below it [-], beyond which none is seen.
-_THROUGH = 0.5
 
 
 class FoundSegments(NamedTuple):
@@ -54,8 +51,7 @@ class SegmentCandidates(Candidates):
         """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:]
-        self.deep = np.minimum(DEEP * self.size, _THROUGH * self._thickness)
-        self.shortest_passage = shortest_passage(self.size, self._thickness)
+        self.passage = passages(self.size, self._thickness)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
 
     def find(self, key: GlobalInts) -> Ints:

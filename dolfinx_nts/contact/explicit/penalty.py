@@ -24,6 +24,7 @@ from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import sunk_from
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -211,7 +212,7 @@ class ContactSprings:
             return 0
         candidates, segment = self._neighbours.candidates, before[lost]
         gap = candidates.gap(self._neighbours.points.take(lost), x, segment)
-        (deep,) = (gap < -candidates.deep[segment]).nonzero()
+        (deep,) = (gap < -sunk_from(candidates, segment)).nonzero()
         if not len(deep):
             return 0
         points = self._neighbours.points.take(lost[deep])

@@ -102,7 +102,7 @@ class LocalSearch:
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
-        if self._way <= self.candidates.shortest_passage / 2:
+        if self._way <= self.candidates.passage.min(initial=np.inf) / 2:
             return
         node = (~(self.start[1] > 2 * self._way)).nonzero()[0].astype(np.int32)
         none = np.full(len(node), -1, dtype=np.int32)

@@ -12,6 +12,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import sunk_from
 from dolfinx_nts.search.points import ContactPoints
 
 __all__ = ["check_penetration"]
@@ -56,17 +57,17 @@ def _without_segment(step: ContactStep) -> int:
     It includes those that stayed with their segment because they had changed it again and
     again: the next step could not begin, however short.
     """
-    old, search, limit = step.state.history, step.search, step.candidates.deep
+    old, search, candidates = step.state.history, step.search, step.candidates
     before, now = search.last, search.segment
     deep = old.active & (before >= 0)
-    deep[deep] = old.gap[deep] < -limit[before[deep]]
+    deep[deep] = old.gap[deep] < -sunk_from(candidates, before[deep])
     pressing = step.normal.active.copy()
-    pressing[pressing] = search.gap[pressing] < -limit[now[pressing]]
+    pressing[pressing] = search.gap[pressing] < -sunk_from(candidates, now[pressing])
     node = (deep | pressing).nonzero()[0].astype(np.int32)
     if not len(node):
         return 0
     points = search.points.take(node)
-    after, _ = step.candidates.pair(points, step.x, now[node], search.reach)
+    after, _ = candidates.pair(points, step.x, now[node], search.reach)
     last = np.where(now >= 0, now, before)[node]
     beside = _beside(step, points, last)
     return int(np.count_nonzero((after < 0) & ~beside))

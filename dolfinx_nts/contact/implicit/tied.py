@@ -24,20 +24,19 @@ class TiedContact(MultiplierContact):
 
     def choose(self) -> Flags:
         """Choose the tied nodes: in the first step by their gaps, see `NormalContact.choose`."""
-        history, approach, size = self._state.history, self._search.start, self._search.candidates
+        tied, (segment, gap) = self._state.history.active, self._search.start
         comm: MPI.Comm = self._state.nodes.V.mesh.comm
-        if reductions.anywhere(comm, bool(history.active.any())):
-            return history.active.copy()
-        segment, gap = approach
-        length = size.size.take(segment, mode="wrap") if len(size.size) else np.ones(1)
-        law = cast(Tied, self._law)
-        tied: Flags = (segment >= 0) & (np.abs(gap) <= law.reach * length)
+        if reductions.anywhere(comm, bool(tied.any())):
+            return tied.copy()
+        size, law = self._search.candidates.size, cast(Tied, self._law)
+        # Without candidates no node has a segment.
+        size = size.take(segment, mode="wrap") if len(size) else np.ones(1)
+        tied = (segment >= 0) & (np.abs(gap) <= law.reach * size)
         if not reductions.anywhere(comm, bool(tied.any())):
             raise ValueError(
                 f"expected nodes within {law.reach:g} of the size of a segment between "
                 f"{self._state.pair.between}, given none to tie: Tied(reach=) may be larger"
             )
-        self.active = tied
         return tied
 
     def needs(self, node: Ints) -> Flags:

@@ -33,7 +33,7 @@ def test_other_schemes_are_refused(scheme):
 
 
 def test_generalized_alpha_is_refused():
-    with pytest.raises(ValueError, match="given resolved impact"):
+    with pytest.raises(ValueError, match=r"given LagrangeMultiplier\(impact='resolved'\)"):
         blocks(MPI.COMM_WORLD, nts.GeneralizedAlpha)
 
 

@@ -60,11 +60,11 @@ def step_of(facets, before, after, held):
         gap=gap,
         pairing=SimpleNamespace(follows=True, num_beyond=lambda x, node: 0),
     )
-    mesh = SimpleNamespace(comm=MPI.COMM_SELF)
+    mesh, pair = SimpleNamespace(comm=MPI.COMM_SELF), SimpleNamespace(enforcement=None)
     surface = SimpleNamespace(V=SimpleNamespace(mesh=mesh), node_ids=np.array([7]))
     return SimpleNamespace(
         candidates=candidates,
-        state=SimpleNamespace(history=history, nodes=surface, pair=SimpleNamespace(enforcement=None)),
+        state=SimpleNamespace(history=history, nodes=surface, pair=pair),
         search=search,
         normal=SimpleNamespace(active=np.array(held[1:])),
         x=x,

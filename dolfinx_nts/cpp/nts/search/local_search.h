@@ -138,42 +138,41 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     return {};
   NearestOnSide<S> front, behind;
   double nearest = reach;
-  tree().nearest(node, reach,
-                 [&](std::int32_t i)
-                 {
-                   const double margin = tie * surface.size(i);
-                   // The boxes of a cached tree are wider than segments.
-                   if (surface.box(i).squared_distance(node)
-                       > (nearest + margin) * (nearest + margin))
-                     return nearest + margin;
-                   const Projection<S> p = project_on(i);
-                   if (!p.converged || !may.touches(i, p))
-                     return nearest + margin;
-                   const double away
-                       = distance<S>({node, surface.segment(i)}, p);
-                   const bool first = front.segment < 0 && behind.segment < 0;
-                   if (away <= nearest - (first ? 0 : margin))
-                   {
-                     front = behind = {};
-                     nearest = away;
-                   }
-                   else if (first || away > nearest + margin)
-                     return nearest + margin;
-                   NearestOnSide<S>& side = p.gap < -margin ? behind : front;
-                   if (side.segment < 0
-                       || surface.key[i] < surface.key[side.segment])
-                   {
-                     side.segment = i;
-                     side.projection = p;
-                   }
-                   side.height = std::max(side.height, std::abs(p.gap));
-                   return nearest + margin; // ties must be seen
-                 });
-  const auto& [best, p, height]
-      = behind.height > front.height ? behind : front;
-  if (best < 0 || !over(p, best, LocalSearchRule::overhang)
+  tree().nearest(
+      node, reach,
+      [&](std::int32_t i)
+      {
+        const double margin = tie * surface.size(i);
+        // The boxes of a cached tree are wider than segments.
+        if (surface.box(i).squared_distance(node)
+            > (nearest + margin) * (nearest + margin))
+          return nearest + margin;
+        const Projection<S> p = project_on(i);
+        if (!p.converged || !may.touches(i, p))
+          return nearest + margin;
+        const double away = distance<S>({node, surface.segment(i)}, p);
+        const bool first = front.segment < 0 && behind.segment < 0;
+        if (away <= nearest - (first ? 0 : margin))
+        {
+          front = behind = {};
+          nearest = away;
+        }
+        else if (first || away > nearest + margin)
+          return nearest + margin;
+        NearestOnSide<S>& side = p.gap < -margin ? behind : front;
+        if (side.segment < 0 || surface.key[i] < surface.key[side.segment])
+        {
+          side.segment = i;
+          side.projection = p;
+        }
+        side.height = std::max(side.height, std::abs(p.gap));
+        return nearest + margin; // ties must be seen
+      });
+  const NearestOnSide<S>& found = behind.height > front.height ? behind : front;
+  const Projection<S>& p = found.projection;
+  if (found.segment < 0 || !over(p, found.segment, LocalSearchRule::overhang)
       || !may.confirms(p, nearest))
     return {};
-  return {best, p.xi, p.gap, p.normal};
+  return {found.segment, p.xi, p.gap, p.normal};
 }
 } // namespace nts
