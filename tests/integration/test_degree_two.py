@@ -11,7 +11,6 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.parallel.communication import gathered
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
@@ -38,7 +37,9 @@ def positions(scene):
     """Positions of all nodes by number, on all ranks."""
     V = scene.stepper.u.function_space
     n = V.dofmap.index_map.size_local
-    return scene.comm.bcast(gathered(scene.comm, input_ids(V)[:n], scene.stepper.x[:n])[1])
+    parts = scene.comm.allgather((input_ids(V)[:n], scene.stepper.x[:n]))
+    ids, x = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return x[np.argsort(ids)]
 
 
 @cells_
