@@ -156,7 +156,7 @@ def tilted_impact(method: str, swapped: bool, tilt: float) -> tuple[float, float
 
 
 def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
-    """In steps that resolve a cell; in longer ones it is chance which nodes of a rim touch first."""
+    """In steps that resolve a cell; in longer ones chance decides which nodes touch first."""
     changes = []
     for method, tilt in (("mortar", 0.12), ("mortar", 0.2), ("node-to-segment", 0.12)):
         one, other = (tilted_impact(method, swapped, tilt) for swapped in (False, True))
@@ -223,7 +223,7 @@ def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
     upper = np.unique(data.cells[data.body == 1])
     X = data.X[upper]
     X[:, 2] += 0.5 * ((X[:, :2] - 0.4) ** 2).sum(axis=1) * (1 - X[:, 2] / 0.4)
-    data.X[upper] = X + [0.15, 0.1, 0.503]
+    data.X[upper] = X + np.array([0.15, 0.1, 0.503])
     mesh, cells, facets, tag = scenes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0, one_point=())

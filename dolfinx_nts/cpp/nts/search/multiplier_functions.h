@@ -21,13 +21,13 @@
 /// second term makes a vertex outside take so much from one inside that the
 /// ratio of the two is that of N, and nothing is extrapolated; t_B <= 1 leaves
 /// a part to the one inside. The sum of psi is 1, integrals are positive, and
-/// psi is continuous in the covered part, so that no mean gap jumps from step to
-/// step as facets slide over a rim.
+/// psi is continuous in the covered part, so that no mean gap jumps from step
+/// to step as facets slide over a rim.
 ///
 /// s_A depends on the distance m_A of the vertex from the centroid of the
-/// covered part, relative to the covariance of this: in d dimensions m_A <= d (d
-/// + 2) for all points of a convex part, whatever its shape (Kannan, Lovasz and
-/// Simonovits 1995).
+/// covered part, relative to the covariance of this. In d dimensions
+/// m_A <= d (d + 2) for all points of a convex part, whatever its shape
+/// (Kannan, Lovasz and Simonovits 1995).
 namespace nts
 {
 /// @brief Numbers of the shape functions of multipliers.
