@@ -138,11 +138,11 @@ class TimeLoop(State):
                     self.serialize(before.rewind())
                     if limit.is_near and control.smallest is None:
                         raise ConvergenceError(
-                            f"statics has no equilibrium beyond a time between t = {self.t:.6g} and "
-                            f"{end:.6g}, a limit load as in buckling, snapping or bursting: the "
-                            "closer to it, the faster bodies deform, and no step across it "
-                            "succeeds; EnergyMomentum follows what happens then, given "
-                            "displacements instead of loads may pass it, and "
+                            "statics has no equilibrium beyond a time between "
+                            f"t = {self.t:.6g} and {end:.6g}, a limit load as in buckling, "
+                            "snapping or bursting: the closer to it, the faster bodies deform, "
+                            "and no step across it succeeds; EnergyMomentum follows what happens "
+                            "then, given displacements instead of loads may pass it, and "
                             f"StepControl(smallest=) goes on to shorter steps; {error}",
                             error.reports,
                         ) from None
