@@ -301,8 +301,8 @@ class FreeBodies:
             remedy = "bcs or friction against these motions carry it"
             if any(step.state.pair.friction for step in steps):
                 holds = (
-                    f"contact leaves {names} motions that it does not resist, as friction holds "
-                    "nothing where nothing presses"
+                    f"contact leaves {names} motions that it does not resist: friction holds "
+                    "nothing where nothing presses, nor contact without friction along a surface"
                 )
                 remedy = "bcs, or contact that presses, carry it"
             _logger.warning(

@@ -167,7 +167,7 @@ def test_what_inertia_carries_is_told_with_the_reason(mu, caplog):
     for text in told:
         assert "top (free: translation in x, y, z, rotation about x, y, z)" in text
         assert ("friction holds nothing where nothing presses" in text) == (mu > 0)
-        assert ("only contact without friction holds" in text) == (mu == 0)
+        assert text.startswith("only contact without friction holds") == (mu == 0)
 
 
 @pytest.mark.parametrize("g", [(0, 0, 9.81), (9.81, 0, -9.81)], ids=["up", "sideways"])
