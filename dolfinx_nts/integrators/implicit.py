@@ -345,7 +345,7 @@ class ImplicitStepper(Stepper):
             work = work + step_work
             contact.accept(history)
         self.watch.springs.look()
-        self._free_bodies.tell()
+        self._free_bodies.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)

@@ -144,6 +144,9 @@ class QuasiStatic(ImplicitStepper):
         moves_rigid_bodies=True,
     )
 
+    def _static_way(self) -> float:
+        return self._way
+
     def _check_state(self) -> None:
         super()._check_state()
         speed = np.abs(self.v.x.array).max(initial=0.0)

@@ -15,6 +15,7 @@ from dolfinx_nts.common.arguments import finite
 from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
@@ -53,6 +54,10 @@ class TimeLoop(State):
     @abstractmethod
     def look_for_overlaps(self) -> None:
         """Tell what overlaps now and was not told before."""
+
+    def _static_way(self) -> float | None:
+        """Largest displacement of a node in the last step [m]; None with inertia."""
+        return None
 
     def _longest_step(self) -> float:
         """Length that a step must not exceed [s]."""
@@ -117,7 +122,7 @@ class TimeLoop(State):
         """Advance in steps that are each as long as the control and the scheme permit."""
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
-        rejected, first = 0, ""
+        rejected, first, limit = 0, "", LimitPoint()
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
                 longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
@@ -131,6 +136,16 @@ class TimeLoop(State):
                 except ConvergenceError as error:
                     first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
                     self.serialize(before.rewind())
+                    if limit.is_near and control.smallest is None:
+                        raise ConvergenceError(
+                            "statics has no equilibrium beyond a time between "
+                            f"t = {self.t:.6g} and {end:.6g}, a limit load as in buckling, "
+                            "snapping or bursting: the closer to it, the faster bodies deform, "
+                            "and no step across it succeeds; EnergyMomentum follows what happens "
+                            "then, given displacements instead of loads may pass it, and "
+                            f"StepControl(smallest=) goes on to shorter steps; {error}",
+                            error.reports,
+                        ) from None
                     if dt / 2 < smallest:
                         raise ConvergenceError(
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
@@ -144,6 +159,8 @@ class TimeLoop(State):
                     rejected += 1
                     continue
                 self._length.accept()
+                if (way := self._static_way()) is not None:
+                    limit.accept(way / dt, rejected)
                 yield report._replace(rejected=rejected)
                 bar.update(dt)
                 rejected, first = 0, ""

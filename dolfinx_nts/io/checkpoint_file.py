@@ -100,6 +100,11 @@ class CheckpointFile:
 
 def _described(path: Path) -> tuple[str, str, dict[str, Kind]]:
     """Scene and digest of a checkpoint, and its arrays by name. Local."""
+    if not path.is_file():
+        raise ValueError(
+            f"expected a checkpoint, given {path}, where there is no file; "
+            "Recorder(name, stepper, checkpoint_every=) writes name.checkpoint.h5"
+        )
     kinds: dict[str, Kind] = {}
 
     def add(name: str, item: Any) -> None:

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.history import without_friction
 from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.fem.components import dimension
@@ -54,8 +55,9 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         What the checkpoint has and the stepper does not take over, in words.
 
     Raises:
-        ValueError: The file is no checkpoint, is damaged, or belongs to another mesh. Nothing
-            has been changed.
+        TypeError: The path is no path, or the stepper no stepper.
+        ValueError: There is no file, or it is no checkpoint, is damaged, or belongs to another
+            mesh. Nothing has been changed.
 
     Example:
         >>> with nts.Recorder("press", stepper, checkpoint_every=50) as record:
@@ -68,6 +70,11 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         >>> other_stepper.t
         0.02
     """
+    if not (isinstance(path, str | Path) and isinstance(stepper, Stepper)):
+        raise TypeError(
+            "expected load_state(path, stepper), the name of a checkpoint and the stepper that "
+            f"begins with it, given {kind_of(path)} and {kind_of(stepper)}"
+        )
     path, comm = Path(path), stepper.u.function_space.mesh.comm
     now = fingerprint(stepper)
     with CheckpointFile(comm, path) as file:

@@ -290,18 +290,27 @@ class FreeBodies:
         names = "; ".join(map(str, self.bodies))
         return f"only contact holds {names}: bcs or friction against these motions may help"
 
-    def tell(self) -> None:
-        """Warn, once, of what inertia has to carry in a solution. Local."""
+    def tell(self, steps: Sequence[ContactStep]) -> None:
+        """Warn, once, of what inertia has to carry in a solution with these contacts. Local."""
         if self._relief.share <= _TOLD or self._told:
             return
         self._told = True
         if self._comm.rank == 0:
+            names = "; ".join(map(str, self.bodies))
+            holds = f"only contact without friction holds {names}"
+            remedy = "bcs or friction against these motions carry it"
+            if any(step.state.pair.friction for step in steps):
+                holds = (
+                    f"contact leaves {names} motions that it does not resist: friction holds "
+                    "nothing where nothing presses, nor contact without friction along a surface"
+                )
+                remedy = "bcs, or contact that presses, carry it"
             _logger.warning(
-                "only contact without friction holds %s; it leaves %.1e of the forces at work "
-                "unbalanced, which is harmless where that is little enough: otherwise bcs or "
-                "friction against these motions carry it",
-                "; ".join(map(str, self.bodies)),
+                "%s; it leaves %.1e of the forces at work unbalanced, which is harmless where "
+                "that is little enough: otherwise %s",
+                holds,
                 self._relief.share,
+                remedy,
             )
 
     def restrain(self, du: Floats) -> Floats:

@@ -111,6 +111,19 @@ def test_another_mesh_is_refused_and_nothing_changes(comm, path, refused):
     stepper = blocks(comm, num_bodies=3).stepper
     with refused(ValueError, "expected a checkpoint of this mesh, nodes and cells"):
         nts.load_state(path, stepper)
-    with refused(ValueError, "expected a checkpoint, given"):
+    text = "expected a checkpoint, given .*none.h5, where there is no file; .*checkpoint_every"
+    with refused(ValueError, text):
         nts.load_state(path.with_name("none.h5"), stepper)
     assert stepper.t == 0 and not stepper.u.x.array.any()
+
+
+def test_wrong_arguments_are_named(comm, path, refused):
+    stepper = new(comm)
+    text = r"expected load_state\(path, stepper\), .*, given {} and {}"
+    for wrong, kinds in (
+        ((stepper, path), ("EnergyMomentum", "PosixPath")),
+        ((path, nts.EnergyMomentum), ("PosixPath", "the class EnergyMomentum")),
+        ((None, stepper), ("NoneType", "EnergyMomentum")),
+    ):
+        with refused(TypeError, text.format(*kinds)):
+            nts.load_state(*wrong)

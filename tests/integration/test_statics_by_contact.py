@@ -152,6 +152,26 @@ def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
     assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF)
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_what_inertia_carries_is_told_with_the_reason(mu, caplog):
+    """The lower block sags away from the upper one, which a slight load pushes sideways."""
+    blocks = Blocks()
+    pair = blocks.pair(friction=nts.Coulomb(mu) if mu else None)
+    slight = nts.Gravity([blocks.top], (1e-4 * 9.81, 0, 0))
+    heavy = nts.Gravity([blocks.low], (0, 0, -9.81))
+    stepper = nts.QuasiStatic(
+        [blocks.top, blocks.low], [pair], dt=0.25, bcs=[blocks.ground], loads=[slight, heavy]
+    )
+    stepper.advance()
+    assert stepper.contacts[0].history.lambda_N == pytest.approx(0.0)
+    told = [m for m in caplog.messages if "of the forces at work unbalanced" in m]
+    assert len(told) == (MPI.COMM_WORLD.rank == 0)
+    for text in told:
+        assert "top (free: translation in x, y, z, rotation about x, y, z)" in text
+        assert ("friction holds nothing where nothing presses" in text) == (mu > 0)
+        assert text.startswith("only contact without friction holds") == (mu == 0)
+
+
 @pytest.mark.parametrize("g", [(0, 0, 9.81), (9.81, 0, -9.81)], ids=["up", "sideways"])
 def test_a_body_that_nothing_holds_is_named_with_its_motions(g):
     blocks = Blocks()

@@ -1,13 +1,17 @@
 """Steps are cut and grow again, and the state does not tell that they were."""
 
 import csv
+import re
+import time
 from contextlib import nullcontext
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import implicit, time_loop
@@ -209,6 +213,44 @@ def test_a_resumed_run_goes_on_with_the_same_steps(comm, folder, agree):
         for step in stepper.run(UNTIL, control):
             recorder.write(step)
     assert agree(0 < first.step < stepper.step == whole.step and same_state(stepper, whole))
+
+
+def balloon(comm, pressure):
+    """Statics of a hollow ball under a pressure that grows with time, as if gas filled it."""
+
+    def fill(model):
+        size = {"inner_radius": 0.4, "outer_radius": 0.5, "cells_per_edge": 2, "layers": 1}
+        parts.add_hollow_ball(model, "balloon", centre=(0, 0, 0), **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["balloon"], nts.NeoHookean(1e6, 0.45, 1e3))
+    load = nts.Pressure(nts.Surface(V, facets, tag["balloon_inner"]), lambda t: pressure * t)
+    bcs = []
+    for i in range(3):  # planes of symmetry
+        Vi = V.sub(i)
+        dofs = fem.locate_dofs_geometrical((Vi, Vi.collapse()[0]), lambda x, i=i: abs(x[i]) < 1e-9)
+        bcs.append(fem.dirichletbc(np.float64(0), dofs[0], Vi))
+    return nts.QuasiStatic([body], [], dt=0.1, bcs=bcs, loads=[load])
+
+
+@pytest.mark.serial
+def test_a_limit_load_is_named_soon(comm):
+    """A rubber balloon bursts at about 0.1 MPa; neo-Hooke's law has a largest pressure there."""
+    stepper, begin = balloon(comm, 5e5), time.process_time()
+    reports = []
+    with pytest.raises(nts.ConvergenceError) as raised:
+        reports.extend(stepper.run(1.0, nts.StepControl()))
+    assert time.process_time() - begin < 5.0
+    text = r"no equilibrium beyond a time between t = (\S+) and (\S+), a limit load"
+    below, above = map(float, re.search(text, str(raised.value)).groups())
+    assert below == pytest.approx(stepper.t) and above - below < 0.1 / 16
+    # What a user asks for is done, and finds equilibria closer to it, none beyond.
+    smallest = 0.1 / 2**8
+    with pytest.raises(nts.ConvergenceError, match=f"smallest step of {smallest:.3g} s"):
+        list(stepper.run(1.0, nts.StepControl(smallest=smallest)))
+    assert below < stepper.t < above
+    assert 0.1e6 > 5e5 * stepper.t > 0.09e6
 
 
 def test_wrong_numbers_are_refused(comm, refused):
