@@ -238,7 +238,8 @@ def solve(
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
         if du_norm > longest:
             num_long += 1
-            du = longest / du_norm * du
+            with np.errstate(invalid="ignore"):  # of a singular system, which is told
+                du = longest / du_norm * du
         nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
         if du_norm <= longest and not changed:  # nodes that have just become active have far to go
