@@ -172,7 +172,7 @@ CASES = [
         for d, stops in ((90, None), (360, None), (720, CRUSHED))
     ),
     *(
-        Case("spinning ball on the floor", "rad/s", s, partial(spinning, spin=s))
-        for s in (2, 5, 20)
+        Case("spinning ball on the floor", "rad/s", s, partial(spinning, spin=s), stops)
+        for s, stops in ((2, None), (5, None), (20, CRUSHED))
     ),
 ]
