@@ -104,7 +104,7 @@ def test_a_look_at_any_distance_finds_what_a_look_far_enough_finds(comm, agree, 
         same = [np.array_equal(*pair, equal_nan=True) for pair in zip(anywhere, far, strict=True)]
         assert agree(all(same))
         found += np.count_nonzero(far[0] >= 0)
-    assert agree(found > 0)
+    assert comm.allreduce(found) > 0  # a rank may have no node of the stone
 
 
 @pytest.mark.serial
