@@ -6,6 +6,7 @@ writes it again from ``results/stress.csv``.
 """
 
 import csv
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -21,6 +22,8 @@ _REASONS = {
     "no convergence": "no solution",
     "largest stable": "longer than the stable step",
 }
+# Cases of a scene from which on they are counted instead of listed.
+_MANY = 20
 _HEADER = """\
 | scene | parameter | finished | stopped, state intact | energy | momenta | gap | cut |
 |---|---|---|---|---|---|---|---|"""
@@ -32,9 +35,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     for (scene, parameter), group in groupby(rows, lambda row: (row["scene"], row["parameter"])):
         cases = list(group)
         finished = [str(row["value"]) for row in cases if row["outcome"] == "finished"]
-        stopped = [
-            f"{row['value']}: {_reason(row)}" for row in cases if row["outcome"] != "finished"
-        ]
+        others = [row for row in cases if row["outcome"] != "finished"]
+        stopped = [f"{row['value']}: {_reason(row)}" for row in others]
+        if len(cases) > _MANY:
+            finished = [f"{len(finished)} of {len(cases)}"]
+            counts = Counter(_reason(row) for row in others)
+            stopped = [f"{number}: {reason}" for reason, number in counts.most_common()]
         momenta = ("momentum_error", "angular_momentum_error")
         cells = [scene, parameter, ", ".join(finished), "; ".join(stopped)]
         cells += [_worst(cases, ["energy_error"]), _worst(cases, momenta)]
