@@ -29,8 +29,9 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
-from dolfinx_nts.integrators.rates import NoRates
+from dolfinx_nts.integrators.rates import ConsistentMass, NoRates
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.rigid import rigid_leapfrog
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.stability import Stability
 from dolfinx_nts.integrators.stepper import Stepper
@@ -38,6 +39,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
@@ -82,7 +84,7 @@ class CentralDifference(Stepper):
     It conserves linear and angular momentum to round-off. The energy error is bounded and of
     second order in the step. A step has one assembly of the internal forces and no linear
     system, but must be shorter than ``stable_step``, about the time in which a wave crosses the
-    smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
+    smallest cell. Rigid bodies take the same step, see `rigid_leapfrog`. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
     behind, so that it is accurate to first order. Further attributes are those of
     `EnergyMomentum`. Collective, as are all its methods.
 
@@ -147,11 +149,24 @@ class CentralDifference(Stepper):
         self._given.ravel()[self.supports.fixed] = True
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
+        self._rigid, resisting = rigid_leapfrog(bodies, self.mass, self.supports)
+        rigid = [body for body in bodies if body.is_rigid]
+        self._rigid_mass = ConsistentMass(rigid, self.v) if rigid else None
+        # Lumped mass beside the consistent one of rigid bodies.
+        self._lumped: Floats = self.mass - lumped_mass(rigid) if rigid else self.mass
+        # Masses of the nodes that move by themselves.
+        self._own_mass: Floats = self.mass.copy()
+        self._own_mass[self._rigid.nodes] = 0.0
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
-        self._springs = [ContactSprings(contact, self.mass) for contact in self.contacts]
+        self._mobility[self._rigid.nodes] = 0.0
+        self._springs = [ContactSprings(contact, resisting) for contact in self.contacts]
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs, mass)
         self.stable_step, default = self._stability.room(self.x)
+        if dt is None and math.isinf(default):
+            raise ValueError(
+                "expected a step dt where all bodies are rigid, given None: no cell limits it"
+            )
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         self._forces = _Forces(np.zeros((n, dimension(V))))
@@ -169,6 +184,7 @@ class CentralDifference(Stepper):
         super().serialize(archive)
         if archive.giving:
             self._begin(self.t, self.t)
+            self._rigid.restored()
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
         forces = self._forces
@@ -193,8 +209,8 @@ class CentralDifference(Stepper):
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self.mass[:, None] * self._v
-        return momentum
+        momentum: Floats = self._lumped[:, None] * self._v
+        return momentum if self._rigid_mass is None else momentum + self._rigid_mass.momentum()
 
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
@@ -221,6 +237,20 @@ class CentralDifference(Stepper):
         # Where forces are known, `_move` finds what is not finite.
         if not self._forces.known:
             super()._check_state()
+            n, d = self._v.shape
+            u, v = (f.x.array[: n * d].reshape(n, d) for f in (self.u, self.v))
+            self._rigid.check(u, v)
+
+    def _set(self, function: fem.Function, body: Body, value: Any) -> None:
+        super()._set(function, body, value)
+        self._rigid.given(body, function.name)
+
+    def _begin(self, t_n: float, t: float) -> None:
+        super()._begin(t_n, t)
+        self._rigid.guides.lead(t_n, t)
+
+    def _turns(self) -> list[tuple[str, float]]:
+        return super()._turns() + self._rigid.guides.turns()
 
     def _evaluate(self, ways: Sequence[float]) -> None:
         """Evaluate the forces at the present u. Collective.
@@ -263,7 +293,7 @@ class CentralDifference(Stepper):
         """Move, evaluate the forces at the new place, and complete the velocity."""
         if not self._forces.known:
             self._start()
-        dt, bulk, forces, given = self.dt, self._bulk, self._forces, self._given
+        dt, bulk, forces, given, rigid = self.dt, self._bulk, self._forces, self._given, self._rigid
         _, _, v, rate, du = self._arrays
         self._way = moved = self._move()
         ways = self._ways(moved)
@@ -274,12 +304,14 @@ class CentralDifference(Stepper):
         works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
         a = forces.acceleration
         forces.power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
+        gained = rigid.kick(bulk.total, rate) if rigid.exists else 0.0
         reactions: tuple[Reaction, ...] = ()
         if self.supports.exist:
             rate[given] = (2 * rate - v)[given]
             inertia = (self.mass[:, None] * (rate - v))[given] / dt
             force = inertia - (held + bulk.total[given]) / 2
             reactions = self.supports.reactions(force, self.x, du[given])
+        reactions += rigid.reactions()
         contact, x = np.zeros(9), self._positions[: len(du)]
         for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
             counts = springs.num_lost, springs.num_segments, len(new.springs.node)
@@ -299,7 +331,7 @@ class CentralDifference(Stepper):
         v[:] = rate
         if self._ghosts:
             self.v.x.scatter_forward()
-        self.inertia_defect = defect
+        self.inertia_defect = defect + gained
         for state, force in zip(self.contacts, forces.contact, strict=True):
             state.accept(force.history)
         return StepReport(
@@ -323,10 +355,17 @@ class CentralDifference(Stepper):
         """Move to the end of the step; returns the greatest displacement [m]. Collective."""
         u_n, u, v, rate, du = self._arrays
         moved = _kernels.drift(self.dt, v, self._forces.acceleration, rate, u, du)
+        rigid = self._rigid
+        if rigid.exists:
+            if reason := rigid.drift(u_n, v, self._bulk.total, self.dt, du):
+                self._refuse(reason)
+            nodes = rigid.nodes
+            u[nodes], rate[nodes] = (u_n + du)[nodes], du[nodes] / self.dt
         if self.supports.exist:
             self._u[:] = self.supports.applied(self._u)
             np.subtract(u, u_n, out=du)
             rate[self._given] = du[self._given] / self.dt
+        if rigid.exists or self.supports.exist:
             longest = np.linalg.norm(du, axis=1).max(initial=0.0)
             moved = longest if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
@@ -375,10 +414,11 @@ class CentralDifference(Stepper):
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
-        energy = np.vdot(self.mass[:, None] * v, v) / 2
+        energy = np.vdot(self._own_mass[:, None] * v, v) / 2
         energy += self._bulk.strain_energy()
         energy += sum(force.stored for force in self._forces.contact)
-        return float(reductions.total(self._comm, energy))
+        of_rigid = self._rigid.kinetic_energy(v) if self._rigid.exists else 0.0
+        return float(reductions.total(self._comm, energy)) + of_rigid
 
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""

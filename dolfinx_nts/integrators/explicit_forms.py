@@ -23,7 +23,7 @@ class NodalForce:
     """Assembles a linear form to forces on the owned nodes.
 
     Args:
-        form: Virtual work.
+        form: Virtual work; None: there is none.
         V: Space of its test function.
 
     Attributes:
@@ -31,7 +31,7 @@ class NodalForce:
         num_assemblies: Number of assemblies so far.
     """
 
-    def __init__(self, form: CellForm | PackedForm, V: fem.FunctionSpace) -> None:
+    def __init__(self, form: CellForm | PackedForm | None, V: fem.FunctionSpace) -> None:
         """Make room for the values."""
         self._form = form
         index_map, dim = V.dofmap.index_map, dimension(V)
@@ -43,9 +43,11 @@ class NodalForce:
     def assemble(self) -> None:
         """Set the values to those of the present state. Collective."""
         self._local.fill(0.0)
+        self.num_assemblies += 1
+        if self._form is None:
+            return
         self._form.assemble(self._local)
         self._vector.scatter_reverse(la.InsertMode.add)
-        self.num_assemblies += 1
 
 
 class ExplicitBulk:
@@ -71,13 +73,16 @@ class ExplicitBulk:
         self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
+        soft = [body for body in bodies if not body.is_rigid]
         damped = [body for body in bodies if body.material.is_damped]
-        works = [(bodies, self._internal_work), *([(damped, self._damping_work)] if damped else [])]
+        works = [(soft, self._internal_work), *([(damped, self._damping_work)] if damped else [])]
         self.internal, *self.damping = (
-            NodalForce(CellForm(bulk_form(some, work)), V) for some, work in works
+            NodalForce(CellForm(bulk_form(some, work)) if some else None, V) for some, work in works
         )
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
-        self._strain_energy = compile_form(bulk_form(bodies, self._strain_energy_density))
+        self._strain_energy = (
+            compile_form(bulk_form(soft, self._strain_energy_density)) if soft else None
+        )
         # The sum takes the place of the internal forces, which each evaluation makes anew.
         self.total = self.internal.values
 
@@ -107,7 +112,8 @@ class ExplicitBulk:
 
     def strain_energy(self) -> float:
         """Strain energy on this rank [J]."""
-        return float(fem.assemble_scalar(self._strain_energy))
+        energy = self._strain_energy
+        return 0.0 if energy is None else float(fem.assemble_scalar(energy))
 
     def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         P = self._F * material.stress(right_cauchy_green(self._F), **parameters)

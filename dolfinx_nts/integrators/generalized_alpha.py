@@ -32,6 +32,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha"]
 
@@ -169,7 +170,11 @@ class _NewmarkRates(Rates):
         self._known = False
 
     def begin(
-        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
+        self,
+        forces: Callable[[], Floats],
+        free: Floats | None,
+        rigid: RigidMotion,
+        at_rest: Callable[[], bool],
     ) -> None:
         """Set the acceleration of a state that was set by M a = f, without contact."""
         if self._known:
@@ -179,7 +184,17 @@ class _NewmarkRates(Rates):
         self.a.x.array[:] = 0
         factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
         force = factor * self._mass_times_v.momentum().ravel() - forces()
-        self._solve_mass(force, np.ones_like(force) if free is None else free.ravel())
+        unknown = np.ones_like(force) if free is None else free.ravel()
+        n, d = len(force), rigid.dim
+
+        def projected(r: Floats) -> Floats:
+            return rigid.nearest_free((unknown * r).reshape(-1, d)).ravel()
+
+        turning: Floats = np.zeros(n)
+        if rigid.exists:
+            turning = rigid.centripetal(self.v.x.array[:n].reshape(-1, d)).ravel()
+            force -= self._momentum_of(turning)
+        self._momentum_of(turning + self._solved_mass(force, projected))
         self._known = True
 
     def _momentum_of(self, a: Floats) -> Floats:
@@ -188,22 +203,22 @@ class _NewmarkRates(Rates):
         self.a.x.scatter_forward()
         return self._mass_times_a.momentum().ravel()
 
-    def _solve_mass(self, force: Floats, free: Floats) -> None:
-        """Set the free acceleration to that of a force, by conjugate gradients."""
+    def _solved_mass(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
+        """Acceleration by a force among those that are free, by conjugate gradients."""
         comm: MPI.Comm = self.u.function_space.mesh.comm
-        a, r = np.zeros(len(force)), free * force
+        a, r = np.zeros(len(force)), projected(force)
         first = square = float(reductions.total(comm, r @ r))
         p = r.copy()
         for _ in range(_MAX_ITERATIONS):
             if np.sqrt(square) <= _REDUCTION * np.sqrt(first):
                 break
-            product = free * self._momentum_of(p)
+            product = projected(self._momentum_of(p))
             step = square / float(reductions.total(comm, p @ product))
             a += step * p
             r -= step * product
             before, square = square, float(reductions.total(comm, r @ r))
             p = r + square / before * p
-        self._momentum_of(a)
+        return a
 
     def _set_velocity(self) -> float:
         """Set the velocity; returns the energy for which the formulas do not account."""

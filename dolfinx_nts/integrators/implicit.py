@@ -188,7 +188,8 @@ class ImplicitStepper(Stepper):
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
-        self._rates.begin(self._forces_at_start, self._free, partial(self._is_at_rest, load))
+        at_rest = partial(self._is_at_rest, load)
+        self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
         starts = {name: self._start(u) for name, u in self._rates.starts().items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
         force_scale = self._force_scale(load)
@@ -347,13 +348,13 @@ class ImplicitStepper(Stepper):
         self.watch.springs.look()
         self._free_bodies.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
-        reactions = self._reactions(steps, solution, du)
+        reactions, constraints = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
-        values = -damped, solution.R @ du, near, defect, *loaded
+        values = -damped, solution.R @ du, near, defect + constraints, *loaded
         sums = reductions.total(self._comm, list(map(float, values)))
         damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
@@ -426,13 +427,16 @@ class ImplicitStepper(Stepper):
 
     def _reactions(
         self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
-    ) -> tuple[Reaction, ...]:
+    ) -> tuple[tuple[Reaction, ...], float]:
         """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m].
 
-        Collective.
+        Collective. The second result is the work on this rank of what keeps bodies rigid, which
+        is none where forces act in the middle of the step [J].
         """
-        if not (self.supports.exist or guided(self.bodies)):
-            return ()
+        rigid, is_static = self._bulk.rigid, self._rates.acceleration is None
+        works = rigid.exists and not is_static and rigid.part != 0.5
+        if not (self.supports.exist or guided(self.bodies) or works):
+            return (), 0.0
         fixed = self.supports.fixed
         # The residual of a state has no forces on given displacements; ``force`` has all.
         everywhere = [state._replace(residual=state.force) for state in solution.states]
@@ -442,5 +446,10 @@ class ImplicitStepper(Stepper):
         if self.scheme.loads_at == "mean":
             x[:n] -= in_space(du.reshape(n, d)) / 2
         of_supports = self.supports.reactions(force[fixed], x, du[fixed])
-        guides = self._bulk.rigid.guides
-        return of_supports + guides.reactions(force.reshape(n, d), x, du.reshape(n, d))
+        force, du = force.reshape(n, d), du.reshape(n, d)
+        constraints = 0.0
+        if works:
+            led, bodies = rigid.led(self._owned(self.u.x.array)), rigid.nodes
+            constraints = float(np.vdot(force[bodies], (du - led)[bodies]))
+            du = led
+        return of_supports + rigid.guides.reactions(force, x, du), constraints

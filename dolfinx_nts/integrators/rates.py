@@ -13,6 +13,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
@@ -90,7 +91,11 @@ class Rates(ABC):
         self.mean_velocity.x.array[:] = self.v.x.array
 
     def begin(  # noqa: B027 (most rates have nothing to prepare)
-        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
+        self,
+        forces: Callable[[], Floats],
+        free: Floats | None,
+        rigid: RigidMotion,
+        at_rest: Callable[[], bool],
     ) -> None:
         """Prepare a step.
 
@@ -99,6 +104,7 @@ class Rates(ABC):
                 [N].
             free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
                 None if all are unknown.
+            rigid: Motion of the rigid bodies, which has begun the step.
             at_rest: Tells whether loads and supports are still those of the last step.
         """
 
@@ -151,7 +157,11 @@ class NoRates(Rates):
         return "last" if self.at_rest else "extrapolated"
 
     def begin(
-        self, forces: Callable[[], Floats], free: Floats | None, at_rest: Callable[[], bool]
+        self,
+        forces: Callable[[], Floats],
+        free: Floats | None,
+        rigid: RigidMotion,
+        at_rest: Callable[[], bool],
     ) -> None:
         """Do not extrapolate where nothing changes."""
         self.at_rest = at_rest()

@@ -15,35 +15,33 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.rigid_leapfrog import RigidLeapfrog
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
-__all__ = ["check_rigid_bodies", "contact_stiffness", "redundant", "rigid_motion"]
+__all__ = ["check_rigid_bodies", "contact_stiffness", "redundant", "rigid_leapfrog", "rigid_motion"]
 
 # Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
 _AT_A_POINT = 0.25
 
 
-def check_rigid_bodies(
-    bodies: Sequence[Body], pairs: Sequence[ContactPair], scheme: Scheme, name: str
-) -> None:
+def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
     """Raise unless rigid bodies can take part in a scene. Collective.
 
     Args:
         bodies: All bodies.
         pairs: All contact pairs.
-        scheme: The scheme.
-        name: That of the stepper.
 
     Raises:
-        ValueError: The scheme moves no rigid bodies, the mesh is axisymmetric, two of them share
-            nodes, or there is impact "resolved".
+        ValueError: The mesh is axisymmetric, two of them share nodes, or there is impact
+            "resolved".
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -51,11 +49,6 @@ def check_rigid_bodies(
     V = rigid[0].V
     comm: MPI.Comm = V.mesh.comm
     names = ", ".join(body.name for body in rigid)
-    if not scheme.moves_rigid_bodies:
-        raise ValueError(
-            f"expected EnergyMomentum, Midpoint or QuasiStatic with rigid bodies ({names}), given "
-            f"{name}: there a stiff material, or a moving obstacle, can take their place"
-        )
     if is_axisymmetric(V.mesh):
         raise ValueError(
             f"expected no RigidBody in an axisymmetric mesh, given {names}: a stiff material, or a "
@@ -91,7 +84,49 @@ def rigid_motion(
     Raises:
         ValueError: There are conditions on rigid bodies.
     """
-    V = rates.u.function_space
+    fields, masses = _fields(bodies, supports)
+    share = rates.inertia_share
+    return RigidMotion(rates.u.function_space, fields, masses, share, scheme.load_point)
+
+
+def rigid_leapfrog(
+    bodies: Sequence[Body], mass: Floats, supports: Supports
+) -> tuple[RigidLeapfrog, Floats]:
+    """Make the motion of the rigid bodies among some bodies in explicit steps. Collective.
+
+    Args:
+        bodies: All bodies of a stepper.
+        mass: Lumped mass of all of them at the owned nodes, shape ``(n,)`` [kg].
+        supports: Dirichlet conditions.
+
+    Returns:
+        The motion; and masses of the nodes that resist their motion no more than the bodies do,
+        which bounds the frequency of springs at the nodes, shape ``(n,)`` [kg].
+
+    Raises:
+        ValueError: There are conditions on rigid bodies.
+    """
+    V = bodies[0].V
+    fields, masses = _fields(bodies, supports)
+    deformable = [body for body in bodies if not body.is_rigid]
+    bonded = lumped_mass(deformable) if deformable else np.zeros_like(mass)
+    comm: MPI.Comm = V.mesh.comm
+    resisting, whole = mass.copy(), []
+    for of_body, own in zip(fields, masses, strict=True):
+        nodes, values = of_body.nodes, of_body.values
+        parts = [values.T @ (each[nodes, None] * values) for each in (bonded, mass)]
+        shared, lumped = reductions.total(comm, np.array(parts))
+        whole.append(own + shared)
+        # Lumped inertia of coarse bodies is too large.
+        resisting[nodes] *= np.linalg.eigvals(np.linalg.solve(lumped, whole[-1])).real.min()
+    return RigidLeapfrog(V, fields, whole), resisting
+
+
+def _fields(
+    bodies: Sequence[Body], supports: Supports
+) -> tuple[list[LinearFields], list[Floats]]:
+    """Linear fields over the rigid bodies, and their products with the mass. Collective."""
+    V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     fields, masses = [], []
     supported: Ints = np.unique(supports.fixed // dimension(V))
@@ -109,8 +144,7 @@ def rigid_motion(
             mass = _mass(of_body)
         fields.append(of_body)
         masses.append(mass)
-    part = 1.0 if scheme.loads_at == "end" else 0.5
-    return RigidMotion(V, fields, masses, rates.inertia_share, part)
+    return fields, masses
 
 
 def contact_stiffness(

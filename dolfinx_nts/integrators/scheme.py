@@ -22,11 +22,9 @@ class Scheme:
         rates: Makes the `Rates` by which velocity and acceleration follow from displacements.
         stress_share: Derivative of the stress by the strain at the end of the step, as a part
             of that by a strain that is the same at both ends [-].
-        load_point: Time of the loads, from 0 at the start of a step to 1 at its end [-].
+        load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a step to 1 at its end [-].
         loads_at: Displacement at which loads act: the mean of the step or that at its end.
         resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
-        moves_rigid_bodies: Whether bodies may be rigid: displacements of a step must have the same
-            mean as velocities, see `RigidMotion`, or there are none.
     """
 
     contact: Literal["conserving", "midpoint", "static"]
@@ -36,4 +34,3 @@ class Scheme:
     load_point: float = 0.5
     loads_at: Literal["mean", "end"] = "mean"
     resolves_impact: bool = False
-    moves_rigid_bodies: bool = False

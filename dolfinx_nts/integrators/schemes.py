@@ -52,7 +52,6 @@ class Midpoint(ImplicitStepper):
         contact="midpoint",
         stress=_midpoint_stress,
         rates=MidpointRates,
-        moves_rigid_bodies=True,
     )
 
 
@@ -108,7 +107,6 @@ class EnergyMomentum(ImplicitStepper):
         stress=_conserving_stress,
         rates=MidpointRates,
         resolves_impact=True,
-        moves_rigid_bodies=True,
     )
 
 
@@ -141,7 +139,6 @@ class QuasiStatic(ImplicitStepper):
         stress_share=1.0,
         load_point=1.0,
         loads_at="end",
-        moves_rigid_bodies=True,
     )
 
     def _static_way(self) -> float:

@@ -158,7 +158,8 @@ class Cells:
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m] at positions. Collective."""
         length = self._lengths(x)
-        time = float((length / self._speed).min(initial=np.inf))
+        with np.errstate(divide="ignore"):  # cells of rigid bodies, which have no waves
+            time = float((length / self._speed).min(initial=np.inf))
         limits = [time, float(length.min(initial=np.inf))]
         least, shortest = reductions.least(self._comm, limits)
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
@@ -263,11 +264,14 @@ def largest_step(squared: float, damping: Damping) -> float:
     r"""Largest stable step [s] for the highest squared frequency without damping [1/s^2]. Local.
 
     It follows from :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, as
-    damping lags half a step behind, and is 0 where the frequency is infinite.
+    damping lags half a step behind, and is 0 where the frequency is infinite. Without both nothing
+    limits it.
     """
     if math.isinf(squared):
         return 0.0
     c = (damping.mass + damping.stiffness * squared) / 2
+    if c == squared == 0:
+        return math.inf
     return float(2 / (c + np.sqrt(c**2 + squared)))
 
 

@@ -125,7 +125,7 @@ class Stepper(TimeLoop):
         if not (update is None or callable(update)):
             raise TypeError(f"expected a function of the time as update, given {update!r}")
         check_repeated(self.pairs)
-        check_rigid_bodies(self.bodies, self.pairs, self.scheme, type(self).__name__)
+        check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)

@@ -9,7 +9,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["TURNS", "LinearFields", "nearest", "products_of", "rigid_motions"]
+__all__ = ["TURNS", "LinearFields", "nearest", "products_of", "rigid_motions", "turned"]
 
 # Rotations by a unit vector: of x, y and z in space, of z in the plane.
 TURNS = {
@@ -89,6 +89,15 @@ def rigid_motions(q: Floats) -> Floats:
     motions[np.arange(dim), 0, np.arange(dim)] = 1.0
     motions[dim:, 1:] = np.einsum("kij,mj->kmi", TURNS[dim], q[1:])
     return motions
+
+
+def turned(q: Floats, amounts: Floats) -> Floats:
+    """Change of positions q by a displacement and a Cayley vector, ``(d + 1, d)``. Local."""
+    dim = q.shape[1]
+    spin = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim])
+    change: Floats = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
+    change[0] = amounts[:dim]
+    return change
 
 
 def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:

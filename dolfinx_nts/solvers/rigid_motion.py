@@ -19,32 +19,24 @@ increments are rigid motions at the end of the step, and forces are replaced by 
 the same resultant and moment.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
-
-from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.guides import Guides
 from dolfinx_nts.solvers.linear_fields import (
     TURNS,
     LinearFields,
     nearest,
     products_of,
     rigid_motions,
+    turned,
 )
+from dolfinx_nts.solvers.rigid_states import RigidStates
 
 __all__ = ["RigidColumns", "RigidMotion"]
-
-# Part of its size, or of its speed, by which a given state may deform a rigid body [-].
-_NOT_RIGID = 1e-8
-
 
 class RigidColumns(NamedTuple):
     """Free motions of one body in the unknowns of its nodes, see `RigidMotion.columns`.
@@ -123,11 +115,10 @@ class _Linearisation:
         return field
 
 
-class RigidMotion:
+class RigidMotion(RigidStates):
     """Motion of all rigid bodies in a step. Collective, as are all methods.
 
-    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``. Without rigid bodies
-    they are returned as they are.
+    Vectors are nodal, see `RigidStates`. Without rigid bodies they are returned as they are.
 
     Args:
         V: Space of the displacement.
@@ -137,10 +128,7 @@ class RigidMotion:
         part: Where between start and end of a step forces act, from 0 to 1 [-].
 
     Attributes:
-        dim: Dimension of the space, d.
-        guides: What holds and leads the bodies.
-        exists: Whether there are rigid bodies, on any rank.
-        nodes: Owned nodes of rigid bodies, sorted.
+        part: The argument.
     """
 
     def __init__(
@@ -152,13 +140,8 @@ class RigidMotion:
         part: float = 0.5,
     ) -> None:
         """Keep the bodies, as yet without positions."""
-        self._comm: MPI.Comm = V.mesh.comm
-        self._part, self.guides = part, Guides(self._comm, bodies)
-        self._bodies, self._masses, self._share = tuple(bodies), tuple(masses), inertia_share
-        self.dim, self.exists = dimension(V), bool(bodies)
-        none = np.empty(0, dtype=np.int32)
-        self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
-        self._given: set[tuple[LinearFields, str]] = set()
+        super().__init__(V, bodies)
+        self.part, self._masses, self._share = part, tuple(masses), inertia_share
         self._starts: list[Floats] = []
         self._states: list[_Linearisation] = []
 
@@ -167,45 +150,6 @@ class RigidMotion:
         """Whether contact and loads alone resist free motions of bodies. Local."""
         moves = any(np.any(self._share(mass)) for mass in self._masses)
         return not moves and any(body.free.size for body in self._bodies)
-
-    def given(self, body: Body, name: str) -> None:
-        """Let the next `check` look at all nodes of a body, whose state was given. Local.
-
-        ``name`` is ``"displacement"`` or ``"velocity"``.
-        """
-        self._given |= {(each, name) for each in self._bodies if each.body is body}
-
-    def restored(self) -> None:
-        """Take the state of all bodies as one that steps have left. Local."""
-        self._given = set()
-
-    def check(self, u: Floats, v: Floats) -> None:
-        """Raise unless displacements u [m], and velocities v [m/s] that were given, are rigid.
-
-        Raises:
-            ValueError: A body is deformed, or its velocity would deform it.
-        """
-        if not self.exists:
-            return
-        # After a step velocities are rigid only in the mean of the step.
-        sums, given = self._sums(u, v), self._given
-        for body, q, (of_u, of_v) in zip(self._bodies, self._positions(sums), sums, strict=True):
-            directors, motions = q[1:], rigid_motions(q)
-            misfits = {"displacement": np.abs(directors @ directors.T - np.eye(self.dim)).max()}
-            if (body, "displacement") in given:
-                bent = self._greatest(body, u, body.fit(of_u)) / body.size
-                misfits["displacement"] = max(misfits["displacement"], bent)
-            if (body, "velocity") in given:
-                amounts = nearest(motions, body.products, of_v)
-                rest = self._greatest(body, v, np.einsum("k,kmi->mi", amounts, motions))
-                misfits["velocity"] = rest / (self._greatest(body, v, 0 * of_v) or 1.0)
-            for name, misfit in misfits.items():
-                if misfit > _NOT_RIGID:
-                    raise ValueError(
-                        f"expected a {name} of the rigid {body.body.name} that moves and turns it "
-                        f"as a whole from where it is, given one that deforms it by {misfit:.2g}"
-                    )
-        self.restored()
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""
@@ -218,7 +162,7 @@ class RigidMotion:
             return R
         sums = self._sums(u, R)
         self._states = [
-            _Linearisation(body, q_n, q, self._part, forces[1], self._share(mass))
+            _Linearisation(body, q_n, q, self.part, forces[1], self._share(mass))
             for body, mass, q_n, q, forces in zip(
                 self._bodies, self._masses, self._starts, self._positions(sums), sums, strict=True
             )
@@ -254,14 +198,44 @@ class RigidMotion:
         ):
             amounts = nearest(rigid_motions(q), body.products, increment)
             amounts = body.free.T @ (body.free @ amounts) + leads * led
-            spin = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim])
-            change = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
-            change[0] = amounts[:dim]
             # Small changes that are added have all their digits; positions would lose some.
-            fields.append(change)
+            fields.append(turned(q, amounts))
         changes = self._put(fields, np.zeros_like(u))
         result[self.nodes] = (u + changes)[self.nodes]
         return result
+
+    def nearest_free(self, values: Floats) -> Floats:
+        """Replace values at rigid bodies by the nearest free motions at the start of the step."""
+        if not self.exists:
+            return values
+        fields = []
+        for body, q, (of_values,) in zip(
+            self._bodies, self._starts, self._sums(values), strict=True
+        ):
+            motions = np.einsum("kl,lmi->kmi", body.free, rigid_motions(q))
+            amounts = nearest(motions, body.products, of_values)
+            fields.append(np.einsum("k,kmi->mi", amounts, motions))
+        return self._put(fields, values)
+
+    def centripetal(self, v: Floats) -> Floats:
+        """Acceleration at the start of the step by velocities v that stay [m/s^2]."""
+        fields = []
+        for body, q, (of_v,) in zip(self._bodies, self._starts, self._sums(v), strict=True):
+            rate = nearest(rigid_motions(q), body.products, of_v)
+            spin = np.einsum("k,kij->ij", rate[self.dim :], TURNS[self.dim])
+            field = q @ (spin @ spin).T
+            field[0] = 0.0
+            fields.append(field)
+        return self._put(fields, np.zeros_like(v))
+
+    def led(self, u: Floats) -> Floats:
+        """Part of the displacement to u in the step that guides give, where forces act [m]."""
+        fields = []
+        sums, part = self._sums(u), self.part
+        for q_n, q, led in zip(self._starts, self._positions(sums), self.guides.led, strict=True):
+            motions = rigid_motions((1 - part) * q_n + part * q)
+            fields.append(np.einsum("k,kmi->mi", led, motions))
+        return self._put(fields, np.zeros_like(u))
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""
@@ -279,26 +253,5 @@ class RigidMotion:
         copy[self.nodes] = 0.0
         return copy
 
-    def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
-        """Greatest component of values at the nodes of a body less a field."""
-        rest = values[body.nodes] - body.values @ field
-        return reductions.largest(self._comm, float(np.abs(rest).max(initial=0.0)))
-
-    def _sums(self, *vectors: Floats) -> list[Floats]:
-        """Total sums of vectors for each body, each ``(f, d + 1, d)``."""
-        together = np.array(vectors)
-        parts = np.array([body.sums(together) for body in self._bodies])
-        return list(reductions.total(self._comm, parts))
-
-    def _positions(self, sums: Sequence[Floats]) -> list[Floats]:
-        """Coefficients of the positions by the sums of displacements."""
-        return [b.reference + b.fit(s[0]) for b, s in zip(self._bodies, sums, strict=True)]
-
     def _with_states(self, sums: Sequence[Floats]) -> "zip[tuple[_Linearisation, Floats]]":
         return zip(self._states, sums, strict=True)
-
-    def _put(self, fields: Iterable[Floats], values: Floats) -> Floats:
-        """Set values to the fields of each body."""
-        for body, coefficients in zip(self._bodies, fields, strict=True):
-            values[body.nodes] = body.values @ coefficients
-        return values
