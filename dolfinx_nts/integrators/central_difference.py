@@ -29,7 +29,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
-from dolfinx_nts.integrators.rates import ConsistentMass, NoRates
+from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
 from dolfinx_nts.integrators.scheme import Scheme
@@ -39,7 +39,6 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
-from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
@@ -84,9 +83,11 @@ class CentralDifference(Stepper):
     It conserves linear and angular momentum to round-off. The energy error is bounded and of
     second order in the step. A step has one assembly of the internal forces and no linear
     system, but must be shorter than ``stable_step``, about the time in which a wave crosses the
-    smallest cell. Rigid bodies take the same step, see `rigid_leapfrog`. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
-    behind, so that it is accurate to first order. Further attributes are those of
-    `EnergyMomentum`. Collective, as are all its methods.
+    smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
+    behind, so that it is accurate to first order. Rigid bodies have their exact mass and inertia
+    and take the same step, with both momenta to round-off (Hairer, Lubich and Wanner 2006,
+    section VII.1.4); where all bodies are rigid, only springs limit it. Further attributes are
+    those of `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -149,14 +150,7 @@ class CentralDifference(Stepper):
         self._given.ravel()[self.supports.fixed] = True
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
-        self._rigid, resisting = rigid_leapfrog(bodies, self.mass, self.supports)
-        rigid = [body for body in bodies if body.is_rigid]
-        self._rigid_mass = ConsistentMass(rigid, self.v) if rigid else None
-        # Lumped mass beside the consistent one of rigid bodies.
-        self._lumped: Floats = self.mass - lumped_mass(rigid) if rigid else self.mass
-        # Masses of the nodes that move by themselves.
-        self._own_mass: Floats = self.mass.copy()
-        self._own_mass[self._rigid.nodes] = 0.0
+        self._rigid, resisting = rigid_leapfrog(bodies, self.v, self.mass, self.supports)
         self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
         self._mobility[self._rigid.nodes] = 0.0
         self._springs = [ContactSprings(contact, resisting) for contact in self.contacts]
@@ -174,7 +168,7 @@ class CentralDifference(Stepper):
         functions = (self.u_n, self.u, self.v, self._bulk.rate)
         u_n, u, v, rate = (nodal(f)[:n] for f in functions)
         self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty_like(u))
-        self._v, self._positions = v, np.empty_like(self._X)
+        self._positions = np.empty_like(self._X)
         # Vectors whose ghosts the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
@@ -209,8 +203,8 @@ class CentralDifference(Stepper):
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self._lumped[:, None] * self._v
-        return momentum if self._rigid_mass is None else momentum + self._rigid_mass.momentum()
+        momentum: Floats = self.mass[:, None] * self._arrays[2]
+        return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
@@ -237,8 +231,7 @@ class CentralDifference(Stepper):
         # Where forces are known, `_move` finds what is not finite.
         if not self._forces.known:
             super()._check_state()
-            n, d = self._v.shape
-            u, v = (f.x.array[: n * d].reshape(n, d) for f in (self.u, self.v))
+            _, u, v, *_ = self._arrays
             self._rigid.check(u, v)
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
@@ -280,7 +273,7 @@ class CentralDifference(Stepper):
         self._evaluate([0.0] * len(self._springs))
         self._begin(self.t, self.t + self.dt)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._v
+        forces, v = self._forces, self._arrays[2]
         for contact, force in zip(self.contacts, forces.contact, strict=True):
             contact.accept(force.history)
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
@@ -414,11 +407,12 @@ class CentralDifference(Stepper):
 
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
-        energy = np.vdot(self._own_mass[:, None] * v, v) / 2
+        energy = np.vdot(self.mass[:, None] * v, v) / 2
         energy += self._bulk.strain_energy()
         energy += sum(force.stored for force in self._forces.contact)
-        of_rigid = self._rigid.kinetic_energy(v) if self._rigid.exists else 0.0
-        return float(reductions.total(self._comm, energy)) + of_rigid
+        if self._rigid.exists:
+            energy += self._rigid.more_energy(self.mass, v)
+        return float(reductions.total(self._comm, energy))
 
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""

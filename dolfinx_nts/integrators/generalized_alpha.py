@@ -26,6 +26,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
+from dolfinx_nts.integrators.rigid import gives_rigid_nodes
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -84,7 +85,7 @@ class GeneralizedAlpha(ImplicitStepper):
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: As in `EnergyMomentum`; or ``rho_inf`` is not in [0, 1], or a pair has
-            elastic impact.
+            elastic impact, or multipliers at nodes of rigid bodies.
 
     Example:
         >>> stepper = nts.GeneralizedAlpha(bodies, dt=0.01, rho_inf=0.5)
@@ -113,6 +114,12 @@ class GeneralizedAlpha(ImplicitStepper):
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
             law = pair.enforcement
+            if isinstance(law, LagrangeMultiplier) and gives_rigid_nodes(pair, bodies):
+                raise ValueError(
+                    f"expected Penalty for GeneralizedAlpha between {pair.between}, given {law!r}: "
+                    "to stop a node of a rigid body stops the whole, from which the scheme gains "
+                    "energy; nodes of a deformable body, or EnergyMomentum, can do this"
+                )
             if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
                 raise ValueError(
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "

@@ -26,7 +26,14 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
-__all__ = ["check_rigid_bodies", "contact_stiffness", "redundant", "rigid_leapfrog", "rigid_motion"]
+__all__ = [
+    "check_rigid_bodies",
+    "contact_stiffness",
+    "gives_rigid_nodes",
+    "redundant",
+    "rigid_leapfrog",
+    "rigid_motion",
+]
 
 # Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
 _AT_A_POINT = 0.25
@@ -70,6 +77,14 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
             )
 
 
+def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:
+    """Whether rigid bodies give the nodes of a pair, all or some of them. Collective."""
+    rigid = [body.nodes for body in bodies if body.is_rigid]
+    comm: MPI.Comm = pair.nodes.V.mesh.comm
+    found = bool(rigid) and bool(np.isin(pair.nodes.nodes, np.concatenate(rigid)).any())
+    return reductions.anywhere(comm, found)
+
+
 def rigid_motion(
     bodies: Sequence[Body], rates: Rates, scheme: Scheme, supports: Supports
 ) -> RigidMotion:
@@ -90,12 +105,13 @@ def rigid_motion(
 
 
 def rigid_leapfrog(
-    bodies: Sequence[Body], mass: Floats, supports: Supports
+    bodies: Sequence[Body], v: fem.Function, mass: Floats, supports: Supports
 ) -> tuple[RigidLeapfrog, Floats]:
     """Make the motion of the rigid bodies among some bodies in explicit steps. Collective.
 
     Args:
         bodies: All bodies of a stepper.
+        v: Their velocity.
         mass: Lumped mass of all of them at the owned nodes, shape ``(n,)`` [kg].
         supports: Dirichlet conditions.
 
@@ -119,12 +135,10 @@ def rigid_leapfrog(
         whole.append(own + shared)
         # Lumped inertia of coarse bodies is too large.
         resisting[nodes] *= np.linalg.eigvals(np.linalg.solve(lumped, whole[-1])).real.min()
-    return RigidLeapfrog(V, fields, whole), resisting
+    return RigidLeapfrog(V, fields, whole, v), resisting
 
 
-def _fields(
-    bodies: Sequence[Body], supports: Supports
-) -> tuple[list[LinearFields], list[Floats]]:
+def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFields], list[Floats]]:
     """Linear fields over the rigid bodies, and their products with the mass. Collective."""
     V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]

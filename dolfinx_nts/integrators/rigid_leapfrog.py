@@ -21,6 +21,9 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import nodal
+from dolfinx_nts.integrators.rates import ConsistentMass
+from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.solvers.linear_fields import (
     TURNS,
@@ -34,8 +37,9 @@ from dolfinx_nts.solvers.rigid_states import RigidStates
 
 __all__ = ["RigidLeapfrog"]
 
-# Most iterations for the turn of a step [-], and change of it that is round-off [rad].
-_MAX_ITERATIONS, _ROUND_OFF = 30, 1e-14
+# Most iterations of Newton's method for the turn of a step [-], and the change of it after which
+# it is exact to round-off, as it converges quadratically [rad].
+_MAX_ITERATIONS, _SMALL = 30, 1e-9
 
 
 class _Leap:
@@ -60,9 +64,15 @@ class _Leap:
     gained = 0.0
 
     def __init__(
-        self, body: LinearFields, mass: Floats, q: Floats, v: Floats, f: Floats, led: Floats,
+        self,
+        body: LinearFields,
+        mass: Floats,
+        q: Floats,
+        v: Floats,
+        f: Floats,
+        led: Floats,
         dt: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Find where the body is at the end."""
         self._body, self._mass, self._dt, self._led = body, mass, dt, led
         self._q, self.v, self._f = q, v, f
@@ -83,14 +93,14 @@ class _Leap:
             amounts = amounts - correction
             if not np.all(np.abs(amounts[dim:]) < 2.0):  # 90 degrees
                 return
-            if np.abs(correction[dim:]).max() <= _ROUND_OFF:
-                self.change, self._before = turned(q, amounts), rest
+            if np.abs(correction[dim:]).max() <= _SMALL:
+                self.change = turned(q, amounts)
                 return
 
     def kick(self, f: Floats) -> None:
         """Complete the velocity by the sums f of the forces at the end [N, N m]."""
         assert self.change is not None
-        body, mass, dt, free, change = self._body, self._mass, self._dt, self._body.free, self.change
+        change, mass, dt, free = self.change, self._mass, self._dt, self._body.free
         end, q = rigid_motions(self._q + change), self._q + change
         drive = mass @ change / dt + dt / 2 * f
         led = 2 * self._led / dt - self._rate
@@ -121,14 +131,22 @@ class RigidLeapfrog(RigidStates):
         V: Space of the displacement.
         bodies: Linear fields over each rigid body.
         masses: Their products with all mass at the nodes of each [kg].
+        v: Velocity of all bodies.
     """
 
     def __init__(
-        self, V: fem.FunctionSpace, bodies: Sequence[LinearFields], masses: Sequence[Floats]
+        self,
+        V: fem.FunctionSpace,
+        bodies: Sequence[LinearFields],
+        masses: Sequence[Floats],
+        v: fem.Function,
     ) -> None:
         """Keep the bodies, as yet without motion."""
         super().__init__(V, bodies)
-        self._masses = tuple(masses)
+        self._masses, self._v = tuple(masses), v
+        rigid = [body.body for body in bodies]
+        if rigid:
+            self._mass, self._lumped = ConsistentMass(rigid, v), lumped_mass(rigid)
         self._leaps: list[_Leap] = []
 
     def drift(self, u_n: Floats, v: Floats, forces: Floats, dt: float, du: Floats) -> str:
@@ -145,10 +163,14 @@ class RigidLeapfrog(RigidStates):
         self._leaps = [
             _Leap(body, mass, q, body.fit(of_v), f, led, dt)
             for body, mass, q, (_, of_v, f), led in zip(
-                self._bodies, self._masses, self._positions(sums), sums, self.guides.led,
+                self._bodies,
+                self._masses,
+                self._positions(sums),
+                sums,
+                self.guides.led,
                 strict=True,
             )
-        ]  # fmt: skip
+        ]
         changes = []
         for body, leap in zip(self._bodies, self._leaps, strict=True):
             if leap.change is None:
@@ -168,23 +190,32 @@ class RigidLeapfrog(RigidStates):
         self._put((leap.v for leap in self._leaps), v)
         return sum(leap.gained for leap in self._leaps)
 
-    def kinetic_energy(self, v: Floats) -> float:
-        """Kinetic energy of all bodies by velocities [m/s], the same on all ranks [J]."""
-        energy = 0.0
-        for body, mass, (of_v,) in zip(self._bodies, self._masses, self._sums(v), strict=True):
+    def more_momentum(self) -> Floats:
+        """Momentum by the consistent mass of rigid bodies less that by the lumped one [kg m/s]."""
+        momentum: Floats = self._mass.momentum()
+        return momentum - self._lumped[:, None] * nodal(self._v)[: len(momentum)]
+
+    def more_energy(self, mass: Floats, v: Floats) -> float:
+        """Kinetic energy by velocities [m/s] beside that of lumped masses, on this rank [J].
+
+        ``mass`` are those of the owned nodes, shape ``(n,)`` [kg].
+        """
+        nodes, energy = self.nodes, 0.0
+        for body, products, (of_v,) in zip(self._bodies, self._masses, self._sums(v), strict=True):
             coefficients = body.fit(of_v)
-            energy += float(np.vdot(coefficients, mass @ coefficients)) / 2
-        return energy
+            energy += float(np.vdot(coefficients, products @ coefficients)) / 2
+        lumped = np.vdot(mass[nodes, None] * v[nodes], v[nodes]) / 2
+        return energy * (self._comm.rank == 0) - float(lumped)
 
     def reactions(self) -> tuple[Reaction, ...]:
         """Reactions of the guides in the last step, in the order of the bodies. Local."""
-        d = self.dim
-        return tuple(
-            Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1])
+        rows: list[list[float]] = [
+            list(map(float, leap.reaction))
             for body, leap in zip(self._bodies, self._leaps, strict=True)
             if body.body.guide is not None
-            for row in [leap.reaction.tolist()]
-        )
+        ]
+        d = self.dim
+        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
 
 
 def _about_origin(wrench: Floats, point: Floats) -> Floats:

@@ -22,7 +22,8 @@ class Scheme:
         rates: Makes the `Rates` by which velocity and acceleration follow from displacements.
         stress_share: Derivative of the stress by the strain at the end of the step, as a part
             of that by a strain that is the same at both ends [-].
-        load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a step to 1 at its end [-].
+        load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a
+            step to 1 at its end [-].
         loads_at: Displacement at which loads act: the mean of the step or that at its end.
         resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
     """

@@ -38,6 +38,7 @@ from dolfinx_nts.solvers.rigid_states import RigidStates
 
 __all__ = ["RigidColumns", "RigidMotion"]
 
+
 class RigidColumns(NamedTuple):
     """Free motions of one body in the unknowns of its nodes, see `RigidMotion.columns`.
 
@@ -191,7 +192,7 @@ class RigidMotion(RigidStates):
         result: Floats = u + du
         if not self.exists:
             return result
-        sums, dim = self._sums(u, du), self.dim
+        sums = self._sums(u, du)
         fields = []
         for body, q, (_, increment), led in zip(
             self._bodies, self._positions(sums), sums, self.guides.led, strict=True

@@ -4,42 +4,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
-from dolfinx.mesh import meshtags
 
 import dolfinx_nts as nts
 from helpers.plane import blocks
-from helpers.rigid import spin
-from helpers.scenes import Scene, boxes, distribute
+from helpers.rigid import CENTRE, hinged, pressed, spin
+from helpers.scenes import Scene
 from reference.bulk import rotation
 
 STICK = nts.Coulomb(mu=0.3)
 RHO = 20.0
 DEPTH, TURN = 0.3, 0.8  # speeds of tools [m/s, rad/s]
-CENTRE = np.array([0.52, 0.48, 0.651])
-
-
-def pressed(comm, scheme, guide, force=None, *, friction=None, dt=0.1, moment=None, spring=False):
-    """A rigid tool above a block on a clamped foot."""
-    data = boxes([(4, 4, 2), (2, 2, 1)], [(1.0, 1.0, 0.5), (0.6, 0.6, 0.3)])
-    upper = np.unique(data.cells[data.body == 1])
-    data.X[upper] += CENTRE - [0.3, 0.3, 0.15]
-    mesh, cells, facets, tag = distribute(comm, data)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    block = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 10.0))
-    tool = nts.RigidBody(V, cells, tag["body 1"], RHO, guide)
-    surfaces = (nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1"))
-    pair = nts.ContactPair(*surfaces, friction=friction)
-    foot = fem.locate_dofs_topological(V, 2, facets.find(tag["bottom 0"]))
-    clamp = fem.dirichletbc(np.zeros(3), foot, V)
-    loads = [] if force is None else [nts.Force(tool, force)]
-    if moment is not None:
-        loads.append(nts.Moment(tool, moment))
-    if spring:
-        loads.append(spring_of(V, tool))
-    stepper = scheme([block, tool], [pair], dt=dt, bcs=[clamp], loads=loads)
-    return stepper, tool
 
 
 def down(t):
@@ -67,16 +41,6 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, friction)
         reaction = stepper.advance().reactions[1]
         assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-10)
         assert abs(reaction.force[2]) < 1e-9 * abs(forces[1]) and reaction.work < 1e-12
-
-
-def spring_of(V, tool):
-    """A spring from a tool to a base that moves down, spread over its cells."""
-    tags = meshtags(V.mesh, 3, np.sort(tool.cells), np.ones(len(tool.cells), dtype=np.int32))
-    dx, volume = ufl.Measure("dx", V.mesh, subdomain_data=tags)(1), 0.6 * 0.6 * 0.3
-    stiffness = 300.0 / volume  # N/m^4
-    return nts.FormLoad(
-        V, lambda u, eta, t: -stiffness * ufl.inner(u - ufl.as_vector([0, 0, -0.1 * t]), eta) * dx
-    )
 
 
 STATICS = {
@@ -199,19 +163,6 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
         row = dict(zip(header.split(","), map(float, last.split(",")), strict=True))
         assert abs(row["energy_unaccounted"]) < 1e-11
         assert abs(row["guide_1_work"]) < 1e-11 < abs(row["guide_1_force_x"])
-
-
-def hinged(motion=None, moment=None, g=None, dt=0.01, dim=3):
-    """A brick that turns about an axis through the middle of its upper edge."""
-    data = boxes([(2, 2, 2)], [(0.4, 0.2, 1.0)])
-    data.X[:] -= [0.2, 0.1, 1.0]
-    mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    guide = nts.Guide(turns=(0, 2, 0), motion=motion, point=(0, 0, 0))
-    body = nts.RigidBody(V, cells, tag["body 0"], RHO, guide)
-    loads = [] if moment is None else [nts.Moment(body, moment)]
-    loads += [] if g is None else [nts.Gravity([body], (0, 0, -g))]
-    return nts.EnergyMomentum([body], dt=dt, loads=loads), body
 
 
 INERTIA = RHO * 0.08 * (0.4**2 / 12 + 1.0 / 3)  # about the hinge [kg m^2]

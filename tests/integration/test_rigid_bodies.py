@@ -9,44 +9,12 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.integrators.rigid import redundant
 from helpers.plane import blocks, throw
-from helpers.rigid import impact, spin
+from helpers.rigid import bonded, brick, eulers, impact, spin
 from helpers.scenes import Motion, boxes, distribute
 from reference.bulk import rotation
 
-SIZES, RHO = np.array([1.0, 2.0, 0.5]), 2.0
+RHO = 2.0
 STICK = nts.Coulomb(mu=0.3)
-
-
-def brick(dt, omega, cell="hexahedron"):
-    """A rigid brick that turns about its centre in space, and a function of its rotation."""
-    data = boxes([(2, 2, 1)], [tuple(SIZES)], cell)
-    data.X[:] -= SIZES / 2
-    mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    body = nts.RigidBody(V, cells, tag["body 0"], RHO)
-    stepper = nts.EnergyMomentum([body], dt=dt)
-    stepper.set_velocity(body, spin(omega, (0.0, 0.0, 0.0)))
-    X = V.tabulate_dof_coordinates()
-    return stepper, lambda: np.linalg.lstsq(X, stepper.x, rcond=None)[0].T
-
-
-def eulers(omega, time, num_steps=4000):
-    """Rotation after some time by Euler's equations, in the classical way of Runge and Kutta."""
-    mass = RHO * SIZES.prod()
-    inertia = mass / 12 * ((SIZES**2).sum() - SIZES**2)
-
-    def rate(state):
-        Q, w = state[:9].reshape(3, 3), state[9:]
-        cross = np.cross(w, np.eye(3)).T  # in the body
-        return np.concatenate([(Q @ cross).ravel(), np.cross(inertia * w, w) / inertia])
-
-    h, state = time / num_steps, np.concatenate([np.eye(3).ravel(), omega])
-    for _ in range(num_steps):
-        a = rate(state)
-        b = rate(state + h / 2 * a)
-        c = rate(state + h / 2 * b)
-        state = state + h / 6 * (a + 2 * b + 2 * c + rate(state + h * c))
-    return state[:9].reshape(3, 3)
 
 
 @pytest.mark.serial
@@ -261,20 +229,6 @@ def test_a_resumed_run_is_the_same_run(comm, tmp_path):
     assert np.array_equal(scene.stepper.v.x.array, whole.stepper.v.x.array)
 
 
-def bonded(comm):
-    """A column whose upper half is rigid, with the tags of its facets."""
-    data = boxes([(2, 2, 4)], [(0.5, 0.4, 1.0)])
-    data.body[data.X[data.cells].mean(axis=1)[:, 2] > 0.5] = 1
-    mesh, cells, facets, tag = distribute(comm, data)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    rubber = nts.SaintVenantKirchhoff(1e3, 0.3, 10.0, one_point=())
-    soft, rigid = (
-        nts.Body(V, cells, tag["body 0"], rubber),
-        nts.RigidBody(V, cells, tag["body 1"], 20),
-    )
-    return soft, rigid, facets, tag
-
-
 def test_body_that_shares_nodes_with_a_rigid_one_is_bonded_to_it(comm):
     soft, rigid, *_ = bonded(comm)
     stepper = nts.EnergyMomentum([soft, rigid], dt=0.02)
@@ -299,12 +253,11 @@ def held(body):
 def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
     soft, rigid, facets, tag = bonded(comm)
     bodies = [soft, rigid]
-    with refused(ValueError, "EnergyMomentum, Midpoint or .*, given GeneralizedAlpha"):
-        nts.GeneralizedAlpha(bodies, dt=0.1)
-    with refused(ValueError, "EnergyMomentum, Midpoint or .*, given CentralDifference"):
-        nts.CentralDifference(bodies)
-    with refused(ValueError, r"bcs at nodes of deformable bodies, given \d+ nodes of the rigid"):
-        nts.EnergyMomentum(bodies, dt=0.1, bcs=[held(rigid)])
+    for scheme in (nts.EnergyMomentum, nts.CentralDifference):
+        with refused(
+            ValueError, r"bcs at nodes of deformable bodies, given \d+ nodes of the rigid"
+        ):
+            scheme(bodies, dt=1e-3, bcs=[held(rigid)])
     top, bottom = (nts.Surface(soft.V, facets, tag[name]) for name in ("top 0", "bottom 0"))
     resolved = nts.ContactPair(bottom, top, nts.LagrangeMultiplier("resolved"))
     with refused(ValueError, "impact 'elastic' or 'plastic' beside rigid bodies"):
@@ -318,10 +271,11 @@ def test_state_that_would_deform_a_rigid_body_is_refused(comm, refused):
         ("velocity", lambda X: np.array([X[2] ** 2, 0 * X[0], 0 * X[0]])),
         ("displacement", lambda X: np.array([0 * X[0], 0.01 * X[0], 0 * X[0]])),
     ):
-        stepper = nts.EnergyMomentum([soft, rigid], dt=0.1)
-        getattr(stepper, f"set_{name}")(rigid, value)
-        with refused(ValueError, f"expected a {name} of the rigid .* that moves and turns it"):
-            stepper.advance()
+        for scheme in (nts.EnergyMomentum, nts.CentralDifference):
+            stepper = scheme([soft, rigid], dt=1e-3)
+            getattr(stepper, f"set_{name}")(rigid, value)
+            with refused(ValueError, f"expected a {name} of the rigid .* that moves and turns it"):
+                stepper.advance()
 
 
 @pytest.mark.serial
