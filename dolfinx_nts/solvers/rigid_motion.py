@@ -9,7 +9,8 @@ that with the Cayley vector :math:`\theta` of the rotation, whatever it is,
 holds exactly. The balance of a body is that of resultant and moment of all nodal forces about its
 mean position: both momenta are conserved, and as the work of the forces is that of resultant and
 moment, so is the energy. No multiplier keeps the body rigid. In statics forces act at the end of
-the step, and :math:`x_{n+1}` takes the place of :math:`x_m` in the balance.
+the step, and in the generalised-alpha method between both ends: the weighted mean there takes the
+place of :math:`x_m` in the balance.
 
 A guide leaves some combinations of :math:`\Delta\varphi` and :math:`\theta` free, which do not
 depend on the state, and gives the others. The balance is that of the free ones.

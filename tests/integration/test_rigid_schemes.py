@@ -173,6 +173,17 @@ def test_plane_has_rigid_bodies(scheme, law, dt):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("both_rigid", [False, True])
+def test_estimate_of_the_stable_step_holds_for_springs_at_rigid_nodes(comm, both_rigid):
+    springs = nts.Penalty(500.0)
+    stepper = impact(comm, nts.CentralDifference, springs, dt=1e-4, both_rigid=both_rigid).stepper
+    stepper.dt = 0.98 * stepper.stable_step
+    _, _, active, of_scheme, rest = run(stepper, 0.3)
+    assert active > 0
+    assert abs(of_scheme) < 3.0 and abs(rest) < 1e-9  # of 25 J
+
+
+@pytest.mark.serial
 def test_what_cannot_be_done_is_refused(comm, refused):
     with refused(ValueError, "expected a step dt where all bodies are rigid, given None"):
         brick(None, np.ones(3), scheme=nts.CentralDifference)
