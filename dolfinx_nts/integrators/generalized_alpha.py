@@ -114,12 +114,6 @@ class GeneralizedAlpha(ImplicitStepper):
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
             law = pair.enforcement
-            if isinstance(law, LagrangeMultiplier) and gives_rigid_nodes(pair, bodies):
-                raise ValueError(
-                    f"expected Penalty for GeneralizedAlpha between {pair.between}, given {law!r}: "
-                    "to stop a node of a rigid body stops the whole, from which the scheme gains "
-                    "energy; nodes of a deformable body, or EnergyMomentum, can do this"
-                )
             if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
                 raise ValueError(
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
@@ -136,6 +130,14 @@ class GeneralizedAlpha(ImplicitStepper):
         super().__init__(
             bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update, petsc_options=petsc_options
         )
+        for pair in self.pairs:
+            law = pair.enforcement
+            if isinstance(law, LagrangeMultiplier) and gives_rigid_nodes(pair, self.bodies):
+                raise ValueError(
+                    f"expected Penalty for GeneralizedAlpha between {pair.between}, given {law!r}: "
+                    "to stop a node of a rigid body stops the whole, from which the scheme gains "
+                    "energy; nodes of a deformable body, or EnergyMomentum, can do this"
+                )
         self.rho_inf, self.a = float(rho_inf), self._rates.a
 
 
