@@ -29,13 +29,13 @@ ROTATING = {
 def test_free_rotation_is_that_of_eulers_equations_to_second_order(scheme):
     omega = np.array([3.0, 0.4, -0.3])
     exact, errors = eulers(omega, 1.0), []
-    for dt in (0.025, 0.0125):
+    for dt in (0.05, 0.025):
         stepper, turn = brick(dt, omega, scheme=scheme)
         for _ in stepper.run(until=1.0):
             pass
         errors.append(np.abs(turn() - exact).max())
     assert 3.7 < errors[0] / errors[1] < 4.4
-    assert errors[1] < 0.01
+    assert errors[1] < 0.02
 
 
 @pytest.mark.serial
