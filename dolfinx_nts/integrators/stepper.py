@@ -27,6 +27,7 @@ from dolfinx_nts.contact.repeated_pairs import check_repeated
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.watch import ContactWatch
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
 from dolfinx_nts.integrators.scheme import Scheme
@@ -63,6 +64,7 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
+        memory: Strains in the viscous branches of materials.
         watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
     """
 
@@ -128,6 +130,8 @@ class Stepper(TimeLoop):
         check_rigid_bodies(self.bodies, self.pairs, self.scheme, type(self).__name__)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt)
+        share = self.scheme.stress_share
+        self.memory = Memory(self.bodies, self.u_n, self.u, self._dt, share)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
@@ -178,6 +182,7 @@ class Stepper(TimeLoop):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.vertices.serialize(archive)
+        self.memory.serialize(archive)
 
     def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
         """Take over time, motion and contact of another scene on the same mesh.
@@ -232,6 +237,7 @@ class Stepper(TimeLoop):
         self._check_turns()
         self.supports.check()
         self._u_n[:] = self._u
+        self.memory.begin()
         report = self._step()
         self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
         way = self._way

@@ -93,6 +93,8 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
         "stiffness_damping": material.stiffness_damping,
         **material.parameters,
     }
+    for number, branch in enumerate(material.branches, start=1):
+        numbers |= {f"{name}_{number}": value for name, value in branch._asdict().items()}
     return f"{_digest(form.signature())} with {_numbers(numbers)}"
 
 
