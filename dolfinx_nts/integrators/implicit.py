@@ -149,9 +149,16 @@ class ImplicitStepper(Stepper):
         if archive.giving:
             self._bulk.rigid.restored()
 
-    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+    def adopt(
+        self,
+        archive: Archive,
+        contacts: Mapping[int, str],
+        *,
+        same_scheme: bool,
+        same_bodies: bool,
+    ) -> None:
         """Take over another scene, see ``Stepper.adopt``, with the rates of the same scheme."""
-        super().adopt(archive, contacts, same_scheme=same_scheme)
+        super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 

@@ -184,17 +184,27 @@ class Stepper(TimeLoop):
         self.watch.vertices.serialize(archive)
         self.memory.serialize(archive)
 
-    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
-        """Take over time, motion and contact of another scene on the same mesh.
+    def adopt(
+        self,
+        archive: Archive,
+        contacts: Mapping[int, str],
+        *,
+        same_scheme: bool,
+        same_bodies: bool,
+    ) -> None:
+        """Take over time, motion, memory and contact of another scene on the same mesh.
 
         Args:
             archive: Gives what `serialize` of the other stepper has stored.
             contacts: Name of the contact in the archive by the number of a pair, from 0.
             same_scheme: Whether the other stepper has the same scheme.
+            same_bodies: Whether it has the same bodies and materials. Else the memory begins anew.
         """
         self._serialize_motion(archive)
         for function in (self.u, self.v):
             self._keep_axis(function)
+        if same_bodies:
+            self.memory.serialize(archive)
         for number, name in contacts.items():
             self.contacts[number].serialize(archive, name)
         self._was_displaced = True
