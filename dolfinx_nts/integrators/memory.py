@@ -137,6 +137,24 @@ class Memory:
         strains = (self._E_n - dashpots.at_start(i) for i in range(len(material.branches)))
         return self._stored(material, parameters, strains)
 
+    def stress(self, material: Hyperelastic, parameters: Any, C: Any) -> tuple[Any, Any]:
+        """Stress and energy of the springs at t with the mean strains of dashpots in cells.
+
+        Args:
+            material: Material with branches.
+            parameters: Its numbers by name, as constants.
+            C: Right Cauchy-Green tensor at t, UFL (3, 3).
+
+        Returns:
+            Second Piola-Kirchhoff stress, UFL (3, 3) [Pa], and energy, UFL [J/m^3].
+        """
+        means, E = self._dashpots[material].means, (C - ufl.Identity(3)) / 2
+        strains = [E - _tensor(means, i) for i in range(len(material.branches))]
+        shares = (self._numbers(branch)[0] for branch in material.branches)
+        total = sum(share * strain for share, strain in zip(shares, strains, strict=True))
+        energy = self._stored(material, parameters, strains)
+        return material.shape_stress(total, **parameters), energy
+
     def _stored(self, material: Hyperelastic, parameters: Any, strains: Any) -> Any:
         """Energy of springs by their strains."""
         shares = (self._numbers(branch)[0] for branch in material.branches)
@@ -164,6 +182,7 @@ class _Dashpots:
     Attributes:
         strain_n: Strains at the start of the last step [-], a Function of points.
         strain: Strains at its end.
+        means: Their means over the points of each cell.
     """
 
     def __init__(
@@ -178,6 +197,8 @@ class _Dashpots:
         space = fem.functionspace(mesh, element)
         self.strain_n, self.strain = fem.Function(space), fem.Function(space)
         self._dofs = space.dofmap.list[cells]
+        constant = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (entries,)))
+        self.means, self._places = fem.Function(constant), constant.dofmap.list[cells, 0]
         points, _ = basix.make_quadrature(basix.CellType[cell], degree)
         parts = ufl.as_vector([strain[entry] for entry in _ENTRIES])
         self._expression = compile_expression(parts, points)
@@ -213,6 +234,9 @@ class _Dashpots:
     def _set(self, function: fem.Function, values: Floats) -> None:
         rows = function.x.array.reshape(-1, self._number, len(_ENTRIES))
         rows[self._dofs] = values
+        if function is self.strain:
+            means = values.mean(axis=1).reshape(len(values), -1)
+            self.means.x.array.reshape(-1, means.shape[1])[self._places] = means
 
 
 def _tensor(strains: fem.Function, branch: int) -> Any:
