@@ -86,7 +86,8 @@ class Memory:
         dt = float(self._dt.value)
         for material, dashpots in self._dashpots.items():
             times = np.array([branch.relaxation_time for branch in material.branches])
-            dashpots.follow(dt / (times + self._theta * dt))
+            parts: Floats = dt / (times + self._theta * dt)
+            dashpots.follow(parts)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the strains at both ends of the last step."""

@@ -103,7 +103,9 @@ class RunFields:
                 )
         middles = Element.of(stepper.u.function_space).middles
         self._stress = (
-            CellStress(stepper.bodies, stepper.u, middles, stepper.memory.stress) if stress else None
+            CellStress(stepper.bodies, stepper.u, middles, stepper.memory.stress)
+            if stress
+            else None
         )
 
     def nodal(self) -> dict[str, Array]:

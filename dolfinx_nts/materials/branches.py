@@ -10,8 +10,6 @@ shape: a change of volume does not relax, as in rubber.
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import ufl
-
 from dolfinx_nts.common.arguments import positive
 
 __all__ = ["Branch", "checked_branches"]

@@ -59,6 +59,7 @@ class PlaneStress(Hyperelastic):
             mass_damping=material.mass_damping,
             stiffness_damping=material.stiffness_damping,
             one_point=(),
+            branches=(),
             **material.parameters,
         )
         self._has_default = True
