@@ -85,9 +85,8 @@ class Memory:
         """Set the strains at the end of the step that was solved. Local."""
         dt = float(self._dt.value)
         for material, dashpots in self._dashpots.items():
-            times = np.array([branch.relaxation_time for branch in material.branches])
-            parts: Floats = dt / (times + self._theta * dt)
-            dashpots.follow(parts)
+            times = [branch.relaxation_time for branch in material.branches]
+            dashpots.follow(np.array([dt / (time + self._theta * dt) for time in times]))
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the strains at both ends of the last step."""

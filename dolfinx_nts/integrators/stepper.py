@@ -27,7 +27,6 @@ from dolfinx_nts.contact.repeated_pairs import check_repeated
 from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.watch import ContactWatch
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
 from dolfinx_nts.integrators.scheme import Scheme
@@ -64,7 +63,6 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
-        memory: Strains in the viscous branches of materials.
         watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
     """
 
@@ -129,9 +127,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         check_rigid_bodies(self.bodies, self.pairs, self.scheme, type(self).__name__)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
-        super().__init__(V, dt)
-        share = self.scheme.stress_share
-        self.memory = Memory(self.bodies, self.u_n, self.u, self._dt, share)
+        super().__init__(V, dt, self.bodies, self.scheme.stress_share)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
@@ -182,7 +178,6 @@ class Stepper(TimeLoop):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.vertices.serialize(archive)
-        self.memory.serialize(archive)
 
     def adopt(
         self,

@@ -94,7 +94,8 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
         **material.parameters,
     }
     for number, branch in enumerate(material.branches, start=1):
-        numbers |= {f"{name}_{number}": value for name, value in branch._asdict().items()}
+        numbers |= {f"share_{number}": branch.share}
+        numbers |= {f"relaxation_time_{number}": branch.relaxation_time}
     return f"{_digest(form.signature())} with {_numbers(numbers)}"
 
 
