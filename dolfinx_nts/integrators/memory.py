@@ -235,8 +235,8 @@ class _Dashpots:
         rows = function.x.array.reshape(-1, self._number, len(_ENTRIES))
         rows[self._dofs] = values
         if function is self.strain:
-            means = values.mean(axis=1).reshape(len(values), -1)
-            self.means.x.array.reshape(-1, means.shape[1])[self._places] = means
+            means = self.means.x.array.reshape(-1, self._number, len(_ENTRIES))
+            means[self._places] = values.mean(axis=1)
 
 
 def _tensor(strains: fem.Function, branch: int) -> Any:

@@ -98,7 +98,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, told):
     over = sum(s * np.exp(-stepper.t / tau) for s, tau in BRANCHES)
     S = 2 * SHEAR * (E + over * deviator) + YOUNG * NU / 1.3 / 0.4 * np.trace(E) * np.eye(3)
     found = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
-    np.testing.assert_allclose(found, [F @ S @ F.T] * len(found), atol=5e-3 * np.abs(S).max())
+    assert np.abs(found - F @ S @ F.T).max(initial=0) <= 5e-3 * np.abs(S).max()
     told("energy at constant shear", "closed form", percent(max(errors)))
     assert max(errors) <= 5e-3
     assert ledger.error <= CLOSED
@@ -133,7 +133,9 @@ def test_a_cut_step_forgets_what_it_tried(comm):
     stepper.serialize(before)
     once = [stepper.advance().damping_work for _ in range(2)]
     stepper.serialize(before.rewind())
-    assert [stepper.advance().damping_work for _ in range(2)] == once
+    # But for the order in which solvers of several ranks sum.
+    again = [stepper.advance().damping_work for _ in range(2)]
+    assert again == (once if comm.size == 1 else pytest.approx(once, rel=1e-12))
 
 
 def test_a_spinning_body_does_not_relax_by_its_rotation(comm):
