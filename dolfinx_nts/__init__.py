@@ -22,6 +22,7 @@ from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.io.load_state import load_state
 from dolfinx_nts.io.recorder import Recorder
+from dolfinx_nts.materials.fibres import HolzapfelGasserOgden
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.materials.plane_stress import PlaneStress
@@ -65,6 +66,7 @@ __all__ = [
     "GeneralizedAlpha",
     "Gravity",
     "Guide",
+    "HolzapfelGasserOgden",
     "Hyperelastic",
     "LagrangeMultiplier",
     "Load",

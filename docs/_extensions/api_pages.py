@@ -16,6 +16,7 @@ PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
+        "HolzapfelGasserOgden",
         *("PlaneStress", "RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [

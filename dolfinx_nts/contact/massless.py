@@ -42,10 +42,11 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
         nodes = np.union1d(nodes, pair.nodes.nodes)
     if not resolved:
         return nodes
-    damped = ", ".join(body.name for body in bodies if body.material.is_damped)
+    laws = {body.name: body.material for body in bodies}
+    damped = ", ".join(name for name, law in laws.items() if law.is_damped or law.branches)
     if damped:
         raise ValueError(
-            f"expected bodies without damping with impact 'resolved', given {damped}: "
+            f"expected bodies without damping and branches with impact 'resolved', given {damped}: "
             "'elastic' or 'plastic' impact can do this"
         )
     for pair in pairs:

@@ -40,7 +40,7 @@ class Balance:
     Attributes:
         time: Time [s].
         kinetic_energy: Kinetic energy [J].
-        strain_energy: Strain energy [J].
+        strain_energy: Strain energy, also of springs in viscous branches [J].
         contact_energy: Energy of penalty and friction springs [J].
         linear_momentum: Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s].
         angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
@@ -119,9 +119,17 @@ class Diagnostics(ContactDiagnostics):
             change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
             return change - ufl.inner(P, F - F_n)
 
+        memory = stepper.memory
+
+        def defect_of_branches(material: Any, parameters: Any) -> Any:
+            change = memory.energy(material, parameters)
+            change -= memory.energy_at_start(material, parameters)
+            change += memory.dissipation(material, parameters)
+            return change - memory.work(material, parameters, u - u_n)
+
         self._strain_energy, self._bulk_defect = (
-            compile_form(bulk_form(stepper.bodies, integrand))
-            for integrand in (strain_energy, bulk_defect)
+            compile_form(bulk_form(stepper.bodies, *integrands))
+            for integrands in ((strain_energy, memory.energy), (bulk_defect, defect_of_branches))
         )
         self._bodies = BodyDiagnostics(stepper)
 
@@ -149,7 +157,8 @@ class Diagnostics(ContactDiagnostics):
         """Energy that bulk and inertia added to the total energy in the last step [J].
 
         It is the integral of psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the
-        scheme, plus ``inertia_defect`` of the stepper.
+        scheme, plus ``inertia_defect`` of the stepper. Of viscous branches it has the energy of
+        the springs and the dissipation.
         """
         defect = self._sum(fem.assemble_scalar(self._bulk_defect))
         return float(defect + self.stepper.inertia_defect)

@@ -108,7 +108,10 @@ class BodyDiagnostics:
         def energy(material: Any, parameters: Any, rho: Any) -> Any:
             return material.psi(C, **parameters)
 
-        return [compile_form(bulk_form([body], energy)) for body in self._stepper.bodies]
+        remembered = self._stepper.memory.energy
+        return [
+            compile_form(bulk_form([body], energy, remembered)) for body in self._stepper.bodies
+        ]
 
     def mean(self, body: Body, values: Floats) -> Floats:
         """Mass-weighted mean of nodal values, ``(l, d)``, over a body.

@@ -97,7 +97,7 @@ class Fields:
             basix.DPCVariant.unset,
             True,
         ).points
-        return CellStress(self._stepper.bodies, u, points)
+        return CellStress(self._stepper.bodies, u, points, self._stepper.memory.stress)
 
     def _state(self) -> StressState:
         return self._stress.evaluate()

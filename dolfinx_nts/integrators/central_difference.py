@@ -106,8 +106,8 @@ class CentralDifference(Stepper):
 
     Raises:
         TypeError: An argument has the wrong type.
-        ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, or a pair is
-            enforced by multipliers.
+        ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, a pair is enforced
+            by multipliers, or a material has viscous branches.
 
     Example:
         >>> pair = nts.ContactPair(bottom, top, enforcement=nts.Penalty())
@@ -139,6 +139,11 @@ class CentralDifference(Stepper):
             raise ValueError(
                 "expected pairs of method 'node-to-segment' with CentralDifference, given "
                 "'mortar', which the implicit steppers can do"
+            )
+        if viscous := [body.name for body in instances(Body, bodies) if body.material.branches]:
+            raise ValueError(
+                f"expected materials without branches with CentralDifference, given {viscous}, "
+                "which the implicit steppers can do"
             )
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)

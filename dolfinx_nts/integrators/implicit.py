@@ -103,7 +103,9 @@ class ImplicitStepper(Stepper):
             rates = cast(MidpointRates, self._rates)
             self._inertia = ResolvedImpact(bodies, rates, self.scheme, bcs, works, massless)
         else:
-            self._inertia = ConsistentInertia(bodies, self._rates, self.scheme, bcs, works)
+            self._inertia = ConsistentInertia(
+                bodies, self._rates, self.scheme, bcs, works, self.memory
+            )
         self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
@@ -147,9 +149,16 @@ class ImplicitStepper(Stepper):
         if archive.giving:
             self._bulk.rigid.restored()
 
-    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
+    def adopt(
+        self,
+        archive: Archive,
+        contacts: Mapping[int, str],
+        *,
+        same_scheme: bool,
+        same_bodies: bool,
+    ) -> None:
         """Take over another scene, see ``Stepper.adopt``, with the rates of the same scheme."""
-        super().adopt(archive, contacts, same_scheme=same_scheme)
+        super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 
@@ -258,9 +267,9 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_at_rest(self, load: float) -> bool:
-        """Whether all supports and obstacles stay, and the norm of the loads [N] is the last."""
+        """Whether supports and obstacles stay, nothing relaxes, and the loads [N] are the last."""
         fixed, u = self.supports.fixed, self.u.x.array
-        moves = any(contact.search.frame.moves for contact in self.contacts)
+        moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         stays = stays and not (moves or self._bulk.rigid.guides.move)
         same = abs(load - self._last.load) <= _SAME_LOAD * load
@@ -350,6 +359,7 @@ class ImplicitStepper(Stepper):
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions, constraints = self._reactions(steps, solution, du)
         damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
+        self.memory.accept()
         loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()

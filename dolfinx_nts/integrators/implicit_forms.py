@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.fem.components import deformation_gradient, gradient
+from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -23,14 +24,21 @@ class StepForms:
         bodies: Bodies of one space.
         rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
+        memory: Memory of viscous branches; None where no material has any.
         inertia: Whether forms have the inertia, and with it damping.
     """
 
     def __init__(
-        self, bodies: Sequence[Body], rates: Rates, scheme: Scheme, *, inertia: bool = True
+        self,
+        bodies: Sequence[Body],
+        rates: Rates,
+        scheme: Scheme,
+        memory: Memory | None = None,
+        *,
+        inertia: bool = True,
     ) -> None:
         """Build the deformation gradients at both ends of the step."""
-        self._bodies, self._scheme = bodies, scheme
+        self._bodies, self._scheme, self._memory = bodies, scheme, memory
         self._acceleration = rates.acceleration if inertia else None
         self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
         self._F_n, self._F = map(deformation_gradient, (rates.u_n, rates.u))
@@ -47,7 +55,9 @@ class StepForms:
                 work += self._damping(material, parameters, rho, eta)
             return work
 
-        return bulk_form(self._bodies, integrand)
+        if self._memory is None:
+            return bulk_form(self._bodies, integrand)
+        return bulk_form(self._bodies, integrand, partial(self._memory.work, eta=eta))
 
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.
@@ -71,14 +81,30 @@ class StepForms:
                 work += rho * ufl.inner(rate, eta)
             return work
 
-        return bulk_form(self._bodies, integrand)
+        if self._memory is None:
+            return bulk_form(self._bodies, integrand)
+        stiffness = self._memory.stiffness
+
+        def remembered(material: Hyperelastic, parameters: dict[str, Any]) -> Any:
+            P = F_n * stiffness(material, parameters, ufl.sym(F_n.T * G))
+            return ufl.inner(P, gradient(eta))
+
+        return bulk_form(self._bodies, integrand, remembered)
 
     def dissipation(self) -> ufl.Form | None:
-        """Energy that damping takes in the step [J]; None without damping."""
-        damped = [body for body in self._bodies if body.material.is_damped]
-        if not damped or self._acceleration is None:
+        """Energy that damping and viscous branches take in the step [J]; None without both."""
+        moves, memory = self._acceleration is not None, self._memory
+        remembers = memory is not None
+        laws = [(body, body.material) for body in self._bodies]
+        some = [b for b, law in laws if (moves and law.is_damped) or (remembers and law.branches)]
+        if not some:
             return None
-        return bulk_form(damped, partial(self._damping, eta=self._u - self._u_n))
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            eta = self._u - self._u_n
+            return self._damping(material, parameters, rho, eta) if moves else 0
+
+        return bulk_form(some, integrand, None if memory is None else memory.dissipation)
 
     def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
         """Virtual work of damping per reference volume, which is >= 0 for u - u_n."""

@@ -11,6 +11,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
@@ -65,6 +66,7 @@ class ConsistentInertia(Inertia):
         scheme: The scheme.
         bcs: Dirichlet conditions.
         loads: Virtual work of the loads.
+        memory: Memory of viscous branches.
     """
 
     def __init__(
@@ -74,10 +76,11 @@ class ConsistentInertia(Inertia):
         scheme: Scheme,
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form],
+        memory: Memory,
     ) -> None:
         """Compile the forms."""
         self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
-        self.forms = StepForms(bodies, rates, scheme)
+        self.forms = StepForms(bodies, rates, scheme, memory)
         works = self.forms.residual(), rates.u, bcs, loads
         # Rigid bodies have neither stress nor inertia in statics.
         is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)

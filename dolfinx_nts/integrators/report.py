@@ -47,7 +47,7 @@ class StepReport(_Numbers):
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
         support_work: Work of the reactions at moving supports [J].
-        damping_work: Work of damping, never positive [J].
+        damping_work: Work of damping and of viscous branches, never positive [J].
         solver_work: Work of the residual that Newton's method left [J].
         load_works: Work of each load [J], in the order of the loads of the stepper.
         reactions: Reaction of each support, in the order of ``bcs`` of the stepper, then of each

@@ -54,8 +54,10 @@ class SleepingBodies:
         loads: Sequence[Load],
     ) -> None:
         """Find out which loads and pairs can act on which body."""
-        # What nodes of rigid bodies are given is up to the motion of these.
-        self._bulk, self._all = bulk, tuple(body for body in bodies if not body.is_rigid)
+        # What nodes of rigid bodies are given is up to the motion of these. Stress that relaxes
+        # does not stay in equilibrium.
+        self._bulk = bulk
+        self._all = tuple(b for b in bodies if not (b.is_rigid or b.material.branches))
         self._tangent, self._sizes = tangent, sizes
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[Body, Ints] = {

@@ -127,7 +127,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
-        super().__init__(V, dt)
+        super().__init__(V, dt, self.bodies, self.scheme.stress_share)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
@@ -179,17 +179,27 @@ class Stepper(TimeLoop):
             contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.vertices.serialize(archive)
 
-    def adopt(self, archive: Archive, contacts: Mapping[int, str], *, same_scheme: bool) -> None:
-        """Take over time, motion and contact of another scene on the same mesh.
+    def adopt(
+        self,
+        archive: Archive,
+        contacts: Mapping[int, str],
+        *,
+        same_scheme: bool,
+        same_bodies: bool,
+    ) -> None:
+        """Take over time, motion, memory and contact of another scene on the same mesh.
 
         Args:
             archive: Gives what `serialize` of the other stepper has stored.
             contacts: Name of the contact in the archive by the number of a pair, from 0.
             same_scheme: Whether the other stepper has the same scheme.
+            same_bodies: Whether it has the same bodies and materials. Else the memory begins anew.
         """
         self._serialize_motion(archive)
         for function in (self.u, self.v):
             self._keep_axis(function)
+        if same_bodies:
+            self.memory.serialize(archive)
         for number, name in contacts.items():
             self.contacts[number].serialize(archive, name)
         self._was_displaced = True
@@ -232,6 +242,7 @@ class Stepper(TimeLoop):
         self._check_turns()
         self.supports.check()
         self._u_n[:] = self._u
+        self.memory.begin()
         report = self._step()
         self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
         way = self._way

@@ -3,7 +3,7 @@
 import logging
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,12 @@ from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.limit_point import LimitPoint
+from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.integrators.step_loop import StepLoop
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
 
@@ -34,17 +36,24 @@ _BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
 class TimeLoop(State):
     """A state that is advanced step by step. Collective, as are all its methods.
 
-    The arguments are those of `State`.
+    Args:
+        V, dt: See `State`.
+        bodies: The bodies.
+        share: Part of the end of a step in its stress, see `Memory` [-].
 
     Attributes:
         contacts: What this stepper remembers of each contact pair.
+        memory: Strains in the viscous branches of materials.
     """
 
     contacts: tuple[PairState, ...]
 
-    def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
+    def __init__(
+        self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], share: float
+    ) -> None:
         """Begin at the time 0, with steps of the usual length."""
         super().__init__(V, dt)
+        self.memory = Memory(bodies, self.u_n, self.u, self._dt, share)
         self._even, self._length = EvenSteps(), StepLength()
 
     @abstractmethod
@@ -66,6 +75,7 @@ class TimeLoop(State):
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, and how steps follow each other."""
         super().serialize(archive)
+        self.memory.serialize(archive)
         self._even.serialize(archive)
         self._length.serialize(archive)
 

@@ -102,7 +102,11 @@ class RunFields:
                     f"expected names of own_fields of letters, digits and _, given {name!r}"
                 )
         middles = Element.of(stepper.u.function_space).middles
-        self._stress = CellStress(stepper.bodies, stepper.u, middles) if stress else None
+        self._stress = (
+            CellStress(stepper.bodies, stepper.u, middles, stepper.memory.stress)
+            if stress
+            else None
+        )
 
     def nodal(self) -> dict[str, Array]:
         """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``.

@@ -93,6 +93,9 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
         "stiffness_damping": material.stiffness_damping,
         **material.parameters,
     }
+    for number, branch in enumerate(material.branches, start=1):
+        numbers |= {f"share_{number}": branch.share}
+        numbers |= {f"relaxation_time_{number}": branch.relaxation_time}
     return f"{_digest(form.signature())} with {_numbers(numbers)}"
 
 

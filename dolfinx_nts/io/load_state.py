@@ -87,8 +87,13 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         kept = _kept(scene, now)
         contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
         same_scheme = scene["integrator"] == now["integrator"]
-        stepper.adopt(Reader(stepper, file), contacts, same_scheme=same_scheme)
+        same_bodies = _bodies(scene) == _bodies(now)
+        stepper.adopt(
+            Reader(stepper, file), contacts, same_scheme=same_scheme, same_bodies=same_bodies
+        )
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
+    if stepper.memory.exists and not same_bodies:
+        dropped.append("memory of viscous branches, whose dashpots begin without strain")
     names = pair_names(stepper.pairs)
     for i, name in enumerate(names):
         if i not in kept:
@@ -113,6 +118,11 @@ def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
     for body in stepper.bodies:
         stepper.set_velocity(body, np.zeros(dimension(body.V)))
     return ["velocities, which QuasiStatic does not have"]
+
+
+def _bodies(scene: Mapping[str, str]) -> dict[str, str]:
+    """Texts on the bodies of a scene."""
+    return {name: text for name, text in scene.items() if name.startswith("body ")}
 
 
 def _pairs(scene: Mapping[str, str]) -> list[int]:

@@ -6,13 +6,14 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 `library`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 import ufl
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
+from dolfinx_nts.materials.branches import checked_branches
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN
 from dolfinx_nts.materials.strain_energy import StrainEnergy
 
@@ -60,10 +61,14 @@ class Hyperelastic(StrainEnergy):
             in which it must be linear, have one point; ``()`` for none, as in the paper. Energy is
             conserved with every choice, because every point has an energy and a conserving stress
             of its own.
+        branches: Pairs of a share [-] and a relaxation time [s], each a viscous branch beside
+            the energy, see `Branch`: the stress of a sudden change of shape is 1 plus the sum of
+            the shares times that of ``psi``, and relaxes to it.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
+        branches: The viscous branches, a tuple of `Branch`.
         is_sheet: Whether there is no stress along z, see `PlaneStress`.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
@@ -71,7 +76,7 @@ class Hyperelastic(StrainEnergy):
         parameters: Numbers by name, read-only.
 
     Raises:
-        TypeError: ``psi`` cannot be called.
+        TypeError: ``psi`` cannot be called, or a branch is no pair of numbers.
         ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or not
             twice differentiable at C = 1, where energies without fields are evaluated, or has a
             stress there; stiffness damping would add energy, as the moduli at C = 1 have a
@@ -97,6 +102,7 @@ class Hyperelastic(StrainEnergy):
         mass_damping: float = 0.0,
         stiffness_damping: float = 0.0,
         one_point: str | Sequence[str] | None = None,
+        branches: Iterable[tuple[float, float]] = (),
         **parameters: float,
     ) -> None:
         """Check the numbers and the energy."""
@@ -111,6 +117,7 @@ class Hyperelastic(StrainEnergy):
                 raise ValueError(f"expected {name} >= 0, given {value}")
         self.rho = float(rho)
         self.mass_damping, self.stiffness_damping = float(mass_damping), float(stiffness_damping)
+        self.branches = checked_branches(branches)
         super().__init__(psi, parameters)
         self.check()
         if stiffness_damping > 0 and not (self.has_fields or self.is_stable):
@@ -134,6 +141,8 @@ class Hyperelastic(StrainEnergy):
         options: dict[str, Any] = {name: value for name, value in damping.items() if value}
         if not self._has_default:
             options["one_point"] = "volumetric" if self.splits_volume else names
+        if self.branches:
+            options["branches"] = [tuple(branch) for branch in self.branches]
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
@@ -200,6 +209,10 @@ class Hyperelastic(StrainEnergy):
         moduli = 2 * ufl.diff(self.stress(C, **parameters), C)
         i, j, m, n = ufl.indices(4)
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
+
+    def shape_stress(self, E_GL: Any, **parameters: Any) -> Any:
+        """Deviator of `linear_stress` of the deviator of a strain, by which branches resist."""
+        return ufl.dev(self.linear_stress(ufl.dev(E_GL), **parameters))
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:
         """Square of the stretch along z of a sheet without stress there, see `PlaneStress`.

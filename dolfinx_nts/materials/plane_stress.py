@@ -28,7 +28,7 @@ class PlaneStress(Hyperelastic):
 
     Raises:
         TypeError: ``material`` is no material.
-        ValueError: The law has no closed form of the thickness.
+        ValueError: The law has no closed form of the thickness, or has viscous branches.
 
     Example:
         >>> nts.PlaneStress(nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3))
@@ -41,6 +41,11 @@ class PlaneStress(Hyperelastic):
         """Take over the numbers of the material."""
         if not isinstance(material, Hyperelastic):
             raise TypeError(f"expected a material, given {type(material).__name__}")
+        if material.branches:
+            raise ValueError(
+                f"expected a material without branches in PlaneStress, given {material!r}: the "
+                "thickness would relax too, which bodies in space and plane strain can do"
+            )
         if material.free_thickness(ufl.Identity(3)) is None:
             raise ValueError(
                 "expected SaintVenantKirchhoff, or NeoHookean with volumetric='quadratic', in "
@@ -54,6 +59,7 @@ class PlaneStress(Hyperelastic):
             mass_damping=material.mass_damping,
             stiffness_damping=material.stiffness_damping,
             one_point=(),
+            branches=(),
             **material.parameters,
         )
         self._has_default = True

@@ -98,7 +98,9 @@ class Body(Declaration):
 
 
 def bulk_form(
-    bodies: Sequence[Body], integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any]
+    bodies: Sequence[Body],
+    integrand: Callable[[Hyperelastic, dict[str, Any], Any], Any],
+    remembered: Callable[[Hyperelastic, dict[str, Any]], Any] | None = None,
 ) -> ufl.Form:
     """Integrate over all bodies, with one integral per material and quadrature. Collective.
 
@@ -110,6 +112,8 @@ def bulk_form(
         bodies: Bodies of one space.
         integrand: Function ``integrand(material, parameters, rho)`` that returns UFL per
             reference volume; parameters by name and density are constants of UFL or 0.
+        remembered: Function ``remembered(material, parameters)`` of what viscous branches add to
+            the integrand, which has all points of the stress.
 
     Returns:
         The form.
@@ -132,9 +136,11 @@ def bulk_form(
             rules.append((1, *volumetric, 0.0))
         if mass != full:
             rules.append((mass, MassOnly(material.rho, material.mass_damping), (), density))
-        for degree, law, without, rho in rules:
+        for number, (degree, law, without, rho) in enumerate(rules):
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
+            if number == 0 and remembered is not None and material.branches:
+                value += remembered(material, parameters)
             if value != 0:
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)

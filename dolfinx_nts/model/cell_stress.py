@@ -1,8 +1,8 @@
 """Cauchy stress and strain energy density of bodies at points of their cells."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import ufl
@@ -46,9 +46,17 @@ class CellStress:
         bodies: Bodies that fill the mesh.
         u: The displacement [m].
         points: Points on the reference cell, shape ``(p, d)``.
+        remembered: Function ``remembered(material, parameters, C)`` that returns the second
+            Piola-Kirchhoff stress of viscous branches [Pa] and their energy [J/m^3], UFL.
     """
 
-    def __init__(self, bodies: Sequence[Body], u: fem.Function, points: Floats) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        u: fem.Function,
+        points: Floats,
+        remembered: Callable[[Hyperelastic, Any, Any], tuple[Any, Any]],
+    ) -> None:
         """Compile an expression for each material."""
         self._mesh, self._num_points = u.function_space.mesh, len(points)
         self._num_cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
@@ -60,9 +68,12 @@ class CellStress:
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
             J = ufl.det(F) * material.thickness_stretch(C, **parameters)
-            sigma = F * material.stress(C, **parameters) * F.T / J
+            S, energy = material.stress(C, **parameters), material.psi(C, **parameters)
+            if material.branches:
+                of_branches, stored = remembered(material, parameters, C)
+                S, energy = S + of_branches, energy + stored
+            sigma = F * S * F.T / J
             parts = [sigma[i, j] for i in range(3) for j in range(3)]
-            energy = material.psi(C, **parameters)
             return compile_expression(ufl.as_vector([*parts, energy]), points)
 
         self._parts = [(body.cells, of(body.material)) for body in bodies]

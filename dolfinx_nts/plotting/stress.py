@@ -13,7 +13,8 @@ __all__ = ["von_mises"]
 def von_mises(stepper: Stepper) -> Floats:
     """Von Mises stress in the middle of the owned cells' pieces, body by body [Pa]. Collective."""
     middles = Element.of(stepper.u.function_space).middles
-    stress = CellStress(stepper.bodies, stepper.u, middles).evaluate().von_mises()
+    remembered = stepper.memory.stress
+    stress = CellStress(stepper.bodies, stepper.u, middles, remembered).evaluate().von_mises()
     cells = np.concatenate([body.cells for body in stepper.bodies])
     values: Floats = stress[cells].ravel()
     return values

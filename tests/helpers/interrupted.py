@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_nts as nts
-from helpers.scenes import BLOCK_STEP, blocks
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
 
 
 def layers(middle):
@@ -30,6 +30,18 @@ def with_law(scheme, enforcement, friction, bodies, pairs, dt, method="node-to-s
     return scheme(bodies, pairs, dt=dt)
 
 
+# Relaxes within a step, and in about as long as the run.
+BRANCHES = [(0.5, 0.5 * BLOCK_STEP), (0.8, 10 * BLOCK_STEP)]
+
+
+def with_branches(scheme, bodies, pairs, dt):
+    """Return a stepper whose bodies have viscous branches."""
+    viscous = nts.SaintVenantKirchhoff(*BLOCK_RUBBER, branches=BRANCHES)
+    for body in bodies:
+        vars(body)["material"] = viscous
+    return scheme(bodies, pairs, dt=dt)
+
+
 RESOLVED = nts.LagrangeMultiplier("resolved")
 SCHEMES = {
     "multiplier": nts.EnergyMomentum,
@@ -42,6 +54,7 @@ SCHEMES = {
     "resolved mortar": partial(
         with_law, nts.EnergyMomentum, RESOLVED, nts.Coulomb(0.3), method="mortar"
     ),
+    "branches": partial(with_branches, nts.EnergyMomentum),
     "mortar": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3), method="mortar"),
 }
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, Yeoh
@@ -58,24 +57,6 @@ CASES = {
     "yeoh": (Yeoh(90.0, 20.0, 5.0, KAPPA, RHO), yeoh, 180.0, KAPPA - 120.0),
 }
 cases = pytest.mark.parametrize("name", CASES)
-
-
-@pytest.fixture
-def at(comm):
-    """Evaluate UFL of C at numbers."""
-    mesh = Box(comm, shape=(comm.size, 1, 1)).mesh
-    C = fem.Constant(mesh, np.eye(3))
-
-    def compiled(function):
-        expression = fem.Expression(function(C), np.full((1, 3), 0.25))
-
-        def value(number):
-            C.value[:] = number
-            return expression.eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
-
-        return value
-
-    return compiled
 
 
 @cases

@@ -1,0 +1,25 @@
+"""What tests of materials share."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+from helpers.boxed import Box
+
+
+@pytest.fixture
+def at(comm):
+    """Evaluate UFL of C at numbers."""
+    mesh = Box(comm, shape=(comm.size, 1, 1)).mesh
+    C = fem.Constant(mesh, np.eye(3))
+
+    def compiled(function):
+        expression = fem.Expression(function(C), np.full((1, 3), 0.25))
+
+        def value(number):
+            C.value[:] = number
+            return expression.eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
+
+        return value
+
+    return compiled
