@@ -51,7 +51,7 @@ class NodalSystem:
         """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
-        m, b = normal.shape
+        b = normal.shape[1]
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
         directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :b])
         self._held = np.arange(c) < rank[:, None]
@@ -61,8 +61,8 @@ class NodalSystem:
             own = np.zeros((scatter.index_map.size_local, 3))
             own[dofs[:, 0], :b] = self.directions[:, a]
             E[a] = scatter.forward(own)[:, :b]
-        every = np.arange(len(E[0]), dtype=np.int32)[:, None]
-        parents, weights = every, np.ones(every.shape)
+        parents = np.arange(scatter.num_local, dtype=np.int32)[:, None]
+        weights = np.ones(parents.shape)
         if hats is not None:
             parents, weights = hats.parents, hats.weights
         row, column, value = _kernels.constraint_products(dofs, rank, rows, parents, weights, E)
@@ -71,7 +71,8 @@ class NodalSystem:
             row, column = column, row
         if not self._is_local:
             mine, row, column = (
-                c * scatter.global_nodes(number // c).astype(np.int64) + number % c
+                c * scatter.global_nodes((number // c).astype(np.int32)).astype(np.int64)
+                + number % c
                 for number in (mine, row, column)
             )
             parts = zip(*self._comm.allgather((mine, row, column, value)), strict=True)

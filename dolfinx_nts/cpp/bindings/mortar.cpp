@@ -153,10 +153,9 @@ auto constraint_products(const Ints& nodes, const Ints& rank,
   check_rows("parents: expected rows of directions", parents, l);
   check_rows("rank: expected as many directions and rows", rank,
              1 + std::min(c, rows.shape(1)));
-  const Entries entries
-      = products({view(nodes), view(rank), view(rows), d, rows.shape(1)},
-                 {view(parents), view(weights), parents.shape(1)},
-                 view(directions), c, b);
+  const Entries entries = products(
+      {view(nodes), view(rank), view(rows), d, rows.shape(1)},
+      {view(parents), view(weights), parents.shape(1)}, view(directions), c, b);
   return std::tuple(array(entries.row), array(entries.column),
                     array(entries.value));
 }

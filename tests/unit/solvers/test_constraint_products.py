@@ -10,14 +10,16 @@ pytestmark = pytest.mark.serial
 
 def problem(rng, b, h):
     """Arguments of the kernel: nodes 0 to 3 are constrained, others go with h of these."""
-    l, c, d = 9, b, 5
+    count, c, d = 9, b, 5
     rank = np.array([1, 0, b, 1], dtype=np.int32)
-    nodes = np.array([[node, *rng.integers(0, l, d - 1)] for node in (2, 0, 3, 1)], dtype=np.int32)
-    parents = np.repeat(np.arange(l, dtype=np.int32)[:, None], h, axis=1)
-    weights = np.zeros((l, h))
+    nodes = np.array(
+        [[node, *rng.integers(0, count, d - 1)] for node in (2, 0, 3, 1)], dtype=np.int32
+    )
+    parents = np.repeat(np.arange(count, dtype=np.int32)[:, None], h, axis=1)
+    weights = np.zeros((count, h))
     weights[:, 0] = 1
-    parents[5:], weights[5:] = rng.integers(0, 4, (l - 5, h)), rng.uniform(size=(l - 5, h))
-    directions = np.zeros((c, l, b))
+    parents[5:], weights[5:] = rng.integers(0, 4, (count - 5, h)), rng.uniform(size=(count - 5, h))
+    directions = np.zeros((c, count, b))
     for own, held in zip(nodes[:, 0], rank, strict=True):
         directions[:held, own] = rng.normal(size=(held, b))
     rows = rng.normal(size=(len(rank), 3, d * b))
@@ -26,16 +28,16 @@ def problem(rng, b, h):
 
 def dense(nodes, rank, rows, parents, weights, directions):
     """All of G^T E, with constraint a of a node at c node + a: G and E as matrices."""
-    c, l, b = directions.shape
-    G, E, way = np.zeros((c * l, l, b)), np.zeros((c * l, l, b)), np.zeros((l, l))
-    np.add.at(way, (np.arange(l)[:, None], parents), weights)
+    c, n, b = directions.shape
+    G, E, way = np.zeros((c * n, n, b)), np.zeros((c * n, n, b)), np.zeros((n, n))
+    np.add.at(way, (np.arange(n)[:, None], parents), weights)
     for own, held, some, row in zip(nodes[:, 0], rank, nodes, rows, strict=True):
         for a in range(held):
             np.add.at(G[c * own + a], some, row[a].reshape(-1, b))
-    for vertex in range(l):
+    for vertex in range(n):
         for a in range(c):
             E[c * vertex + a] = way[:, vertex, None] * directions[a, vertex]
-    return G.reshape(c * l, -1) @ E.reshape(c * l, -1).T
+    return G.reshape(c * n, -1) @ E.reshape(c * n, -1).T
 
 
 @pytest.mark.parametrize(("b", "h"), [(2, 1), (3, 1), (2, 2), (3, 4)])

@@ -60,8 +60,7 @@ inline Entries products(const ConstraintRows& rows, const Parents& parents,
           for (std::size_t e = 0; e < c; ++e)
           {
             const std::size_t vertex = parents.node[p];
-            const double* direction
-                = directions.data() + b * (l * e + vertex);
+            const double* direction = directions.data() + b * (l * e + vertex);
             // Of a row that is NaN, too, only what has a column is an entry.
             if (std::all_of(direction, direction + b,
                             [](double value) { return value == 0; }))
