@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.whole_facets import Hats
@@ -51,36 +51,30 @@ class NodalSystem:
         """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
-        m, b = normal.shape
+        b = normal.shape[1]
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
         directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :b])
         self._held = np.arange(c) < rank[:, None]
         self.directions: Floats = directions * self._held[:, :, None]
-        E = np.zeros((scatter.num_local, c, b))
+        E = np.empty((c, scatter.num_local, b))
         for a in range(c):
             own = np.zeros((scatter.index_map.size_local, 3))
             own[dofs[:, 0], :b] = self.directions[:, a]
-            E[:, a] = scatter.forward(own)[:, :b]
-        rows, vertices = rows[:, :c].reshape(m, c, dofs.shape[1], b), dofs
+            E[a] = scatter.forward(own)[:, :b]
+        parents = np.arange(scatter.num_local, dtype=np.int32)[:, None]
+        weights = np.ones(parents.shape)
         if hats is not None:
-            weights, vertices = hats.weights[dofs], hats.parents[dofs]
-            vertices = vertices.reshape(m, weights[0].size if m else 0)
-            rows = rows[:, :, :, None] * weights[:, None, :, :, None]
-            rows = rows.reshape(m, c, vertices.shape[1], b)
-        products = np.einsum("mkdi,mdai->mkda", rows, E[vertices])
-        products *= self._held[:, :, None, None]
-        number = c * scatter.global_nodes(vertices)[:, :, None].astype(np.int64) + np.arange(c)
-        own = c * scatter.global_nodes(dofs[:, :1]).astype(np.int64) + np.arange(c)
-        entry = np.nonzero(products)
-        row, column = own[entry[0], entry[1]], number[entry[0], entry[2], entry[3]]
-        mine = own[self._held]
+            parents, weights = hats.parents, hats.weights
+        row, column, value = _kernels.constraint_products(dofs, rank, rows, parents, weights, E)
+        mine = (c * dofs[:, :1].astype(np.int64) + np.arange(c))[self._held]
         if transposed:
             row, column = column, row
-        self._make(mine, row, column, products[entry])
-
-    def _make(self, mine: GlobalInts, row: GlobalInts, column: GlobalInts, value: Floats) -> None:
-        """Sort the entries of all ranks into rows; ``mine`` are the numbers of this rank."""
         if not self._is_local:
+            mine, row, column = (
+                c * scatter.global_nodes((number // c).astype(np.int32)).astype(np.int64)
+                + number % c
+                for number in (mine, row, column)
+            )
             parts = zip(*self._comm.allgather((mine, row, column, value)), strict=True)
             every, row, column, value = map(np.concatenate, parts)
         else:
@@ -88,12 +82,7 @@ class NodalSystem:
         self._order = np.argsort(every)
         number = every[self._order]
         self._mine = np.searchsorted(number, mine)
-        place = np.searchsorted(number, row)
-        order = np.argsort(place, kind="stable")
-        counts = np.bincount(place, minlength=len(number))
-        self._start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self._column = np.searchsorted(number, column[order]).astype(np.int32)
-        self._value = value[order]
+        self._matrix = _kernels.sparse_rows(number, row, column, value)
 
     def solve(self, b: Floats) -> Floats:
         """Solve for a right-hand side and with a result of shape ``(m, c)``.
@@ -103,7 +92,7 @@ class NodalSystem:
         right = b[self._held]
         if not self._is_local:
             right = np.concatenate(self._comm.allgather(right))
-        solution = _kernels.solve_small(self._start, self._column, self._value, right[self._order])
+        solution = _kernels.solve_small(*self._matrix, right[self._order])
         x: Floats = np.zeros(self._held.shape)
         x[self._held] = solution[self._mine]
         return x

@@ -1,6 +1,7 @@
 #include "array.h"
 #include "nts/contact/aggregation.h"
 #include "nts/search/mortar_points.h"
+#include "nts/solvers/constraint_products.h"
 #include "nts/solvers/small_system.h"
 
 #include <nanobind/stl/tuple.h>
@@ -135,6 +136,48 @@ auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
   return sums;
 }
 
+auto constraint_products(const Ints& nodes, const Ints& rank,
+                         const Doubles& rows, const Ints& parents,
+                         const Doubles& weights, const Doubles& directions)
+{
+  check("nodes", nodes, {any, any});
+  const std::size_t m = nodes.shape(0), d = nodes.shape(1);
+  check("rank", rank, {m});
+  check("directions", directions, {any, any, any});
+  const std::size_t c = directions.shape(0), l = directions.shape(1),
+                    b = directions.shape(2);
+  check("rows", rows, {m, any, d * b});
+  check("parents", parents, {l, any});
+  check("weights", weights, {l, parents.shape(1)});
+  check_rows("nodes: expected rows of directions", nodes, l);
+  check_rows("parents: expected rows of directions", parents, l);
+  check_rows("rank: expected as many directions and rows", rank,
+             1 + std::min(c, rows.shape(1)));
+  const Entries entries = products(
+      {view(nodes), view(rank), view(rows), d, rows.shape(1)},
+      {view(parents), view(weights), parents.shape(1)}, view(directions), c, b);
+  return std::tuple(array(entries.row), array(entries.column),
+                    array(entries.value));
+}
+
+auto sparse_rows(const Keys& number, const Keys& row, const Keys& column,
+                 const Doubles& value)
+{
+  check("number", number, {any});
+  check("row", row, {any});
+  const std::size_t size = row.size();
+  check("column", column, {size});
+  check("value", value, {size});
+  auto start = create<std::int64_t>({number.size() + 1});
+  auto place = create<std::int32_t>({size});
+  auto sorted = create<double>({size});
+  if (!sort_rows(view(number), view(row), view(column), view(value),
+                 view(start), view(place), view(sorted)))
+    throw nb::value_error("number: expected those of all rows and columns, in "
+                          "ascending order");
+  return std::tuple(start, place, sorted);
+}
+
 auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
                  const Doubles& b)
 {
@@ -174,6 +217,15 @@ void mortar(nb::module_& m)
         nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
         "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "
         "(b, 3 (k + s), 3 (k + s)), see nts/contact/aggregation.h");
+  m.def("constraint_products", &constraint_products, nb::arg("nodes"),
+        nb::arg("rank"), nb::arg("rows"), nb::arg("parents"),
+        nb::arg("weights"), nb::arg("directions"),
+        "(m, d), (m,), (m, r, d b), (l, h), (l, h), (c, l, b) -> row, column, "
+        "value of entries (e,), see nts/solvers/constraint_products.h");
+  m.def("sparse_rows", &sparse_rows, nb::arg("number"), nb::arg("row"),
+        nb::arg("column"), nb::arg("value"),
+        "(n,), (e,), (e,), (e,) -> start (n + 1,), column (e,), value (e,), "
+        "see nts/solvers/constraint_products.h");
   m.def("solve_small", &solve_small, nb::arg("start"), nb::arg("column"),
         nb::arg("value"), nb::arg("b"),
         "Rows of a sparse matrix (n + 1,), (e,), (e,), and (n,) -> (n,), NaN "
