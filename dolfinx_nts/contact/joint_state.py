@@ -7,6 +7,7 @@ all of them at once; what belongs to one pair stays with it: its search, and its
 from collections.abc import Hashable, Sequence
 from dataclasses import fields
 from functools import partial
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,8 +91,7 @@ class JointState:
 
     def accept(self, history: ContactHistory) -> None:
         """Let each pair remember its part of the contact of a step. Local."""
-        ends = bounds(self).tolist()
-        for state, start, end in zip(self.members, ends, ends[1:], strict=False):
+        for state, (start, end) in zip(self.members, pairwise(bounds(self)), strict=True):
             state.accept(partial(_part, history, slice(start, end)))
 
     def segments(self, parts: Sequence[SegmentCandidates]) -> JointSegments:
@@ -124,10 +124,9 @@ def members(state: PairState | JointState) -> tuple[PairState, ...]:
     return state.members if isinstance(state, JointState) else (state,)
 
 
-def bounds(state: PairState | JointState) -> GlobalInts:
-    """Where the nodes of each pair begin, and the end, shape ``(c + 1,)``. Local."""
-    ends: GlobalInts = np.cumsum([0, *(len(each.nodes.nodes) for each in members(state))])
-    return ends
+def bounds(state: PairState | JointState) -> list[int]:
+    """Where the nodes of each of ``c`` pairs begin, and the end, ``c + 1`` in number. Local."""
+    return list(accumulate((len(each.nodes.nodes) for each in members(state)), initial=0))
 
 
 def segment_sizes(state: PairState | JointState) -> Floats:

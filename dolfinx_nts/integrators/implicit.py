@@ -126,9 +126,8 @@ class ImplicitStepper(Stepper):
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
-        self._joined = joined(self.contacts)
         self._sleeping = SleepingBodies(
-            self._bulk, self._tangent, self._sizes, self.bodies, self._joined, self.loads
+            self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )
         self._free: Floats | None = None
         if self.supports.exist:
@@ -346,7 +345,7 @@ class ImplicitStepper(Stepper):
         """Set the velocity and the contact by the solution, and compute all works."""
         dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
-        for contact, step, pairs in zip(self._joined, steps, solution.states, strict=True):
+        for contact, step, pairs in zip(self._sleeping.states, steps, solution.states, strict=True):
             history, step_work = step.accepted(pairs)
             work = work + step_work
             contact.accept(history)
@@ -400,7 +399,7 @@ class ImplicitStepper(Stepper):
             rigid = self._bulk.rigid.nodes
             steps = [
                 ContactStep(contact, self.scheme.contact, *x, *of_nodes, is_static, rigid)
-                for contact in self._joined
+                for contact in self._sleeping.states
             ]
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):

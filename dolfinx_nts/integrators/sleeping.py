@@ -43,6 +43,7 @@ class SleepingBodies:
         loads: The loads.
 
     Attributes:
+        states: The argument.
         bodies: The bodies that sleep now.
     """
 
@@ -58,7 +59,7 @@ class SleepingBodies:
         """Find out which loads and pairs can act on which body."""
         # What nodes of rigid bodies are given is up to the motion of these.
         self._bulk, self._all = bulk, tuple(body for body in bodies if not body.is_rigid)
-        self._tangent, self._sizes = tangent, sizes
+        self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
@@ -153,6 +154,5 @@ class SleepingBodies:
 
 def _may_touch(step: ContactStep) -> list[bool]:
     """Whether nodes of each pair may touch, as far as this rank knows. Local."""
-    ends = bounds(step.state).tolist()
-    nodes = step.normal.may_touch
-    return [step.may_touch and bool(nodes[start:end].any()) for start, end in pairwise(ends)]
+    nodes, ends = step.normal.may_touch, pairwise(bounds(step.state))
+    return [step.may_touch and bool(nodes[start:end].any()) for start, end in ends]

@@ -41,9 +41,7 @@ class JointSegments:
             np.concatenate(arrays)
             for arrays in zip(*(part.of_segments for part in parts), strict=True)
         )
-        found = FoundSegments(
-            scatter, np.concatenate(vertices), orientation, key, size, thickness
-        )
+        found = FoundSegments(scatter, np.concatenate(vertices), orientation, key, size, thickness)
         self.candidates = SegmentCandidates(found)
         counts = [len(part.key) for part in parts]
         self.first: GlobalInts = np.cumsum([0, *counts[:-1]])

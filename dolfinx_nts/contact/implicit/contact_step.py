@@ -23,7 +23,7 @@ from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
-from dolfinx_nts.contact.joint_state import JointState, bounds
+from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
@@ -98,8 +98,7 @@ class ContactStep:
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
-        self._bounds = bounds(state)
-        self.num_active, self.touched = 0, np.zeros(len(self._bounds) - 1, dtype=bool)
+        self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
         self._is_rigid = np.isin(state.nodes.nodes, rigid)
 
     @property
@@ -131,7 +130,7 @@ class ContactStep:
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         active = pairs.node[self.normal.active[pairs.node]]
-        counts = np.diff(np.searchsorted(active, self._bounds))
+        counts = np.diff(np.searchsorted(active, bounds(self.state)))
         counts = reductions.total(self._comm, counts)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0

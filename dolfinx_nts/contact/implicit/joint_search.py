@@ -60,7 +60,7 @@ class JointSearch(LocalSearch):
         )
         self.segment, self.gap = self.start[0].copy(), now
         self._moves = np.zeros(len(now), dtype=np.int32)
-        for each, (start, end) in zip(members, pairwise(self._bounds.tolist()), strict=True):
+        for each, (start, end) in zip(members, pairwise(self._bounds), strict=True):
             each.gap, each._moves = self.gap[start:end], self._moves[start:end]
 
     def at(self, number: int, x: Floats) -> Floats:
@@ -75,13 +75,11 @@ class JointSearch(LocalSearch):
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Let each pair with such nodes find their segments, see `LocalSearch`."""
         segment, moved = np.empty_like(node), np.empty(len(node), dtype=bool)
-        ends = pairwise(np.searchsorted(node, self._bounds).tolist())
-        for number, (start, end) in enumerate(ends):
+        ends = map(int, np.searchsorted(node, self._bounds))
+        for number, (start, end) in enumerate(pairwise(ends)):
             if start < end:
                 own = node[start:end] - np.int32(self._bounds[number])
-                found, moved[start:end] = self.members[number]._find(
-                    self.at(number, x), own, slack
-                )
+                found, moved[start:end] = self.members[number]._find(self.at(number, x), own, slack)
                 segment[start:end] = self._segments.numbered(number, found)
         self.segment[node] = segment
         return segment, moved

@@ -61,6 +61,8 @@ class MultiplierContact(NormalContact):
             size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
             eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        if isinstance(self._state, JointState):  # with segments of other bodies
+            return eligible
         nodes = self._state.nodes
         return candidates.independent(nodes, approach.segment, eligible, urgency)
 

@@ -5,7 +5,7 @@ Nodes that change again and again in one pair must not hold up those of another.
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from mpi4py import MPI
 
@@ -39,23 +39,22 @@ class _Parts:
 
     Attributes:
         near: Pairs of which a node may touch in the step, on any rank.
-        starts: Where the nodes of each pair begin.
+        ends: Where the nodes of each pair begin, and the end.
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
         """Find the pairs whose nodes face any segment. Collective."""
         self.near: list[int] = [0]
-        self._ends = ends = bounds(state)
-        self.starts: list[int] = ends.tolist()
+        self.ends = ends = bounds(state)
         if len(ends) > 2:
             found = np.cumsum([0, *(search.approach.segment >= 0)])
             comm: MPI.Comm = state.nodes.V.mesh.comm
             counts = reductions.total(comm, np.diff(found[ends]))
-            self.near = np.flatnonzero(counts).tolist()
+            self.near = list(map(int, np.flatnonzero(counts)))
 
     def of(self, node: Ints) -> Iterator[slice]:
         """Parts of ascending nodes, shape ``(m,)``, that belong to each of the near pairs."""
-        ends = np.searchsorted(node, self._ends).tolist()
+        ends = list(map(int, np.searchsorted(node, self.ends)))
         return (slice(ends[i], ends[i + 1]) for i in self.near)
 
 
@@ -106,7 +105,7 @@ class ActiveSets:
         """Begin without any decision."""
         self._parts, comm = _Parts(state, search), state.nodes.V.mesh.comm
         pairs = [each.pair for each in members(state)]
-        parts = [stiffness[start:end] for start, end in pairwise(self._parts.starts)]
+        parts = [stiffness[start:end] for start, end in pairwise(self._parts.ends)]
         self._each = [ActiveSet(pairs[i], law, parts[i], comm) for i in self._parts.near]
 
     def update(
@@ -116,8 +115,9 @@ class ActiveSets:
         active, violators = before.copy(), 0
         parts = zip(self._parts.near, self._each, self._parts.of(pairs.node), strict=True)
         for i, each, part in parts:
-            node = pairs.node[part] - self._parts.starts[i]
-            some = _Excess(node, pairs.excess[part])
+            node = pairs.node[part] - self._parts.ends[i]
+            # An active set reads no more of the kinematics than this.
+            some = cast(PairKinematics, _Excess(node, pairs.excess[part]))
             active[part], count = each.update(some, before[part], lambda_N[part], iteration)
             violators += count
         return active, violators

@@ -51,9 +51,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
         return f"contact points that slid off their segments within the step: {beyond}"
-    messages = (
-        passing_nodes_message(part.state.nodes, _passage(part), dt) for part in parts
-    )
+    messages = (passing_nodes_message(part.state.nodes, _passage(part), dt) for part in parts)
     return next(filter(None, messages), "")
 
 
@@ -77,8 +75,9 @@ def _parts(step: ContactStep) -> list[_Part]:
     """Pairs of a step."""
     search, active = step.search, step.normal.active
     if not isinstance(search, JointSearch):
-        return [_Part(*members(step.state), search, active, step.x)]
-    ends = pairwise(bounds(step.state).tolist())
+        (state,) = members(step.state)
+        return [_Part(state, search, active, step.x)]
+    ends = pairwise(bounds(step.state))
     each = zip(members(step.state), search.members, ends, strict=True)
     return [
         _Part(state, own, active[start:end], search.at(number, step.x))

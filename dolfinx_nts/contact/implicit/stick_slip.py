@@ -189,9 +189,7 @@ class StickSlip(Friction):
             excess = np.linalg.norm(trial, axis=1) - law.mu * p
             is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
             after = np.where(is_open, before, after) | self._on_axis[node]
-            flips, violators = self._pivoting.select(
-                active & (after != before), node, iteration
-            )
+            flips, violators = self._pivoting.select(active & (after != before), node, iteration)
             sliding = np.where(active, before ^ flips, after)
         if eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
