@@ -55,12 +55,11 @@ void elimination(nb::module_& m)
            "that this removes, (m, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
-  m.def(
-      "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
-      nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
-      nb::arg("farthest"), nb::arg("x").noconvert(),
-      "Move nodes along their normals to zero gap, unless that is farther: "
-      "(m,), (m,), (m,), (m, B), (m, c, d) of which [:, 0, :B] count, (m,), "
-      "(n, B), B = 2 or 3");
+  m.def("close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
+        nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
+        nb::arg("farthest"), nb::arg("x").noconvert(),
+        "Move nodes along their normals to zero gap, unless that is farther: "
+        "(m,), (m,), (m,), (m, B), (m, c, d) of which [:, 0, :B] count, (m,), "
+        "(n, B), B = 2 or 3");
 }
 } // namespace nts::bindings

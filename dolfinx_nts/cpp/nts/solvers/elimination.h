@@ -86,8 +86,7 @@ void close_gaps(std::span<const std::int32_t> nodes,
                 std::span<const bool> moves, std::span<const double> gap,
                 std::span<const double> normal,
                 std::span<const double> gradients, std::size_t stride,
-                std::span<const double> farthest,
-                std::span<double> x) noexcept
+                std::span<const double> farthest, std::span<double> x) noexcept
 {
   for (std::size_t i = 0; i < gap.size(); ++i)
   {
