@@ -56,7 +56,7 @@ def close_gaps(
     gap: _Floats,
     normal: _Floats,
     gradients: _Floats,
-    farthest: float,
+    farthest: _Floats,
     x: _Floats,
 ) -> None: ...
 def drift(dt: float, v: _Floats, a: _Floats, rate: _Floats, u: _Floats, du: _Floats) -> float: ...

@@ -46,6 +46,11 @@ class Passage(NamedTuple):
     part: float
 
     @classmethod
+    def none(cls) -> "Passage":
+        """No point passes."""
+        return cls(np.empty(0, dtype=np.int32), 1.0)
+
+    @classmethod
     def through(
         cls,
         candidates: Candidates,
@@ -65,9 +70,13 @@ class Passage(NamedTuple):
             reach: Largest gap of interest [m].
             free: Which points contact does not hold, shape ``(p,)``; None: all.
         """
+        shortest = candidates.passage.min(initial=np.inf)
+        # No way relative to the mean vertex is longer than two of the longest.
+        if 4 * _kernels.farthest(*ends) <= shortest:
+            return cls.none()
         way, longest = _relative_ways(candidates, points, *ends)
-        if way.max(initial=0.0) + longest <= candidates.passage.min(initial=np.inf):
-            return cls(np.empty(0, dtype=np.int32), 1.0)
+        if way.max(initial=0.0) + longest <= shortest:
+            return cls.none()
         segment_n, gap_n = start
         near = ~(gap_n > way + longest) & (way + longest > 0)
         number = _numbers(near if free is None else near & free)

@@ -28,6 +28,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_resid
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
+from dolfinx_nts.contact.joint_state import bounds, joined, members
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space
@@ -128,7 +129,7 @@ class ImplicitStepper(Stepper):
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
         self._sleeping = SleepingBodies(
-            self._bulk, self._tangent, self._sizes, self.bodies, self.contacts, self.loads
+            self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )
         self._free: Floats | None = None
         if self.supports.exist:
@@ -308,11 +309,15 @@ class ImplicitStepper(Stepper):
             for contact in springs:
                 reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
         for step, state in zip(steps, states, strict=True):
-            if nodes := self._listed([prescribed_nodes(step, state)]):
-                advice = (
-                    "no contact force can stop nodes that bcs move into what bcs hold or move "
-                    f"too; change bcs at these nodes between {step.state.pair.between}: {nodes}"
-                )
+            node = prescribed_nodes(step, state)
+            ends = np.searchsorted(node, bounds(step.state))
+            for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
+                if nodes := self._listed([step.state.nodes.node_ids[some]]):
+                    advice = (
+                        "no contact force can stop nodes that bcs move into what bcs hold or "
+                        "move too; change bcs at these nodes between "
+                        f"{each.pair.between}: {nodes}"
+                    )
         return newton.ConvergenceError(
             f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g} failed {reasons}; "
             f"the state is that of the last accepted step: {advice}",
@@ -350,7 +355,7 @@ class ImplicitStepper(Stepper):
         """Set the velocity and the contact by the solution, and compute all works."""
         dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
-        for contact, step, pairs in zip(self.contacts, steps, solution.states, strict=True):
+        for contact, step, pairs in zip(self._sleeping.states, steps, solution.states, strict=True):
             history, step_work = step.accepted(pairs)
             work = work + step_work
             contact.accept(history)
@@ -405,7 +410,7 @@ class ImplicitStepper(Stepper):
             rigid = self._bulk.rigid.nodes
             steps = [
                 ContactStep(contact, self.scheme.contact, *x, *of_nodes, is_static, rigid)
-                for contact in self.contacts
+                for contact in self._sleeping.states
             ]
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):

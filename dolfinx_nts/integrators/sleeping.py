@@ -5,11 +5,13 @@ not move, and no contact can reach it.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, pairwise
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
@@ -37,10 +39,11 @@ class SleepingBodies:
         tangent: Matrix of the residual.
         sizes: Sizes of the cells.
         bodies: The bodies.
-        pairs: What the stepper remembers of the contact pairs.
+        states: What the stepper remembers of the contact pairs.
         loads: The loads.
 
     Attributes:
+        states: The argument.
         bodies: The bodies that sleep now.
     """
 
@@ -50,7 +53,7 @@ class SleepingBodies:
         tangent: Tangent,
         sizes: CellSizes,
         bodies: Sequence[Body],
-        pairs: Sequence[PairState],
+        states: Sequence[PairState | JointState],
         loads: Sequence[Load],
     ) -> None:
         """Find out which loads and pairs can act on which body."""
@@ -58,7 +61,7 @@ class SleepingBodies:
         # does not stay in equilibrium.
         self._bulk = bulk
         self._all = tuple(b for b in bodies if not (b.is_rigid or b.material.branches))
-        self._tangent, self._sizes = tangent, sizes
+        self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[Body, Ints] = {
             body: body.nodes[body.nodes < num_owned] for body in bodies
@@ -73,7 +76,7 @@ class SleepingBodies:
         self._pairs: Mapping[Body, list[int]] = {
             body: [
                 i
-                for i, pair in enumerate(pairs)
+                for i, pair in enumerate(chain(*map(members, states)))
                 for surface in (pair.nodes, pair.segments)
                 if isinstance(surface, Surface) and belongs(surface, body)
             ]
@@ -89,17 +92,18 @@ class SleepingBodies:
             v: Velocity of the local dofs, shape ``(d l,)`` [m/s].
             u_n: Accepted displacement, shape ``(d l,)`` [m]. That of ``bulk`` is the start of
                 Newton's method, with the supports where they are at the end of the step.
-            steps: Contact in the step, for each pair.
+            steps: Contact in the step.
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
             a.reshape(-1, dimension(self._bulk.u.function_space))
             for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
+        may_touch = [flag for step in steps for flag in _may_touch(step)]
         for body in self._all:
             nodes = self._nodes[body]
             moves = np.any(v[nodes]) or np.any(moved[nodes])
-            touched = any(steps[i].may_touch for i in self._pairs[body])
+            touched = any(may_touch[i] for i in self._pairs[body])
             still = not (moves or touched or body in self._loaded)
             # Its displacement may have been set since its equilibrium was checked.
             known = body in self.bodies and not np.any(displaced[nodes])
@@ -116,7 +120,8 @@ class SleepingBodies:
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
         """Wake all bodies if contact has reached one after all; returns whether it has."""
-        reached = any(steps[i].touched for body in self.bodies for i in self._pairs[body])
+        touched = [flag for step in steps for flag in step.touched]
+        reached = any(touched[i] for body in self.bodies for i in self._pairs[body])
         if reached:
             self._wake_all()
         return reached
@@ -147,3 +152,9 @@ class SleepingBodies:
         cells = np.concatenate([none, *(body.cells for body in bodies)])
         nodes = np.concatenate([none, *(self._nodes[body] for body in bodies)])
         self._bulk.leave_out(cells, np.unique(nodes))
+
+
+def _may_touch(step: ContactStep) -> list[bool]:
+    """Whether nodes of each pair may touch, as far as this rank knows. Local."""
+    nodes, ends = step.normal.may_touch, pairwise(bounds(step.state))
+    return [step.may_touch and bool(nodes[start:end].any()) for start, end in ends]

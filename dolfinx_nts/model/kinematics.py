@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.vectors import cross
 
 __all__ = ["ContactKinematics", "ConvectiveSlip", "Slip"]
 
@@ -117,6 +118,6 @@ class ConvectiveSlip(Slip):
 
 
 def _normal(frame: Floats, orientation: Floats) -> Floats:
-    normal = np.cross(frame[:, 0], frame[:, 1])
+    normal = cross(frame[:, 0], frame[:, 1])
     unit: Floats = (orientation / np.linalg.norm(normal, axis=1))[:, None] * normal
     return unit

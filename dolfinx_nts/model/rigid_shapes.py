@@ -11,6 +11,7 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.motion import vector
@@ -287,6 +288,6 @@ def _frame(normal: Floats) -> Floats:
     # The coordinate axis that is farthest from the normal; small turns rarely change it. For
     # normals in the plane it is z, so that the first tangent is in the plane.
     axis = np.eye(3)[2 - np.argmin(np.abs(normal[:, ::-1]), axis=1)]
-    first = np.cross(axis, normal)
+    first = cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normal, first)], axis=1)
+    return np.stack([first, cross(normal, first)], axis=1)

@@ -49,6 +49,11 @@ class GlobalSearch(Search):
         # Where nodes and vertices were at the last search, and the reach it covered.
         self._covered: tuple[Floats, Floats, float] | None = None
 
+    @property
+    def num_vertices(self) -> int:
+        """Vertices of a segment. Local."""
+        return int(self._segments.segments.shape[1])
+
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
         """Find every segment within reach of a node, see `Search.update`. Collective.
 

@@ -54,6 +54,11 @@ class SegmentCandidates(Candidates):
         self.passage = passages(self.size, self._thickness)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
 
+    @property
+    def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
+        """Orientation, key, size and thickness of the segments, as of `FoundSegments`."""
+        return self.orientation, self.key, self.size, self._thickness
+
     def find(self, key: GlobalInts) -> Ints:
         """Find the segment of each key, see `Candidates.find`."""
         return self._kernel.find(key)

@@ -1,6 +1,6 @@
-"""One attempt at a step of a contact pair: forces and tangents of its nodes.
+"""One attempt at a step of contact pairs: forces and tangents of their nodes.
 
-A `ContactStep` never changes what the stepper remembers of the pair. Evaluating it gives a
+A `ContactStep` never changes what the stepper remembers of the pairs. Evaluating it gives a
 `ContactContribution`, from which residual and tangent are assembled.
 """
 
@@ -16,12 +16,14 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
+from dolfinx_nts.contact.implicit.joint_search import JointSearch
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
+from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
@@ -45,10 +47,12 @@ _SEARCHES = {
 
 
 class ContactStep:
-    """One attempt at a step of a contact pair. Collective, as are its methods.
+    """One attempt at a step of a contact pair, or of several that are evaluated together.
+
+    Collective, as are its methods.
 
     Args:
-        state: State of the contact pair.
+        state: State of the contact pair or of the pairs, ``c`` in number.
         scheme: Kernel of contact: ``"conserving"``, ``"midpoint"`` or ``"static"``.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
@@ -67,14 +71,14 @@ class ContactStep:
         friction: Friction of the nodes.
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
-        touched: Whether one was active in any iteration.
+        touched: Whether one of each pair was active in any iteration, shape ``(c,)``.
         x: Positions of the nodes that the candidates know in the last evaluation, in the frame
             of the search, ``(l, 3)`` [m].
     """
 
     def __init__(
         self,
-        state: PairState,
+        state: PairState | JointState,
         scheme: str,
         x_n: Floats,
         x_trial: Floats,
@@ -85,8 +89,7 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
-        kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
-        self.search = search = _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
+        self.search = search = _search(state, x_n, x_trial, is_static)
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
@@ -95,7 +98,7 @@ class ContactStep:
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
-        self.num_active, self.touched = 0, False
+        self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
         self._is_rigid = np.isin(state.nodes.nodes, rigid)
 
     @property
@@ -126,11 +129,13 @@ class ContactStep:
         pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
-        num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
-        self.num_active = reductions.total(self._comm, num_active)
-        self.touched |= self.num_active > 0
+        active = pairs.node[self.normal.active[pairs.node]]
+        counts = np.diff(np.searchsorted(active, bounds(self.state)))
+        counts = reductions.total(self._comm, counts)
+        self.num_active = int(counts.sum())
+        self.touched |= counts > 0
         # Without a previous iteration the set of active pairs is new.
-        contribution = self._contribution(pairs, changed if iteration else num_active)
+        contribution = self._contribution(pairs, changed if iteration else len(active))
         if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
             self._idle = contribution
         return contribution
@@ -261,6 +266,18 @@ class ContactStep:
         )
 
 
+def _search(
+    state: PairState | JointState, x_n: Floats, x_trial: Floats, is_static: bool
+) -> LocalSearch:
+    """Find what the nodes may face. Collective."""
+    kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
+    make = _SEARCHES[state.pair.method, kind]
+    if isinstance(state, JointState):
+        found = [make(each, x_n, x_trial) for each in state.members]
+        return JointSearch(state, found, x_n, x_trial)
+    return make(state, x_n, x_trial)
+
+
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     """Which displacements of the nodes that the candidates know are unknown. Collective.
 
@@ -275,7 +292,7 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
 
 
 def _normal_contact(
-    state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
+    state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
@@ -287,7 +304,7 @@ def _normal_contact(
 
 
 def _friction(
-    state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
+    state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
 ) -> Friction:
     """Make the tangential forces of a pair by its laws. Local."""
     law = state.pair.friction

@@ -97,8 +97,9 @@ class LocalSearch:
         if len(moved):
             gap_n[moved] = candidates.gap(points.take(moved), self.x_n, met[moved])
         self.approach = Approach(np.where(met >= 0, met, segment_n), gap_n, gap_trial, trial)
-        self.segment, self.gap = segment_n.copy(), gap.copy()
-        self._moves = np.zeros(len(self.segment), dtype=np.int32)
+        self.segment: Ints = segment_n.copy()
+        self.gap: Floats = gap.copy()
+        self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""

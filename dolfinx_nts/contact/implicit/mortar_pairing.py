@@ -195,7 +195,7 @@ class PointBlocks(PairBlocks):
         gradients: Floats,
         gap: Floats,
         held: Flags,
-        farthest: float,
+        farthest: Floats,
         u: Floats,
     ) -> None:
         """Solve for all ways at once, see `PairBlocks.close_gaps`."""

@@ -1,16 +1,15 @@
 """Normal contact by multipliers, in one attempt at a step."""
 
-from mpi4py import MPI
-
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
+from dolfinx_nts.contact.implicit.pair_by_pair import ActiveSets
 from dolfinx_nts.contact.implicit.stick_slip import Friction
+from dolfinx_nts.contact.joint_state import JointState, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["MultiplierContact"]
@@ -33,7 +32,7 @@ class MultiplierContact(NormalContact):
 
     def __init__(
         self,
-        state: PairState,
+        state: PairState | JointState,
         law: LagrangeMultiplier,
         is_static: bool,
         search: LocalSearch,
@@ -49,8 +48,7 @@ class MultiplierContact(NormalContact):
         super().__init__(state, search)
         if is_static:
             self._begin_in_touch()
-        comm: MPI.Comm = state.nodes.V.mesh.comm
-        self._set = ActiveSet(state.pair, law, stiffness, comm)
+        self._set = ActiveSets(state, law, search, stiffness)
 
     def choose(self) -> Flags:
         """Choose the eligible nodes, see `NormalContact.choose`."""
@@ -63,6 +61,8 @@ class MultiplierContact(NormalContact):
             size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
             eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        if isinstance(self._state, JointState):  # with segments of other bodies
+            return eligible
         nodes = self._state.nodes
         return candidates.independent(nodes, approach.segment, eligible, urgency)
 
@@ -139,7 +139,7 @@ class MultiplierContact(NormalContact):
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
         gap -= self._target(pairs)
         # Nodes far from where the normals were computed are left to the linear system.
-        farthest = _CLOSE * self._state.pair.segment_size
+        farthest = _CLOSE * segment_sizes(self._state)[pairs.node]
         pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
 
     def rank(self, active: Flags) -> Ints:

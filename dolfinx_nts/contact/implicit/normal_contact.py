@@ -8,6 +8,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.stick_slip import Friction
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["NormalContact"]
@@ -30,7 +31,7 @@ class NormalContact(ABC):
         flips: How often a node has changed between contact and none, shape ``(n,)``.
     """
 
-    def __init__(self, state: PairState, search: LocalSearch) -> None:
+    def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
         """Begin with the eligible nodes that were active in the last step."""
         self._state, self._search, history = state, search, state.history
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)

@@ -81,7 +81,7 @@ class PairBlocks(ABC):
         gradients: Floats,
         gap: Floats,
         held: Flags,
-        farthest: float,
+        farthest: Floats,
         u: Floats,
     ) -> None:
         """Move nodes along their normals as far as closes gaps to first order. Collective.
@@ -91,7 +91,7 @@ class PairBlocks(ABC):
             gradients: Of the gaps, the first of ``(m, c, 3 d)``.
             gap: Gaps, shape ``(m,)`` [m].
             held: Pairs whose nodes move, shape ``(m,)``.
-            farthest: Longest way; nodes that would go farther stay [m].
+            farthest: Longest ways, ``(m,)``; nodes that would go farther stay [m].
             u: Displacements of the owned nodes, which are changed, shape ``(n, d)`` [m].
         """
 
@@ -151,7 +151,7 @@ class OwnBlocks(PairBlocks):
         gradients: Floats,
         gap: Floats,
         held: Flags,
-        farthest: float,
+        farthest: Floats,
         u: Floats,
     ) -> None:
         """Move node by node, see `PairBlocks.close_gaps`."""

@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
+from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.model.kinematics import Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
@@ -78,7 +79,7 @@ class NodePairing(Pairing):
 
     def __init__(
         self,
-        surface: Surface,
+        surface: Surface | JointNodes,
         candidates: Candidates,
         points: NodalPoints,
         x_n: Floats,

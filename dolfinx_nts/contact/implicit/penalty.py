@@ -9,6 +9,7 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["PenaltyContact"]
@@ -25,7 +26,7 @@ class PenaltyContact(NormalContact):
     """
 
     def __init__(
-        self, state: PairState, law: Penalty, is_static: bool, search: LocalSearch
+        self, state: PairState | JointState, law: Penalty, is_static: bool, search: LocalSearch
     ) -> None:
         """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import GlobalInts
+from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 
@@ -12,7 +12,7 @@ __all__ = ["prescribed_nodes"]
 _CLOSED = 1e-9
 
 
-def prescribed_nodes(step: ContactStep, last: ContactContribution) -> GlobalInts:
+def prescribed_nodes(step: ContactStep, last: ContactContribution) -> Ints:
     """Find this rank's nodes whose constraint given displacements alone violate. Local.
 
     Args:
@@ -20,11 +20,11 @@ def prescribed_nodes(step: ContactStep, last: ContactContribution) -> GlobalInts
         last: Its last evaluation.
 
     Returns:
-        Numbers of the nodes.
+        Their positions among the nodes of the step.
     """
     pairs = last.pairs
     found = (last.rank > 0) & pairs.is_given
     # Not what is closed, also where it is not a number.
     found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])
-    ids: GlobalInts = step.state.nodes.node_ids[pairs.node[found]]
-    return ids
+    node: Ints = pairs.node[found]
+    return node

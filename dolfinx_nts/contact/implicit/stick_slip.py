@@ -2,16 +2,16 @@
 
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
-from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
+from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
+from dolfinx_nts.contact.implicit.pair_by_pair import Pivoting
+from dolfinx_nts.contact.joint_state import JointState, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
 from dolfinx_nts.fem.components import dimension
@@ -44,7 +44,7 @@ class Friction:
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
     """
 
-    def __init__(self, state: PairState) -> None:
+    def __init__(self, state: PairState | JointState) -> None:
         """Let all nodes slide, without traction."""
         n = len(state.nodes.nodes)
         self._state, self._dim = state, dimension(state.nodes.V)
@@ -117,7 +117,7 @@ class StickSlip(Friction):
 
     def __init__(
         self,
-        state: PairState,
+        state: PairState | JointState,
         law: Coulomb,
         is_static: bool,
         search: LocalSearch,
@@ -128,9 +128,8 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
         self._has_spring = state.pair.has_slip_spring
-        comm: MPI.Comm = state.nodes.V.mesh.comm
-        self._pivoting = BlockPivoting(comm)
-        self._rounding = ROUNDING * stiffness * state.pair.segment_size
+        self._pivoting = Pivoting(state, search)
+        self._rounding = ROUNDING * stiffness * segment_sizes(state)
         # A node that arrives slides until it is found to stick; where nothing moves it sticks
         # until it is found to slide, as bodies may have no other hold.
         self._arrives_sliding = not is_static
@@ -190,9 +189,7 @@ class StickSlip(Friction):
             excess = np.linalg.norm(trial, axis=1) - law.mu * p
             is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
             after = np.where(is_open, before, after) | self._on_axis[node]
-            flips, violators = self._pivoting.select(
-                active & (after != before), self._state.nodes.node_ids[node], iteration
-            )
+            flips, violators = self._pivoting.select(active & (after != before), node, iteration)
             sliding = np.where(active, before ^ flips, after)
         if eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)

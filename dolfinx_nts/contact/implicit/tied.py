@@ -13,6 +13,7 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
@@ -78,7 +79,7 @@ class Bond(StickSlip):
     """
 
     def __init__(
-        self, state: PairState, is_static: bool, search: LocalSearch, stiffness: Floats
+        self, state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
     ) -> None:
         """Let all nodes stick."""
         super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness)

@@ -6,12 +6,14 @@ namespace
 {
 void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
                       const Doubles& gap, const Doubles& normal,
-                      const Doubles& gradients, double farthest, Out<double> x)
+                      const Doubles& gradients, const Doubles& farthest,
+                      Out<double> x)
 {
   const std::size_t m = nodes.size();
   check("nodes", nodes, {m});
   check("moves", moves, {m});
   check("gap", gap, {m});
+  check("farthest", farthest, {m});
   check("x", x, {any, any});
   const std::size_t components = x.shape(1);
   check("normal", normal, {m, components});
@@ -25,7 +27,7 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
                         close_gaps<B>(view(nodes), view(moves), view(gap),
                                       view(normal), view(gradients),
                                       gradients.shape(1) * gradients.shape(2),
-                                      farthest, view(x));
+                                      view(farthest), view(x));
                       });
 }
 } // namespace
@@ -53,12 +55,11 @@ void elimination(nb::module_& m)
            "that this removes, (m, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
-  m.def(
-      "close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
-      nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
-      nb::arg("farthest"), nb::arg("x").noconvert(),
-      "Move nodes along their normals to zero gap, unless that is farther: "
-      "(m,), (m,), (m,), (m, B), (m, c, d) of which [:, 0, :B] count, scalar, "
-      "(n, B), B = 2 or 3");
+  m.def("close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
+        nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
+        nb::arg("farthest"), nb::arg("x").noconvert(),
+        "Move nodes along their normals to zero gap, unless that is farther: "
+        "(m,), (m,), (m,), (m, B), (m, c, d) of which [:, 0, :B] count, (m,), "
+        "(n, B), B = 2 or 3");
 }
 } // namespace nts::bindings

@@ -51,6 +51,7 @@ def step_of(facets, before, after, held):
         segment, gap = segment_n, candidates.gap(points, x, segment_n)
     history = SimpleNamespace(active=np.array(held[:1]), gap=gap_n)
     search = SimpleNamespace(
+        candidates=candidates,
         points=points,
         x_n=x_n,
         reach=2.0,

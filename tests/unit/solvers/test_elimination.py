@@ -57,7 +57,7 @@ def test_nodes_move_along_their_normals_to_zero_gap(rng):
     moves = np.array([True, True, False, True, True])
     nodes = np.arange(5, dtype=np.int32)
     x = np.zeros((NODES, 3))
-    _kernels.close_gaps(nodes, moves, gap, normal, gradients, 1.0, x)
+    _kernels.close_gaps(nodes, moves, gap, normal, gradients, np.ones(5), x)
     # To first order in the displacements of the nodes themselves.
     change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[:5])
     np.testing.assert_allclose(gap[:2] + change[:2], 0, atol=ROUNDING)

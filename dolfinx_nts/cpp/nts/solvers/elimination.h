@@ -73,19 +73,20 @@ struct Elimination
 };
 
 /// @brief Move contact nodes along their normals, as far as closes their gaps
-/// to first order; those that would go farther than `farthest` stay.
+/// to first order; those that would go farther than allowed stay.
 /// @param[in] nodes Contact nodes, (m,).
 /// @param[in] moves Whether each moves, (m,).
 /// @param[in] gap What is to become zero, (m,).
 /// @param[in] normal Normals n, (m, B).
 /// @param[in] gradients Of the gaps, (m, stride): the first B.
+/// @param[in] farthest Longest way of each, (m,).
 /// @param[in,out] x Nodal vectors, (n, B).
 template <std::size_t B>
 void close_gaps(std::span<const std::int32_t> nodes,
                 std::span<const bool> moves, std::span<const double> gap,
                 std::span<const double> normal,
                 std::span<const double> gradients, std::size_t stride,
-                double farthest, std::span<double> x) noexcept
+                std::span<const double> farthest, std::span<double> x) noexcept
 {
   for (std::size_t i = 0; i < gap.size(); ++i)
   {
@@ -93,7 +94,7 @@ void close_gaps(std::span<const std::int32_t> nodes,
       continue;
     const double* n = normal.data() + B * i;
     const double way = gap[i] / inner<B>(n, gradients.data() + stride * i);
-    if (std::islessequal(std::abs(way), farthest)) // quiet where it is NaN
+    if (std::islessequal(std::abs(way), farthest[i])) // quiet where it is NaN
       for (std::size_t c = 0; c < B; ++c)
         x[B * nodes[i] + c] -= way * n[c];
   }

@@ -1,0 +1,170 @@
+"""Contact of several pairs with the same laws, in joint arrays.
+
+A scene of many bodies has many pairs with few nodes each. What is done with arrays is done for
+all of them at once; what belongs to one pair stays with it: its search, and its history.
+"""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import fields
+from functools import partial
+from itertools import accumulate, pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.contact.enforcement import Tied
+from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.search.candidates import Search
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.joint_segments import JointSegments
+from dolfinx_nts.search.segment_candidates import SegmentCandidates
+
+__all__ = ["JointNodes", "JointState", "bounds", "joined", "members", "segment_sizes"]
+
+
+class JointNodes(NamedTuple):
+    """Nodes of several pairs, pair by pair; a node may come several times, see `Surface`.
+
+    Attributes:
+        V: Their space.
+        nodes: Owned nodes, shape ``(n,)``.
+        node_ids: Their numbers in the mesh, shape ``(n,)``.
+        area: Their tributary areas, shape ``(n,)`` [m^2].
+    """
+
+    V: Any
+    nodes: Ints
+    node_ids: GlobalInts
+    area: Floats
+
+
+class JointState:
+    """Pairs whose contact is evaluated together, see `PairState`. Collective.
+
+    Arrays are over the nodes of all pairs, pair by pair.
+
+    Args:
+        states: Those of the pairs, with the same laws and the same shape of segments.
+
+    Attributes:
+        members: The argument.
+        nodes: Nodes of all pairs.
+        pair: One of the pairs, for the laws.
+        search: Its search, for the frame.
+    """
+
+    def __init__(self, states: Sequence[PairState]) -> None:
+        """Join the nodes."""
+        self.members = tuple(states)
+        surfaces = [state.nodes for state in states]
+        names = ("nodes", "node_ids", "area")
+        arrays = (np.concatenate([getattr(each, name) for each in surfaces]) for name in names)
+        self.nodes = JointNodes(surfaces[0].V, *arrays)
+        self.pair: ContactPair = states[0].pair
+        self.search: Search = states[0].search
+        self._segments: JointSegments | None = None
+        self._histories: tuple[ContactHistory, ...] = ()
+        self._history: ContactHistory
+
+    @property
+    def eps_N(self) -> Floats | None:
+        """Stiffness of the penalty springs, see `PairState`. Local."""
+        return _joint_springs([state.eps_N for state in self.members])
+
+    @property
+    def eps_T(self) -> Floats | None:
+        """Stiffness of the tangential springs, see `PairState`. Local."""
+        return _joint_springs([state.eps_T for state in self.members])
+
+    @property
+    def history(self) -> ContactHistory:
+        """Contact of the last accepted step of all pairs. Local."""
+        histories = tuple(state.history for state in self.members)
+        known = self._histories
+        if len(known) != len(histories) or any(map(lambda a, b: a is not b, histories, known)):
+            self._histories, self._history = histories, _joint_history(histories)
+        return self._history
+
+    def accept(self, history: ContactHistory) -> None:
+        """Let each pair remember its part of the contact of a step. Local."""
+        for state, (start, end) in zip(self.members, pairwise(bounds(self)), strict=True):
+            state.accept(partial(_part, history, slice(start, end)))
+
+    def segments(self, parts: Sequence[SegmentCandidates]) -> JointSegments:
+        """Join the candidates of the pairs, unless they are those of the last time. Collective."""
+        known = self._segments
+        if known is None or any(map(lambda a, b: a is not b, known.parts, parts)):
+            self._segments = known = JointSegments(parts)
+        return known
+
+
+def joined(states: Sequence[PairState]) -> list[PairState | JointState]:
+    """Join the pairs that can be evaluated together; others stay as they are. Collective.
+
+    These are pairs of nodes with the segments of other bodies, with equal laws.
+
+    Args:
+        states: Those of all pairs.
+
+    Returns:
+        Those of all pairs, in the order of the first pair of each.
+    """
+    groups: dict[Hashable, list[PairState]] = {}
+    for number, state in enumerate(states):
+        groups.setdefault(_kind(state) or number, []).append(state)
+    return [group[0] if len(group) == 1 else JointState(group) for group in groups.values()]
+
+
+def members(state: PairState | JointState) -> tuple[PairState, ...]:
+    """The pairs of a state. Local."""
+    return state.members if isinstance(state, JointState) else (state,)
+
+
+def bounds(state: PairState | JointState) -> list[int]:
+    """Where the nodes of each of ``c`` pairs begin, and the end, ``c + 1`` in number. Local."""
+    return list(accumulate((len(each.nodes.nodes) for each in members(state)), initial=0))
+
+
+def segment_sizes(state: PairState | JointState) -> Floats:
+    """Longest segment of the pair of each node, shape ``(n,)`` [m]. Local."""
+    sizes = [each.pair.segment_size for each in members(state)]
+    return np.repeat(sizes, np.diff(bounds(state)))
+
+
+def _kind(state: PairState) -> Hashable:
+    """What pairs have in common that can be evaluated together; None for a pair on its own."""
+    pair, search = state.pair, state.search
+    # Others find their segments or balance their nodes in ways of their own.
+    alone = is_resolved(pair) or isinstance(pair.enforcement, Tied)
+    if type(search) is not GlobalSearch or alone:
+        return None
+    laws = (
+        None if law is None else (type(law), *sorted(vars(law).items()))
+        for law in (pair.enforcement, pair.friction)
+    )
+    return (search.num_vertices, *laws)
+
+
+def _joint_springs(values: Sequence[Floats | None]) -> Floats | None:
+    """Stiffness of the springs of all pairs, None without."""
+    present = [value for value in values if value is not None]
+    return np.concatenate(present) if present else None
+
+
+def _joint_history(histories: Sequence[ContactHistory]) -> ContactHistory:
+    arrays: dict[str, Array] = {
+        field.name: np.concatenate([getattr(history, field.name) for history in histories])
+        for field in fields(ContactHistory)
+    }
+    return ContactHistory(**arrays)
+
+
+def _part(history: ContactHistory, own: slice) -> ContactHistory:
+    arrays: dict[str, Array] = {
+        field.name: getattr(history, field.name)[own] for field in fields(ContactHistory)
+    }
+    return ContactHistory(**arrays)
