@@ -29,9 +29,11 @@ _PERIOD = 3
 class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violators change while they become fewer. Murty's rule, by which only the lowest
-    changes, ends cycles. It is made for linear problems: between its changes an iteration
-    without any brings the iterate near to equilibrium, where decisions can be trusted.
+    All violators change while they become fewer. Where they do not, one that has changed in the
+    last iteration keeps its state: it was judged with the old states of those that changed with
+    it, and would change to and fro with them. Murty's rule, by which only the lowest changes,
+    ends longer cycles. It is made for linear problems: between its changes an iteration without
+    any brings the iterate near to equilibrium, where decisions can be trusted.
 
     Args:
         comm: Communicator.
@@ -43,6 +45,7 @@ class BlockPivoting:
         self._fewest: float = np.inf
         self._last: float = np.inf
         self._patience = _PATIENCE
+        self._changed: GlobalInts = np.zeros(0, dtype=np.int64)
 
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
@@ -57,14 +60,15 @@ class BlockPivoting:
             self._fewest, self._patience = count, _PATIENCE
         elif count and count >= self._last:
             self._patience -= 1
-        self._last = count
+        changes = violates
         if count and self._patience < 0:
-            if iteration % _PERIOD:
-                return np.zeros_like(violates), num_violators
             last = np.iinfo(np.int64).max
             lowest = reductions.least(self._comm, ids[violates].min(initial=last))
-            violates = violates & (ids == lowest)
-        return violates, num_violators
+            changes = violates & (ids == lowest) & (iteration % _PERIOD == 0)
+        elif count >= self._last:
+            changes = violates & ~np.isin(ids, self._changed)
+        self._last, self._changed = count, ids[changes]
+        return changes, num_violators
 
 
 class ActiveSet:
