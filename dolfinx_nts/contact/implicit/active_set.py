@@ -29,19 +29,20 @@ _PERIOD = 3
 class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violators change while they become fewer. Where they do not, one that has changed in the
-    last iteration keeps its state: it was judged with the old states of those that changed with
-    it, and would change to and fro with them. Murty's rule, by which only the lowest changes,
-    ends longer cycles. It is made for linear problems: between its changes an iteration without
-    any brings the iterate near to equilibrium, where decisions can be trusted.
+    All violators change while they become fewer. Murty's rule, by which only the lowest
+    changes, ends cycles. It is made for linear problems: between its changes an iteration
+    without any brings the iterate near to equilibrium, where decisions can be trusted.
 
     Args:
         comm: Communicator.
+        waits: Whether a node that has changed in the last iteration keeps its state where the
+            violators have not become fewer. It was judged with the old states of those that
+            changed with it, and would change to and fro with them, as do stick and slip.
     """
 
-    def __init__(self, comm: MPI.Comm) -> None:
+    def __init__(self, comm: MPI.Comm, waits: bool = False) -> None:
         """Begin with any number of violators."""
-        self._comm = comm
+        self._comm, self._waits = comm, waits
         self._fewest: float = np.inf
         self._last: float = np.inf
         self._patience = _PATIENCE
@@ -65,7 +66,7 @@ class BlockPivoting:
             last = np.iinfo(np.int64).max
             lowest = reductions.least(self._comm, ids[violates].min(initial=last))
             changes = violates & (ids == lowest) & (iteration % _PERIOD == 0)
-        elif count >= self._last:
+        elif count >= self._last and self._waits:
             changes = violates & ~np.isin(ids, self._changed)
         self._last, self._changed = count, ids[changes]
         return changes, num_violators

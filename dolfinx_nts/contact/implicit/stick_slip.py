@@ -124,7 +124,7 @@ class StickSlip(Friction):
         self._law, self._search, self._stiffness = law, search, stiffness
         self._has_spring = state.pair.has_slip_spring
         comm: MPI.Comm = state.nodes.V.mesh.comm
-        self._pivoting = BlockPivoting(comm)
+        self._pivoting = BlockPivoting(comm, waits=not self._has_spring)
         self._rounding = ROUNDING * stiffness * state.pair.segment_size
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
