@@ -73,18 +73,15 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
 
 
 @pytest.mark.parametrize(
-    ("mu", "ramped", "most"),
     # In the second step of the first all nodes are at their limit and none has far to slide.
-    # Round-off decides whether pivoting ends in blocks, or node by node by Murty's rule.
-    [(0.003, False, 3 * FEW), (0.003, True, FEW), (0.01, False, FEW)],
+    ("mu", "ramped"),
+    [(0.003, False), (0.003, True), (0.01, False)],
 )
-# How DOLFINx parts the mesh, which is left to chance, costs or saves two iterations.
-@pytest.mark.serial
-def test_friction_that_hardly_holds_a_block_is_found(mu, ramped, most):
+def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     blocks = Blocks(cell="tetrahedron")
     g = (lambda t: (0, 0, -9.81 * t)) if ramped else (0, 0, -9.81)
     stepper = blocks.stepper([blocks.pair(friction=nts.Coulomb(mu))], g)
-    assert max(step.newton_iterations for step in stepper.run(until=1.0)) <= most
+    assert max(step.newton_iterations for step in stepper.run(until=1.0)) <= FEW
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])

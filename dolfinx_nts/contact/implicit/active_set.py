@@ -35,14 +35,18 @@ class BlockPivoting:
 
     Args:
         comm: Communicator.
+        waits: Whether a node that has changed in the last iteration keeps its state where the
+            violators have not become fewer. It was judged with the old states of those that
+            changed with it, and would change to and fro with them, as do stick and slip.
     """
 
-    def __init__(self, comm: MPI.Comm) -> None:
+    def __init__(self, comm: MPI.Comm, waits: bool = False) -> None:
         """Begin with any number of violators."""
-        self._comm = comm
+        self._comm, self._waits = comm, waits
         self._fewest: float = np.inf
         self._last: float = np.inf
         self._patience = _PATIENCE
+        self._changed: GlobalInts = np.zeros(0, dtype=np.int64)
 
     def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
@@ -57,14 +61,15 @@ class BlockPivoting:
             self._fewest, self._patience = count, _PATIENCE
         elif count and count >= self._last:
             self._patience -= 1
-        self._last = count
+        changes = violates
         if count and self._patience < 0:
-            if iteration % _PERIOD:
-                return np.zeros_like(violates), num_violators
             last = np.iinfo(np.int64).max
             lowest = reductions.least(self._comm, ids[violates].min(initial=last))
-            violates = violates & (ids == lowest)
-        return violates, num_violators
+            changes = violates & (ids == lowest) & (iteration % _PERIOD == 0)
+        elif count >= self._last and self._waits:
+            changes = violates & ~np.isin(ids, self._changed)
+        self._last, self._changed = count, ids[changes]
+        return changes, num_violators
 
 
 class ActiveSet:

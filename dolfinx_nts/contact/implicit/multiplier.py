@@ -107,7 +107,7 @@ class MultiplierContact(NormalContact):
         lambda_N = np.where(active, lambda_N, 0.0)
         if changes:
             self.flips[node] += active != before
-        friction.follow_contact(node, before, active)
+        friction.follow_contact(pairs, before, active)
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
         self.lambda_N[node] = self._balance(pairs, R, lambda_N, active, friction)

@@ -64,13 +64,14 @@ class Pivoting:
     Args:
         state: State of the pairs.
         search: Segments of the nodes.
+        waits: Whether nodes wait before they change back.
     """
 
-    def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
+    def __init__(self, state: PairState | JointState, search: LocalSearch, waits: bool) -> None:
         """Begin with any number of violators."""
         comm: MPI.Comm = state.nodes.V.mesh.comm
         self._parts, self._ids = _Parts(state, search), state.nodes.node_ids
-        self._each = [BlockPivoting(comm) for _ in self._parts.near]
+        self._each = [BlockPivoting(comm, waits) for _ in self._parts.near]
 
     def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, see `BlockPivoting.select`.

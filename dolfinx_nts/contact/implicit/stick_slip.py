@@ -20,12 +20,7 @@ __all__ = ["Friction", "StickSlip"]
 
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
-_SLIP_WEIGHT = 0.3
-
-
-# How often a node arrives sliding in a step. With much friction a sliding node may pull, so that
-# it leaves and arrives again and again, where one that sticks presses.
-_SLIDES = 2
+_SLIP_WEIGHT = 0.1
 
 
 class Friction:
@@ -59,8 +54,8 @@ class Friction:
         """Forget the traction of nodes that have become inactive."""
         self.traction[node] = 0.0
 
-    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Release nodes active only ``before``, shape ``(m,)``; let those slide that are now."""
+    def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
+        """Release nodes active only ``before``, shape ``(m,)``; choose how new ones begin."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
@@ -128,16 +123,14 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
         self._has_spring = state.pair.has_slip_spring
-        self._pivoting = Pivoting(state, search)
+        self._pivoting = Pivoting(state, search, waits=not self._has_spring)
         self._rounding = ROUNDING * stiffness * segment_sizes(state)
-        # A node that arrives slides until it is found to stick; where nothing moves it sticks
-        # until it is found to slide, as bodies may have no other hold.
-        self._arrives_sliding = not is_static
-        self.sliding = history.sliding | (self._arrives_sliding & ~history.active)
+        # Where nothing moves nodes stick until they are found to slide, as bodies may have no
+        # other hold.
+        self.sliding = history.sliding | (~history.active & (not is_static))
         # By symmetry nodes on the axis of rings have no traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
-        self._arrivals = np.zeros(n, dtype=np.int32)
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
@@ -147,12 +140,13 @@ class StickSlip(Friction):
         slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
         pairs.add_slip(slip, self._on_axis[pairs.node])
 
-    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
-        """Release nodes, and let new ones slide, see `Friction.follow_contact`."""
-        self.release(node[before & ~active])
-        arrived = node[active & ~before]
-        self._arrivals[arrived] += 1
-        slides = self._arrives_sliding & (self._arrivals[arrived] <= _SLIDES)
+    def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
+        """Release nodes, and let new ones stick that come within the cone of friction."""
+        self.release(pairs.node[before & ~active])
+        arrives = active & ~before
+        arrived = pairs.node[arrives]
+        slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
+        slides = slip > self._law.mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
         self._model.direction[arrived] = 0.0
 

@@ -85,7 +85,7 @@ class Bond(StickSlip):
         super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness)
         self.sliding = np.zeros(len(stiffness), dtype=bool)
 
-    def follow_contact(self, node: Ints, before: Flags, active: Flags) -> None:
+    def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Change nothing, as no tied node comes or goes."""
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
