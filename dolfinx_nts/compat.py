@@ -4,6 +4,7 @@ Features are detected, versions are never compared. A comment in each function s
 what changed, in which release, and when the function can be simplified.
 """
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -150,7 +151,8 @@ def quicker_ffcx() -> Iterator[None]:
     """Context in which FFCx writes the same in two thirds of its time, or in half of it. Local.
 
     Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
-    are found by their hash, instead of by comparisons with all of them.
+    are found by their hash, instead of by comparisons with all of them. Python does not look for
+    garbage among the many expressions, which are all in use.
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
@@ -171,9 +173,13 @@ def quicker_ffcx() -> Iterator[None]:
         element.cell = property(cell)
     if given[1] is not None:
         numberer.get_node_symbols = get_node_symbols
+    collects = gc.isenabled()
+    gc.disable()
     try:
         yield
     finally:
+        if collects:
+            gc.enable()
         if isinstance(given[0], property):
             element.cell = given[0]
         if given[1] is not None:

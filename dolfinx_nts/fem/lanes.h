@@ -47,9 +47,25 @@ extern "C" const int num_lanes = NTS_WIDTH / sizeof(Real);
 
 namespace nts
 {
-using std::acos, std::acosh, std::asin, std::asinh, std::atan, std::atan2,
-    std::atanh, std::cos, std::cosh, std::erf, std::exp, std::fmax, std::fmin,
-    std::log, std::sin, std::sinh, std::sqrt, std::tan, std::tanh;
+using std::acos;
+using std::acosh;
+using std::asin;
+using std::asinh;
+using std::atan;
+using std::atan2;
+using std::atanh;
+using std::cos;
+using std::cosh;
+using std::erf;
+using std::exp;
+using std::fmax;
+using std::fmin;
+using std::log;
+using std::sin;
+using std::sinh;
+using std::sqrt;
+using std::tan;
+using std::tanh;
 
 NTS_LANEWISE(acos)
 NTS_LANEWISE(acosh)

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, ClassVar
 
 import ufl
@@ -27,11 +28,17 @@ class ConsistentMass:
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
-        """Compile the form of the momentum."""
+        """Note what the momentum needs; its form is compiled when it is first asked for."""
         self._V = rate.function_space
         eta = ufl.TestFunction(self._V)
-        form = bulk_form(bodies, lambda material, parameters, rho: rho * ufl.inner(rate, eta))
-        self._form = compile_form(form)
+        self._momentum = bulk_form(
+            bodies, lambda material, parameters, rho: rho * ufl.inner(rate, eta)
+        )
+
+    @cached_property
+    def _form(self) -> fem.Form:
+        """The compiled form. Collective at the first use."""
+        return compile_form(self._momentum)
 
     def momentum(self) -> Floats:
         """Mass times the present rate at the owned nodes, shape ``(n, 3)``."""
