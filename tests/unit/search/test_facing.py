@@ -89,6 +89,15 @@ def test_node_below_a_thin_plate_is_not_taken_for_one_deep_inside(comm, agree):
     assert agree(np.allclose(gap[np.isclose(X[:, 2], 0)], -0.03, atol=1e-12))
 
 
+def test_side_of_a_block_hides_what_lies_behind_its_rim(comm, agree):
+    # A slanted block stands before the end of a beam of one long cell. Its lower edge looks away
+    # from the end, and up to the under side, behind whose plane it is: beyond the end, not inside.
+    beam = ((0, -1, 0), (4, 1, 0.5), (1, 1, 1))
+    two = Two(comm, beam, ((-0.4, -0.3, 0.2), (-0.1, 0.3, 0.8), (1, 1, 1)))
+    _, gap = two.gaps((0, 0, 0))
+    assert agree(not (gap < 0).any())
+
+
 @cells
 def test_a_look_at_any_distance_finds_what_a_look_far_enough_finds(comm, agree, cell):
     floor, stone = ((0, 0, 0), (4, 4, 1), (5, 5, 2)), ((0, 0, 0), (1, 1, 1), (4, 4, 4))

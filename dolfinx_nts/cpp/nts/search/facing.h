@@ -226,9 +226,10 @@ public:
       _in_front_by = p.gap;
       _normal = p.normal;
       // Sides of two bodies that lie in one plane, and bulge, hide no rim.
-      _hides_from = _directions->looks_along(p.normal, FacingRule::away)
-                        ? INFINITY
-                        : LocalSearchRule::hysteresis * _surface.size(i);
+      _hides_from = _surface.size(i)
+                    * (_directions->looks_along(p.normal, FacingRule::away)
+                           ? LocalSearchRule::overhang
+                           : LocalSearchRule::hysteresis);
     }
     return false;
   }
