@@ -8,7 +8,10 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
-__all__ = ["ContactHistory", "ContactWork", "without_friction"]
+__all__ = ["NEVER", "ContactHistory", "ContactWork", "without_friction"]
+
+# Key of a node before its first step, which may begin with its spring loaded.
+NEVER = -2
 
 
 @dataclass(frozen=True)
@@ -16,7 +19,8 @@ class ContactHistory:
     """Accepted contact of the owned nodes of a pair at t_n.
 
     Attributes:
-        key: Key of the segment of each node, -1 without one, shape ``(n,)``.
+        key: Key of the segment of each node, -1 without one, -2 before the first step, shape
+            ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         sliding: Whether an active node slides, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
@@ -62,7 +66,7 @@ class ContactHistory:
     def none(cls, n: int) -> "ContactHistory":
         """Make the history of n nodes without contact. Local."""
         return cls(
-            key=np.full(n, -1, dtype=np.int64),
+            key=np.full(n, NEVER, dtype=np.int64),
             active=np.zeros(n, dtype=bool),
             sliding=np.zeros(n, dtype=bool),
             lambda_N=np.zeros(n),

@@ -47,7 +47,7 @@ class ObstacleCandidates(Candidates):
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the facet of each key, see `Candidates.find`."""
-        return key.astype(np.int32)
+        return np.maximum(key, -1).astype(np.int32)
 
     def pair(
         self,

@@ -5,6 +5,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.friction import slip_energy
+from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
@@ -106,14 +107,14 @@ class PenaltyContact(NormalContact):
         """Gap at which springs begin on the present segments, shape ``(m,)`` [m].
 
         On a new segment it moves by the difference of the gaps at t_n, so that the energy of
-        the spring is continuous; that of a node which was open on the old segment begins where
-        the node is. So it does with new contact points, unless there is no inertia: there are
+        the spring is continuous; that of a node which was open on the old segment, or faced
+        none, begins where the node is. So it does with new contact points, unless there is no inertia: there are
         some in each step.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing
         anew = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
-        moved = (old.key[node] >= 0) & anew
+        moved = (old.key[node] != NEVER) & anew
         before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
         offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
         return offset
