@@ -23,7 +23,16 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["BodyForce", "FormLoad", "Gravity", "Load", "LoadWithValue", "Pressure", "Traction"]
+__all__ = [
+    "BodyForce",
+    "FormLoad",
+    "Gravity",
+    "Load",
+    "LoadOnBody",
+    "LoadWithValue",
+    "Pressure",
+    "Traction",
+]
 
 
 class Load(ABC):
@@ -149,7 +158,34 @@ class LoadWithValue(Load):
             )
 
 
-class BodyForce(LoadWithValue):
+class LoadOnBody(LoadWithValue):
+    """Base class of loads on one body. Collective.
+
+    Args:
+        body: The body.
+        value: As for `LoadWithValue`.
+    """
+
+    def __init__(self, body: Body, value: Any) -> None:
+        """Check the body and the value."""
+        (self._body,) = instances(Body, [body])
+        super().__init__(body.V, value)
+
+    @property
+    def name(self) -> str:
+        """Class and body. Local."""
+        return f"{type(self).__name__} {self._body.name}"
+
+    def __repr__(self) -> str:
+        """Body and value in one line. Local."""
+        return as_call(self, body=self._body, value=self._described())
+
+    def acts_on(self, body: Body) -> bool:
+        """Whether the body is the one that was given. Local."""
+        return body is self._body
+
+
+class BodyForce(LoadOnBody):
     """Force per reference volume of a body. Collective.
 
     Args:
@@ -166,24 +202,6 @@ class BodyForce(LoadWithValue):
         BodyForce(body=Body(tag=..., ...), value=(0, 0, 5))
         >>> swinging = nts.BodyForce(body, lambda t: (np.sin(t), 0.0, 0.0))
     """
-
-    def __init__(self, body: Body, value: Any) -> None:
-        """Check the body and the value."""
-        (self._body,) = instances(Body, [body])
-        super().__init__(body.V, value)
-
-    @property
-    def name(self) -> str:
-        """Class and body. Local."""
-        return f"{type(self).__name__} {self._body.name}"
-
-    def __repr__(self) -> str:
-        """Body and value [N/m^3] in one line. Local."""
-        return as_call(self, body=self._body, value=self._described())
-
-    def acts_on(self, body: Body) -> bool:
-        """Whether the body is the one that was given. Local."""
-        return body is self._body
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""

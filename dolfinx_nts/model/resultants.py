@@ -7,17 +7,16 @@ from mpi4py import MPI
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.loads import LoadWithValue
+from dolfinx_nts.model.loads import LoadOnBody
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Force", "Moment"]
 
 
-class _Resultant(LoadWithValue):
+class _Resultant(LoadOnBody):
     """A load on a body, spread over its mass.
 
     Args:
@@ -27,24 +26,10 @@ class _Resultant(LoadWithValue):
 
     def __init__(self, body: Body, value: Any) -> None:
         """Check the body and the value, and measure the mass."""
-        (self._body,) = instances(Body, [body])
-        super().__init__(body.V, value)
+        super().__init__(body, value)
         comm: MPI.Comm = body.V.mesh.comm
         form = compile_form(bulk_form([body], lambda material, parameters, rho: rho))
         self._mass: float = reductions.total(comm, float(fem.assemble_scalar(form)))
-
-    @property
-    def name(self) -> str:
-        """Class and body. Local."""
-        return f"{type(self).__name__} {self._body.name}"
-
-    def __repr__(self) -> str:
-        """Body and value in one line. Local."""
-        return as_call(self, body=self._body, value=self._described())
-
-    def acts_on(self, body: Body) -> bool:
-        """Whether the body is the one that was given. Local."""
-        return body is self._body
 
     def _spread(self, work: Any) -> ufl.Form:
         """Mean over the mass of a virtual work, linear in the test function."""
