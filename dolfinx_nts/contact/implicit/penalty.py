@@ -108,8 +108,8 @@ class PenaltyContact(NormalContact):
 
         On a new segment it moves by the difference of the gaps at t_n, so that the energy of
         the spring is continuous; that of a node which was open on the old segment, or faced
-        none, begins where the node is. So it does with new contact points, unless there is no inertia: there are
-        some in each step.
+        none, begins where the node is. So it does with new contact points, unless there is no
+        inertia: there are some in each step.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing
