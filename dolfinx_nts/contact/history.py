@@ -63,10 +63,15 @@ class ContactHistory:
         return history
 
     @classmethod
+    def before(cls, n: int) -> "ContactHistory":
+        """Make the history of n nodes before their first step. Local."""
+        return replace(cls.none(n), key=np.full(n, NEVER, dtype=np.int64))
+
+    @classmethod
     def none(cls, n: int) -> "ContactHistory":
         """Make the history of n nodes without contact. Local."""
         return cls(
-            key=np.full(n, NEVER, dtype=np.int64),
+            key=np.full(n, -1, dtype=np.int64),
             active=np.zeros(n, dtype=bool),
             sliding=np.zeros(n, dtype=bool),
             lambda_N=np.zeros(n),

@@ -62,7 +62,7 @@ class PairState:
         # Least and greatest stiffness by name, once it has been chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
         self._history: ContactHistory | Callable[[], ContactHistory]
-        self._history = ContactHistory.none(len(pair.nodes.nodes))
+        self._history = ContactHistory.before(len(pair.nodes.nodes))
         pair.attach(self)
 
     @property
