@@ -209,6 +209,7 @@ class FreeBodies:
         """Begin a solution, without any force."""
         self._limit = _DRIVING
         self._relief = _Relief.none(self._label)
+        self._driven: list[str] = []
 
     @property
     def force(self) -> Floats:
@@ -255,6 +256,7 @@ class FreeBodies:
             parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
             body = self.bodies[int(np.argmax(parts))]
             driven = f"no support or contact holds {body} against {force:.3g} N"
+        self._driven.append(driven)
         if len(f) and share <= self._limit:
             carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
             self._relief = _Relief(modes, weighted, gram, carried, share, driven)
@@ -280,9 +282,11 @@ class FreeBodies:
 
     def advice(self) -> str:
         """Say what would help where there is no solution; "" without free bodies. Local."""
-        if self._relief.driven:
+        # What the last iterate is driven by is left to chance once bodies fly about.
+        told = [driven for driven in self._driven if driven]
+        if len(told) > len(self._driven) / 2:
             return (
-                f"{self._relief.driven}; bcs, friction or inertia (EnergyMomentum) would, or a "
+                f"{told[-1]}; bcs, friction or inertia (EnergyMomentum) would, or a "
                 "start nearer to what it is to touch"
             )
         if not self.bodies:
