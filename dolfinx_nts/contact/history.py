@@ -63,11 +63,6 @@ class ContactHistory:
         return history
 
     @classmethod
-    def before(cls, n: int) -> "ContactHistory":
-        """Make the history of n nodes before their first step. Local."""
-        return replace(cls.none(n), key=np.full(n, NEVER, dtype=np.int64))
-
-    @classmethod
     def none(cls, n: int) -> "ContactHistory":
         """Make the history of n nodes without contact. Local."""
         return cls(
