@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from benchmarks.scenes import sliding_block
 from dolfinx_nts import parts
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -82,6 +83,15 @@ def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     g = (lambda t: (0, 0, -9.81 * t)) if ramped else (0, 0, -9.81)
     stepper = blocks.stepper([blocks.pair(friction=nts.Coulomb(mu))], g)
     assert max(step.newton_iterations for step in stepper.run(until=1.0)) <= FEW
+
+
+def test_a_rim_that_leaves_in_an_iteration_comes_back_sliding():
+    """The trailing rim of a block that is drawn pulls while other nodes still stick.
+
+    Its nodes leave then and come back from a slip. Those that would stick there pull again.
+    """
+    stepper = sliding_block(MPI.COMM_WORLD, "statics", 1.0, n=14, friction=nts.Coulomb(0.3)).stepper
+    assert max(stepper.advance().newton_iterations for _ in range(4)) <= FEW
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])

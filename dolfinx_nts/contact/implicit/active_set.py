@@ -8,9 +8,8 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.parallel import reductions
 
@@ -91,25 +90,29 @@ class ActiveSet:
         self._pivoting = BlockPivoting(comm)
 
     def update(
-        self, pairs: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
+        self, node: Ints, excess: Floats, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
-        """Decide which pairs are active. Collective.
+        """Decide which nodes are active. Collective.
 
-        ``before`` tells whether they were active, shape ``(m,)``; ``lambda_N`` are their
-        multipliers, shape ``(m,)`` [N]; ``iteration`` counts the Newton iterations of the step
-        from 0. Returns whether they are active now, and how many of this rank contradict their
-        state.
+        Args:
+            node: Positions among the nodes of the pair, shape ``(m,)``.
+            excess: Gaps less those that multipliers hold, shape ``(m,)`` [m].
+            before: Whether the nodes were active, shape ``(m,)``.
+            lambda_N: Their multipliers, shape ``(m,)`` [N].
+            iteration: Number of the Newton iteration of the step, from 0.
+
+        Returns:
+            Whether they are active now, and how many of this rank contradict their state.
         """
-        excess = pairs.excess[:, 0]
         if iteration == 0:
             wrong = (excess < 0) & ~before
         else:
-            stiffness = self._stiffness[pairs.node]
+            stiffness = self._stiffness[node]
             wrong = self._law.active(lambda_N, excess, stiffness) != before
             if wrong.any():
                 # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
                 # round-off must not decide on them again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= ROUNDING * stiffness * self._size)
-        changes, violators = self._pivoting.select(wrong, self._ids[pairs.node], iteration)
+        changes, violators = self._pivoting.select(wrong, self._ids[node], iteration)
         return before ^ changes if violators else before, violators

@@ -7,7 +7,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.implicit.pair_by_pair import ActiveSets
+from dolfinx_nts.contact.implicit.pair_by_pair import PairwiseActiveSets
 from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -48,7 +48,7 @@ class MultiplierContact(NormalContact):
         super().__init__(state, search)
         if is_static:
             self._begin_in_touch()
-        self._set = ActiveSets(state, law, search, stiffness)
+        self._set = PairwiseActiveSets(state, law, search, stiffness)
 
     def choose(self) -> Flags:
         """Choose the eligible nodes, see `NormalContact.choose`."""
@@ -103,7 +103,7 @@ class MultiplierContact(NormalContact):
         node, before = pairs.node, self.active[pairs.node]
         # Decisions follow from multipliers, multipliers from decisions.
         lambda_N = self._balance(pairs, R, self.lambda_N[node], before, friction)
-        active, changes = self._set.update(pairs, before, lambda_N, iteration)
+        active, changes = self._set.update(node, pairs.excess[:, 0], before, lambda_N, iteration)
         lambda_N = np.where(active, lambda_N, 0.0)
         if changes:
             self.flips[node] += active != before

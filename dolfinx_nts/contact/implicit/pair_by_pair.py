@@ -5,7 +5,6 @@ Nodes that change again and again in one pair must not hold up those of another.
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple, cast
 
 from mpi4py import MPI
 
@@ -14,20 +13,12 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet, BlockPivoting
-from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["ActiveSets", "Pivoting"]
-
-
-class _Excess(NamedTuple):
-    """What an `ActiveSet` needs of the pairs of its nodes, see `PairKinematics`."""
-
-    node: Ints
-    excess: Floats
+__all__ = ["PairwiseActiveSets", "PairwisePivoting"]
 
 
 class _Parts:
@@ -58,7 +49,7 @@ class _Parts:
         return (slice(ends[i], ends[i + 1]) for i in self.near)
 
 
-class Pivoting:
+class PairwisePivoting:
     """Block pivoting of each pair, see `BlockPivoting`. Collective.
 
     Args:
@@ -86,7 +77,7 @@ class Pivoting:
         return flips, violators
 
 
-class ActiveSets:
+class PairwiseActiveSets:
     """Active set of each pair, see `ActiveSet`. Collective.
 
     Args:
@@ -110,15 +101,17 @@ class ActiveSets:
         self._each = [ActiveSet(pairs[i], law, parts[i], comm) for i in self._parts.near]
 
     def update(
-        self, pairs: PairKinematics, before: Flags, lambda_N: Floats, iteration: int
+        self, node: Ints, excess: Floats, before: Flags, lambda_N: Floats, iteration: int
     ) -> tuple[Flags, int]:
-        """Decide which pairs are active, see `ActiveSet.update`."""
+        """Decide which nodes are active, see `ActiveSet.update`.
+
+        ``node`` are positions among the nodes of all pairs, ascending, shape ``(m,)``.
+        """
         active, violators = before.copy(), 0
-        parts = zip(self._parts.near, self._each, self._parts.of(pairs.node), strict=True)
+        parts = zip(self._parts.near, self._each, self._parts.of(node), strict=True)
         for i, each, part in parts:
-            node = pairs.node[part] - self._parts.ends[i]
-            # An active set reads no more of the kinematics than this.
-            some = cast(PairKinematics, _Excess(node, pairs.excess[part]))
-            active[part], count = each.update(some, before[part], lambda_N[part], iteration)
+            own = node[part] - self._parts.ends[i]
+            values = excess[part], before[part], lambda_N[part]
+            active[part], count = each.update(own, *values, iteration)
             violators += count
         return active, violators

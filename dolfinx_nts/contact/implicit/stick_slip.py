@@ -10,7 +10,7 @@ from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
-from dolfinx_nts.contact.implicit.pair_by_pair import Pivoting
+from dolfinx_nts.contact.implicit.pair_by_pair import PairwisePivoting
 from dolfinx_nts.contact.joint_state import JointState, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
@@ -123,7 +123,7 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
         self._has_spring = state.pair.has_slip_spring
-        self._pivoting = Pivoting(state, search, waits=not self._has_spring)
+        self._pivoting = PairwisePivoting(state, search, waits=not self._has_spring)
         self._rounding = ROUNDING * stiffness * segment_sizes(state)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.

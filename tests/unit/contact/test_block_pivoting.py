@@ -46,8 +46,22 @@ def test_fewer_violators_than_ever_change_together_again(comm):
     assert np.array_equal(changes, violates)
 
 
-@pytest.mark.parametrize("matrices", [50])
-def test_random_complementarity_problems_are_solved(comm, matrices):
+def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(comm):
+    pivoting, ids = BlockPivoting(comm, waits=True), ids_of(comm)
+    first, other = ids % 4 < 2, ids % 4 >= 2
+    assert np.array_equal(pivoting.select(first, ids, 1)[0], first)
+    # As many violate again: those that have just changed wait, others change, and all are told.
+    changes, violators = pivoting.select(first, ids, 2)
+    assert not changes.any() and violators == 2
+    # Who has waited changes.
+    assert np.array_equal(pivoting.select(first, ids, 3)[0], first)
+    assert np.array_equal(pivoting.select(other | first, ids, 4)[0], other)
+    # Fewer violate: all change.
+    assert np.array_equal(pivoting.select(ids % 4 == 2, ids, 5)[0], ids % 4 == 2)
+
+
+@pytest.mark.parametrize(("matrices", "waits"), [(50, False), (50, True)])
+def test_random_complementarity_problems_are_solved(comm, matrices, waits):
     # 0 <= x, A x - b >= 0, x (A x - b) = 0 with a matrix all of whose
     # principal minors are positive; the linear systems are exact.
     rng = np.random.default_rng(3)
@@ -56,7 +70,7 @@ def test_random_complementarity_problems_are_solved(comm, matrices):
         A = rng.normal(size=(n, n))
         A = A @ A.T + 0.1 * np.eye(n) + 0.5 * (A - A.T)
         b = rng.normal(size=n)
-        active, pivoting = np.zeros(n, dtype=bool), BlockPivoting(comm)
+        active, pivoting = np.zeros(n, dtype=bool), BlockPivoting(comm, waits)
         mine = np.arange(n) % comm.size == comm.rank
         for iteration in range(2000):
             x = np.zeros(n)
