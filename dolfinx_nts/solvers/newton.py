@@ -30,6 +30,9 @@ _GIVEN_ITERATIONS = 6
 # Residual of a solution, relative to the forces at work [-]; and where the increments
 # have become negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
+# Residual, relative to the same, of an iterate that is near enough to the solution for the choice
+# of segments [-].
+_SETTLED = 1e-3
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
 # Longest increment that is trusted, relative to the smallest cell [-], and the number of longer
@@ -157,6 +160,7 @@ def solve(
     num_long = 0
     given = 0  # iterations after each other in which given displacements violate constraints
     balanced = True  # multipliers from the normal balance at the nodes
+    reprojects_early = not inertia
     free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
@@ -191,11 +195,14 @@ def solve(
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
+        # Without inertia nodes slide far, and their segments are known before the end.
+        settled = reprojects_early and iteration > 0 and not changed and norm <= _SETTLED * scale
         if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:
             converged = not violated
         elif converged and not free.settles():
             continue
-        elif converged and steps:
+        elif (converged or settled) and steps:
+            reprojects_early = reprojects_early and not settled
             moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
             if moved:  # this is the equilibrium on segments that nodes have left
                 changes += moved
