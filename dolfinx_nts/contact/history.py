@@ -8,9 +8,10 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
-__all__ = ["NEVER", "ContactHistory", "ContactWork", "without_friction"]
+__all__ = ["NEVER", "ContactHistory", "ContactWork", "begun_anew", "without_friction"]
 
-# Key of a node before its first step, which may begin with its spring loaded.
+# Key of a node without a segment whose displacement was set, as that at the start: its spring may
+# begin loaded.
 NEVER = -2
 
 
@@ -19,8 +20,7 @@ class ContactHistory:
     """Accepted contact of the owned nodes of a pair at t_n.
 
     Attributes:
-        key: Key of the segment of each node, -1 without one, -2 before the first step, shape
-            ``(n,)``.
+        key: Key of the segment of each node, -1 without one, or `NEVER`, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         sliding: Whether an active node slides, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
@@ -115,3 +115,8 @@ def without_friction(history: ContactHistory) -> ContactHistory:
     none = ContactHistory.none(len(history.key))
     names = ("sliding", "traction", "slip", "dissipation")
     return replace(history, **{name: getattr(none, name) for name in names})
+
+
+def begun_anew(history: ContactHistory) -> ContactHistory:
+    """Let springs of nodes without a segment begin loaded, where the nodes are now. Local."""
+    return replace(history, key=np.where(history.key < 0, NEVER, history.key))

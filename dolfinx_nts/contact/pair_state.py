@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.history import NEVER, ContactHistory
+from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
@@ -62,8 +62,7 @@ class PairState:
         # Least and greatest stiffness by name, once it has been chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
         self._history: ContactHistory | Callable[[], ContactHistory]
-        n = len(pair.nodes.nodes)
-        self._history = replace(ContactHistory.none(n), key=np.full(n, NEVER, dtype=np.int64))
+        self._history = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
         pair.attach(self)
 
     @property

@@ -19,6 +19,7 @@ from dolfinx_nts.common.arguments import as_call, instances, kind_of
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.history import begun_anew
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -279,6 +280,9 @@ class Stepper(TimeLoop):
         before = self.x if displaced and self.step > 0 and self._x_before is None else None
         super()._set(function, body, value)
         self._was_displaced |= displaced
+        if displaced:
+            for contact in self.contacts:
+                contact.accept(begun_anew(contact.history))
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:

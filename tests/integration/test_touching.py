@@ -36,11 +36,16 @@ def test_blocks_laid_upon_each_other_stay_upright_from_the_first_step(comm, rng)
         assert np.abs((centres() - start)[:, :2]).max() < NONE
 
 
-def test_springs_of_nodes_that_faced_nothing_before_bring_no_energy(comm):
+def pressed(comm):
+    """Return a stepper of a block that starts 5 mm inside another one, pressed by springs."""
     upper = box((0.3, 0.3, 0.2), (2, 2, 1)).at(-0.15, -0.15, 0.195).made(STONE, (0, 0, -0.1))
     lower = box((0.4, 0.4, 0.2), (2, 2, 1)).at(-0.2, -0.2, 0.0).made(STONE)
     touch = Touch("upper.bottom", "lower.top", {"enforcement": nts.Penalty()})
-    stepper = World(comm, {"upper": upper, "lower": lower}).stepper([touch], 1e-4)
+    return World(comm, {"upper": upper, "lower": lower}).stepper([touch], 1e-4)
+
+
+def test_springs_of_nodes_that_faced_nothing_before_bring_no_energy(comm):
+    stepper = pressed(comm)
     # As of nodes that come around an edge: they begin inside, and the last step saw them nowhere.
     stepper.contacts[0].history.key[:] = -1
     diagnostics = nts.Diagnostics(stepper)
@@ -55,3 +60,21 @@ def test_springs_of_nodes_that_faced_nothing_before_bring_no_energy(comm):
     assert diagnostics.active_nodes() > 0
     # Springs that began on the surface would store 74 J there.
     assert abs(energy() - start) < 1e-10 * start
+
+
+def test_springs_push_apart_what_was_set_to_overlap(comm):
+    """At the start and between steps, as the log says."""
+    for number in range(2):
+        stepper = pressed(comm)
+        upper = stepper.bodies[0]
+        if number:
+            stepper.set_displacement(upper, (0.0, 0.0, 0.5))
+            stepper.advance()
+            stepper.set_displacement(upper, (0.0, 0.0, 0.0))
+            stepper.set_velocity(upper, (0.0, 0.0, -0.1))
+        for _ in range(10):
+            stepper.advance()
+        diagnostics = nts.Diagnostics(stepper)
+        assert diagnostics.active_nodes() > 0
+        assert diagnostics.contact_force()[2] > 1e3
+        assert diagnostics.body_velocity(upper)[2] > 0.1
