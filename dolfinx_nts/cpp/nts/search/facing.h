@@ -225,7 +225,8 @@ public:
     {
       _in_front_by = p.gap;
       _normal = p.normal;
-      // Sides of two bodies that lie in one plane, and bulge, hide no rim.
+      // Sides of two bodies that lie in one plane, and bulge by no more than
+      // nodes may overhang, hide no rim.
       _hides_from = _surface.size(i)
                     * (_directions->looks_along(p.normal, FacingRule::away)
                            ? LocalSearchRule::overhang
