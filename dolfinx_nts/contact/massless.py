@@ -46,8 +46,8 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
     damped = ", ".join(name for name, law in laws.items() if law.is_damped or law.branches)
     if damped:
         raise ValueError(
-            f"expected bodies without damping or viscous branches with impact 'resolved', given {damped}: "
-            "'elastic' or 'plastic' impact can do this"
+            "expected bodies without damping or viscous branches with impact 'resolved', given "
+            f"{damped}: 'elastic' or 'plastic' impact can do this"
         )
     for pair in pairs:
         sides = [pair.segments] if is_resolved(pair) else [pair.nodes, pair.segments]
