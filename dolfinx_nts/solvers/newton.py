@@ -203,8 +203,10 @@ def solve(
             continue
         elif (converged or settled) and steps:
             reprojects_early = reprojects_early and not settled
-            moved = reductions.total(bulk.comm, sum(step.reproject() for step in steps))
-            if moved:  # this is the equilibrium on segments that nodes have left
+            # Points of whole facets are laid anew in equilibrium only.
+            these = [step for step in steps if converged or step.search.pairing.follows]
+            moved = reductions.total(bulk.comm, sum(step.reproject() for step in these))
+            if moved:  # this is, or nearly so, the equilibrium on segments that nodes have left
                 changes += moved
                 norms.pop()
                 continue
