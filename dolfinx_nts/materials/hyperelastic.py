@@ -61,14 +61,14 @@ class Hyperelastic(StrainEnergy):
             in which it must be linear, have one point; ``()`` for none, as in the paper. Energy is
             conserved with every choice, because every point has an energy and a conserving stress
             of its own.
-        branches: Pairs of a share [-] and a relaxation time [s], each a viscous branch beside
-            the energy, see `Branch`: the stress of a sudden change of shape is 1 plus the sum of
-            the shares times that of ``psi``, and relaxes to it.
+        branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with
+            a dashpot beside the energy: the stress of a sudden change of shape is 1 plus the sum
+            of the shares times that of ``psi``, and relaxes to it.
         **parameters: Numbers that ``psi`` takes by keyword.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
-        branches: The viscous branches, a tuple of `Branch`.
+        branches: A tuple of named tuples with ``share`` [-] and ``relaxation_time`` [s].
         is_sheet: Whether there is no stress along z, see `PlaneStress`.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
