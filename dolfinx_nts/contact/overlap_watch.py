@@ -54,10 +54,13 @@ class OverlapWatch:
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
-        # By how much any two may have come nearer since the last look, up to which that none is
-        # due, and where and when it was.
-        self._way, self._free_way, self._step = 0.0, 0.0, 0.0
+        # Where and when the last look was, whether anything has moved since, and by how much each
+        # two may come nearer from there until another is due, see `OverlapSearch.approach`.
         self._seen: tuple[Floats, float] = np.empty((0, 3)), 0.0
+        self._moved = False
+        self._ways: Floats = np.zeros((1, 1))
+        # By how much any two may still come nearer, and may have done so in the last step.
+        self._room, self._step = 0.0, 0.0
 
     @cached_property
     def search(self) -> OverlapSearch:
@@ -72,22 +75,22 @@ class OverlapWatch:
         return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
 
     @cached_property
-    def _way_through(self) -> float:
-        """Least motion that any two of a pair need to pass through each other [m].
+    def _way_through(self) -> Floats:
+        """Motion that two boundaries need to pass through each other, shape ``(g, g)`` [m].
 
-        It is 0 where a pair is between parts of one boundary.
+        It is infinite where no pair names the two, and 0 where one is between parts of one.
         """
         names, walls = self.search.names, self.search.walls
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
-        least = np.inf
+        ways = np.full((len(names), len(names)), np.inf)
         for contact, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
-                        least = min(least, walls[i] + walls[j])
+                        ways[i, j] = walls[i] + walls[j]
                     elif contact.nodes != contact.segments:
-                        least = 0.0
-        return least
+                        ways[i, i] = 0.0
+        return ways
 
     def start(self, x: Floats, t: float) -> None:
         """Look at a state that was set, and tell what overlaps.
@@ -107,15 +110,18 @@ class OverlapWatch:
             way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
         """
         self._step = 2 * way
-        self._way += self._step
-        return self._way + self._step > self._free_way
+        self._room -= self._step
+        self._moved = self._moved or way > 0
+        return self._room < self._step
 
     def follow(self, x: Floats, t: float) -> None:
         """Look if bodies have indeed moved far since the last look, see `look`."""
         # The sum of steps is a crude bound, as most nodes move the same way.
-        self._way = self.search.approach(x, t, *self._seen)
-        if self._way + self._step > _USED * self._free_way:
+        nearer = self.search.approach(x, t, *self._seen)
+        if np.any(nearer + self._step > _USED * self._ways):
             self.look(x, t)
+        else:
+            self._room = float((self._ways - nearer).min())
 
     def look(self, x: Floats, t: float) -> None:
         """Look at the state at the time t [s] if anything has moved, and tell what is new.
@@ -124,7 +130,7 @@ class OverlapWatch:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             t: Time [s].
         """
-        if self._way == 0:
+        if not self._moved:
             return
         for overlap, names in self._new(x, t, _IN_RUN):
             self._known[names] = np.inf, np.inf
@@ -135,10 +141,12 @@ class OverlapWatch:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         thick, new = self.search.cells, []
         overlaps, apart = self.search.find(x, part * float(thick.min()), t)
+        apart = np.maximum(apart, 0.0)
         # Two bodies need as much to pass through each other, even if each is one cell thick.
-        ways = np.maximum(apart, thick[:, None] + thick)
-        self._way, self._free_way, self._seen = 0.0, float(ways.min()), (x, t)
-        least = self._way_through
+        self._ways = apart + (thick[:, None] + thick)
+        self._seen, self._moved, self._room = (x, t), False, float(self._ways.min())
+        np.fill_diagonal(apart, 0.0)
+        least = float((apart + self._way_through).min())
         obstacles = self.search.obstacles
         if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
             self._clear(x, least)

@@ -84,11 +84,6 @@ class ReversePassages:
         """
         self._last = _Look(x, 0.0, max(room, self._shortest))
 
-    def is_due(self, moved: float) -> bool:
-        """Whether vertices may pass in a step in which no node moves more than given [m]. Local."""
-        last = self._last
-        return bool(self._sweeps) and (last.x is None or last.way + 2 * moved > last.room)
-
     def check(self, x_n: Floats, x: Floats, moved: float) -> str:
         """Say which vertices come out on another side in a step, or "".
 
@@ -118,10 +113,18 @@ class ReversePassages:
         """Go on from the step that was checked. Local."""
         self._last = self._checked
 
-    def travel(self, moved: float) -> None:
-        """Go on from a step for which no look was due, see `is_due`. Local."""
+    def travel(self, moved: float) -> bool:
+        """Go on if no vertex can pass in a step, as no node moves more than given [m]. Local.
+
+        Returns:
+            Whether that is so; otherwise the step has to be checked.
+        """
         x, way, room = self._last
-        self._last = _Look(x, way + 2 * moved, room)
+        way += 2 * moved
+        if self._sweeps and (x is None or way > room):
+            return False
+        self._last = _Look(x, way, room)
+        return True
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last look."""

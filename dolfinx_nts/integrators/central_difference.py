@@ -400,8 +400,7 @@ class CentralDifference(Stepper):
             for springs, way in zip(self._springs, ways, strict=True)
             if 2 * way > springs.shortest_passage
         ]
-        if not (fast or self.watch.vertices.is_due(moved)):
-            self.watch.vertices.travel(moved)
+        if not fast and self.watch.vertices.travel(moved):
             return
         x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))
         reasons = (springs.passing(x_n, x, way, self.dt) for springs, way in fast)

@@ -50,13 +50,21 @@ class Insides:
         """Go on at other positions of the local nodes, shape ``(l, 3)`` [m]. Collective."""
         self._kernels.move(self._in_space(x))
         # Least and greatest coordinates of all nodes, shape (2, g, 3) [m].
-        self._boxes = reductions.least(self._comm, self._kernels.extents()) * _SIGNS
+        self._boxes = self._extremes(self._kernels.extents())
 
-    def moved(self, x: Floats, before: Floats) -> Floats:
-        """Longest way of a node of each boundary between two states, ``(g,)`` [m]. Collective."""
-        return reductions.largest(
-            self._comm, self._kernels.farthest(*map(self._in_space, (x, before)))
-        )
+    def displacements(self, x: Floats, before: Floats) -> Floats:
+        """Find how the nodes have moved between two states. Collective.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            before: Former ones.
+
+        Returns:
+            Least and greatest components of the displacements of the nodes of each boundary,
+            shape ``(2, g, 3)`` [m].
+        """
+        both = map(self._in_space, (x, before))
+        return self._extremes(self._kernels.displacements(*both))
 
     def meetings(self, touch: Floats) -> tuple[Floats, Ints, Floats, Floats]:
         """Find where points of one boundary may be inside another. Local.
@@ -115,6 +123,11 @@ class Insides:
         way, place = self._kernels.cuts(ways, where)
         way, place = joined(self._comm, way), joined(self._comm, place)
         return _kernels.parts_of_ways(ways, way, place)
+
+    def _extremes(self, least: Floats) -> Floats:
+        """Least and greatest values of all ranks, from those of a rank, greatest negative."""
+        extremes: Floats = reductions.least(self._comm, least) * _SIGNS
+        return extremes
 
     def _in_space(self, x: Floats) -> Floats:
         """Positions of the vertices of triangles, shape ``(l, 3)``, or of walls ``(2 l, 3)``."""

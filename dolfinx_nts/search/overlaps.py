@@ -111,17 +111,27 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine)
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
-    def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> float:
-        """Bound on how much any two, of which one may be an obstacle, have come nearer [m].
+    def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> Floats:
+        """Bound on how much boundaries have come nearer to each other. Collective.
 
-        ``before`` are the positions at ``t_before`` from which the motion counts, ``x`` and ``t``
-        are as of `find`. Collective.
+        Args:
+            x: Positions as of `find`.
+            t: Time [s].
+            before: Positions from which the motion counts.
+            t_before: Time at which these were [s].
+
+        Returns:
+            The bound for each two of the ``g`` boundaries, shape ``(g, g)`` [m], and on the
+            diagonal how much each has come nearer to an obstacle. The same on all ranks.
         """
-        moved = self._insides.moved
-        moving = [obstacle for obstacle in self._obstacles if not obstacle.motion.is_rest]
-        frames = [o.motion.frame(t_before, t, o.dim) for o in moving]
-        on_obstacles = [moved(f.at_end(x), f.at_start(before)).max() for f in frames]
-        return float(max([np.sort(moved(x, before))[-2:].sum(), *on_obstacles]))
+        displacements = self._insides.displacements
+        least, greatest = displacements(x, before)
+        nearer = _norms(np.maximum(greatest[:, None] - least, greatest - least[:, None]))
+        frames = [o.motion.frame(t_before, t, o.dim) for o in self._obstacles]
+        in_frames = [displacements(f.at_end(x), f.at_start(before)) for f in frames]
+        ways = [_norms(np.maximum(-least, greatest)) for least, greatest in in_frames]
+        np.fill_diagonal(nearer, np.max(ways, axis=0, initial=0.0) if ways else 0.0)
+        return nearer
 
     def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
@@ -233,6 +243,12 @@ def _names(obstacles: Sequence[Obstacle]) -> list[str]:
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"
         for i, kind in enumerate(kinds)
     ]
+
+
+def _norms(vectors: Floats) -> Floats:
+    """Norms of vectors, of the shape without the last axis."""
+    norms: Floats = np.sqrt((vectors**2).sum(axis=-1))
+    return norms
 
 
 def _centres(x: Floats, cells: Ints) -> Floats:

@@ -12,14 +12,31 @@ namespace
 {
 using Rows = In<std::int32_t>;
 
+/// @brief Least coordinates of n boxes, and negative greatest ones, (2, n, 3).
+template <class BoxOf>
+auto corners(std::size_t n, BoxOf&& box_of)
+{
+  auto least = create<double>({2, n, 3});
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    const Box box = box_of(i);
+    for (std::size_t c = 0; c < 3; ++c)
+    {
+      least.data()[3 * i + c] = box.lower[c];
+      least.data()[3 * (n + i) + c] = -box.upper[c];
+    }
+  }
+  return least;
+}
+
 /// @brief Boundaries that move, by arrays that are not copied, and a tree over
-/// each, which is made or moved when it is asked.
+/// each, which is made at the first positions and moved when it is asked.
 class MovingBoundaries
 {
 public:
   MovingBoundaries(std::vector<Rows> nodes, std::vector<Rows> triangles)
       : _nodes(std::move(nodes)), _triangles(std::move(triangles)),
-        _boundaries(_nodes.size()), _moved(_nodes.size(), true)
+        _moved(_nodes.size())
   {
     if (_triangles.size() != _nodes.size())
       throw nb::value_error("triangles: expected as many arrays as nodes");
@@ -41,34 +58,31 @@ public:
   {
     check_positions("x", x);
     _x = std::move(x);
-    _moved.assign(_nodes.size(), true);
+    _moved.assign(_nodes.size(), !_boundaries.empty());
+    if (_boundaries.empty())
+      for (const Rows& triangles : _triangles)
+        _boundaries.emplace_back(positions(), view(triangles));
   }
 
   auto extents() const
   {
-    const std::size_t n = _nodes.size();
-    auto least = create<double>({2, n, 3});
-    for (std::size_t i = 0; i < n; ++i)
-    {
-      const Box box = bounds(positions(), view(_nodes[i]));
-      for (std::size_t c = 0; c < 3; ++c)
-      {
-        least.data()[3 * i + c] = box.lower[c];
-        least.data()[3 * (n + i) + c] = -box.upper[c];
-      }
-    }
-    return least;
+    return corners(_nodes.size(), [&](std::size_t i)
+                   { return bounds(positions(), view(_nodes[i])); });
   }
 
-  auto farthest(const Doubles& x, const Doubles& before) const
+  auto displacements(const Doubles& x, const Doubles& before) const
   {
     check_positions("x", x);
     check_positions("before", before);
-    auto distance = create<double>({_nodes.size()});
-    for (std::size_t i = 0; i < _nodes.size(); ++i)
-      distance.data()[i]
-          = nts::farthest(view(x), view(before), view(_nodes[i]));
-    return distance;
+    return corners(_nodes.size(),
+                   [&](std::size_t i)
+                   {
+                     Box box;
+                     for (const std::int32_t row : view(_nodes[i]))
+                       box.include(vector(view(x), row)
+                                   - vector(view(before), row));
+                     return box;
+                   });
   }
 
   /// @brief Which boxes overlap, in both orders, where, and how far all are
@@ -171,13 +185,11 @@ private:
   /// @brief The boundary with this number, where it is now.
   const Boundary& at(std::size_t number)
   {
-    std::optional<Boundary>& boundary = _boundaries[number];
-    if (!boundary)
-      boundary.emplace(positions(), view(_triangles[number]));
-    else if (_moved[number])
-      boundary->move(positions());
+    const std::span<const double> x = positions();
+    if (_moved[number])
+      _boundaries[number].move(x);
     _moved[number] = false;
-    return *boundary;
+    return _boundaries[number];
   }
 
   void check_positions(const char* name, const Doubles& x) const
@@ -196,7 +208,7 @@ private:
   }
 
   std::vector<Rows> _nodes, _triangles;
-  std::vector<std::optional<Boundary>> _boundaries;
+  std::vector<Boundary> _boundaries;
   std::vector<bool> _moved;
   std::size_t _num_rows = 0;
   std::optional<Doubles> _x;
@@ -285,10 +297,10 @@ void boundary(nb::module_& m)
            "those two that overlap by more than a touch, in both orders "
            "(p, 2); that touch (p,); and boxes around all that may be deeper "
            "in the second (p, 2, 3)")
-      .def("farthest", &MovingBoundaries::farthest, nb::arg("x"),
+      .def("displacements", &MovingBoundaries::displacements, nb::arg("x"),
            nb::arg("before"),
-           "(l, 3), (l, 3) -> largest distance between both of the nodes of "
-           "each boundary (g,), NaN if one is")
+           "(l, 3), (l, 3) -> least coordinates and negative greatest ones of "
+           "the displacements of the nodes (2, g, 3)")
       .def("crossings", &MovingBoundaries::crossings, nb::arg("points"),
            nb::arg("where"), nb::arg("boxes"),
            "(n, 3), (n,) numbers of boundaries, (2, g, 3) corners of boxes "

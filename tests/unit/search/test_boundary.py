@@ -221,7 +221,10 @@ def test_boundaries_are_where_they_have_moved():
     np.testing.assert_allclose(boundaries.winding(points, where), [0, 1], atol=ROUNDING)
     np.testing.assert_array_equal(boundaries.extents()[0], [[2, 0, 0], [5, 5, 5]])
     np.testing.assert_array_equal(-boundaries.extents()[1], [[3, 1, 1], [6, 6, 6]])
-    np.testing.assert_array_equal(boundaries.farthest(moved, x), [2, 0])
+    moved[-1] -= 1.0
+    least, negative_greatest = boundaries.displacements(moved, x)
+    np.testing.assert_array_equal(least, [[2, 0, 0], [-1, -1, -1]])
+    np.testing.assert_array_equal(-negative_greatest, [[2, 0, 0], [0, 0, 0]])
 
 
 def test_wrong_arguments_are_refused():

@@ -79,6 +79,22 @@ def test_bodies_that_touch_or_are_apart_do_not_overlap(comm, gap):
     np.testing.assert_allclose(apart, [[np.inf, gap], [gap, np.inf]], atol=ROUNDING)
 
 
+def test_bodies_that_move_alike_come_no_nearer_to_each_other(comm):
+    bodies = bodies_of(comm, LOWER, UPPER)
+    rising = nts.Motion(lambda t: (0.0, 0.0, 3.0 * t))
+    search = OverlapSearch(bodies, [nts.RigidPlane((0, 0, -1), (0, 0, 1)).moving(rising)])
+    x = bodies[0].V.tabulate_dof_coordinates()
+    search.find(x)
+    way = np.array([0.3, 0.0, -0.4])
+    alike, alone = x + way, x.copy()
+    alone[bodies[1].nodes] += way
+    own = np.hypot(0.3, 0.7)  # with regard to the floor
+    np.testing.assert_allclose(
+        search.approach(alike, 0.1, x, 0.0), np.diag([own, own]), atol=ROUNDING
+    )
+    np.testing.assert_allclose(search.approach(alone, 0.1, x, 0.0), [[0.3, 0.5], [0.5, own]])
+
+
 @cells_
 def test_a_ball_in_a_box_is_deep_as_its_deepest_node(comm, cell):
     ball = partial(
