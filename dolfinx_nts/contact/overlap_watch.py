@@ -22,9 +22,10 @@ _logger = logging.getLogger("dolfinx_nts")
 # Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
 # surfaces overlap by less, and by which a run makes overlaps deeper.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Part of such motion [-] after which there is a look, as the motion of all nodes would have to be
+# Part of a cell of each [-] by which two bodies that touch may come nearer until there is a look,
+# and part of such motion after which there is one, as the motion of all nodes would have to be
 # measured in each of the next steps.
-_USED = 0.9
+_UNSEEN, _USED = 0.7, 0.9
 
 
 class OverlapWatch:
@@ -142,8 +143,8 @@ class OverlapWatch:
         thick, new = self.search.cells, []
         overlaps, apart = self.search.find(x, part * float(thick.min()), t)
         apart = np.maximum(apart, 0.0)
-        # Two bodies need as much to pass through each other, even if each is one cell thick.
-        self._ways = apart + (thick[:, None] + thick)
+        # Two bodies need more to pass through each other, even if each is one cell thick.
+        self._ways = apart + _UNSEEN * (thick[:, None] + thick)
         self._seen, self._moved, self._room = (x, t), False, float(self._ways.min())
         np.fill_diagonal(apart, 0.0)
         least = float((apart + self._way_through).min())
