@@ -201,7 +201,7 @@ def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
 
 
 @pytest.mark.serial
-def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_most_of_their_cells(comm, monkeypatch):
+def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, monkeypatch):
     """The cube slides over the plate; clean looks prove that no vertex has passed a node."""
     scene = Scene(comm, height=0.0)
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom), dt=0.005)
