@@ -300,8 +300,8 @@ class ImplicitStepper(Stepper):
         advice = self._free_bodies.advice() or self._time_helps()
         if names := redundant(self.bodies, self.pairs):
             reasons += (
-                f"; forces of points that stick between rigid bodies are not unique: springs, as "
-                f"Penalty(eps_N=), between {names} make them so"
+                f"; forces of points of rigid bodies that touch at once are not unique: springs, "
+                f"as Penalty(eps_N=), between {names} make them so"
             )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
         if sunk or "contact holds" in advice:

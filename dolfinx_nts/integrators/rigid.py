@@ -186,9 +186,10 @@ def contact_stiffness(
 
 
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
-    """Name pairs in which forces of points that stick are not unique, or "". Collective.
+    """Name pairs in which forces of points that touch at once are not unique, or "". Collective.
 
-    These are pairs with friction by multipliers of rigid bodies with each other or with obstacles.
+    These are pairs of rigid bodies with each other or with obstacles, by multipliers with friction
+    or with a coefficient of restitution, by which each point has a gap of its own to hold.
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -199,8 +200,11 @@ def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
     for pair in pairs:
         surfaces = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
         inside = all(bool(np.isin(side.nodes, nodes).all()) for side in surfaces)
-        sticks = pair.friction is not None and isinstance(pair.enforcement, LagrangeMultiplier)
-        if reductions.everywhere(comm, inside) and sticks:
+        law = pair.enforcement
+        too_many = isinstance(law, LagrangeMultiplier) and (
+            pair.friction is not None or law.impact == "restitution"
+        )
+        if reductions.everywhere(comm, inside) and too_many:
             names.append(pair.between)
     return "; ".join(names)
 

@@ -1,7 +1,8 @@
 """Sleeping bodies, on which nothing acts, so that a step can leave them out.
 
 A body sleeps in a step if it does not move, is in equilibrium, carries no load, its supports do
-not move, and no contact can reach it.
+not move, and no contact can reach it. Bodies that share nodes sleep only together: what moves
+one of them moves the others at these nodes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -27,6 +29,9 @@ __all__ = ["SleepingBodies"]
 # Displacement, relative to the size of the smallest cell [-], by which a sleeping body may miss
 # its equilibrium: some fifty times the machine epsilon.
 _ROUNDING = 1e-14
+
+# Bodies that share nodes.
+_Group = tuple[Body, ...]
 
 
 class SleepingBodies:
@@ -60,28 +65,38 @@ class SleepingBodies:
         # What nodes of rigid bodies are given is up to the motion of these. Stress that relaxes
         # does not stay in equilibrium.
         self._bulk = bulk
-        self._all = tuple(b for b in bodies if not (b.is_rigid or b.material.branches))
+        self._groups = [
+            tuple(group)
+            for group in connected(bodies)
+            if not any(body.is_rigid or body.material.branches for body in group)
+        ]
         self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
-        self._nodes: dict[Body, Ints] = {
-            body: body.nodes[body.nodes < num_owned] for body in bodies
-        }
+        self._nodes: dict[_Group, Ints] = {}
+        for group in self._groups:
+            nodes = np.unique(np.concatenate([body.nodes for body in group]))
+            self._nodes[group] = nodes[nodes < num_owned]
 
-        def belongs(surface: Surface, body: Body) -> bool:
-            inside = np.isin(surface.nodes, self._nodes[body])
+        def belongs(surface: Surface, group: _Group) -> bool:
+            inside = np.isin(surface.nodes, self._nodes[group])
             return reductions.anywhere(comm, bool(inside.any()))
 
-        # A list, because all ranks must ask all loads: some answer collectively.
-        self._loaded = {b for b in bodies if any([load.acts_on(b) for load in loads])}
-        self._pairs: Mapping[Body, list[int]] = {
-            body: [
+        # Lists, because all ranks must ask all loads: some answer collectively.
+        self._loaded = {
+            group
+            for group in self._groups
+            if any([load.acts_on(body) for load in loads for body in group])
+        }
+        self._pairs: Mapping[_Group, list[int]] = {
+            group: [
                 i
                 for i, pair in enumerate(chain(*map(members, states)))
                 for surface in (pair.nodes, pair.segments)
-                if isinstance(surface, Surface) and belongs(surface, body)
+                if isinstance(surface, Surface) and belongs(surface, group)
             ]
-            for body in bodies
+            for group in self._groups
         }
+        self._asleep: frozenset[_Group] = frozenset()
         self.bodies: frozenset[Body] = frozenset()
         self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
 
@@ -100,34 +115,34 @@ class SleepingBodies:
             for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
         may_touch = [flag for step in steps for flag in _may_touch(step)]
-        for body in self._all:
-            nodes = self._nodes[body]
+        for group in self._groups:
+            nodes = self._nodes[group]
             moves = np.any(v[nodes]) or np.any(moved[nodes])
-            touched = any(may_touch[i] for i in self._pairs[body])
-            still = not (moves or touched or body in self._loaded)
+            touched = any(may_touch[i] for i in self._pairs[group])
+            still = not (moves or touched or group in self._loaded)
             # Its displacement may have been set since its equilibrium was checked.
-            known = body in self.bodies and not np.any(displaced[nodes])
+            known = group in self._asleep and not np.any(displaced[nodes])
             flags.append((still, known))
         counts = reductions.total(comm, np.array(flags, dtype=np.int64)) == comm.size
-        states = zip(self._all, counts.tolist(), strict=True)
-        candidates = {body: known for body, (still, known) in states if still}
-        if new := [body for body, known in candidates.items() if not known]:
+        states = zip(self._groups, counts.tolist(), strict=True)
+        candidates = {group: known for group, (still, known) in states if still}
+        if new := [group for group, known in candidates.items() if not known]:
             self._wake_all()
             balanced = self._balanced(new, u_n)
-            candidates = {b: known for b, known in candidates.items() if known or b in balanced}
+            candidates = {g: known for g, known in candidates.items() if known or g in balanced}
         self._u_n[:] = u_n
         self._leave_out(frozenset(candidates))
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
         """Wake all bodies if contact has reached one after all; returns whether it has."""
         touched = [flag for step in steps for flag in step.touched]
-        reached = any(touched[i] for body in self.bodies for i in self._pairs[body])
+        reached = any(touched[i] for group in self._asleep for i in self._pairs[group])
         if reached:
             self._wake_all()
         return reached
 
-    def _balanced(self, bodies: Sequence[Body], u_n: Floats) -> set[Body]:
-        """Those of some bodies that are in equilibrium where they are."""
+    def _balanced(self, groups: Sequence[_Group], u_n: Floats) -> set[_Group]:
+        """Those of some groups that are in equilibrium where they are."""
         bulk = self._bulk
         u = bulk.u.x.array
         before = u.copy()
@@ -136,22 +151,21 @@ class SleepingBodies:
         R = np.abs(bulk.forces().reshape(-1, dimension(bulk.u.function_space)))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
-        bad = [np.count_nonzero(~(R <= limit)[self._nodes[body]]) for body in bodies]
-        return {
-            body for body, n in zip(bodies, reductions.total(bulk.comm, bad), strict=True) if not n
-        }
+        bad = [np.count_nonzero(~(R <= limit)[self._nodes[group]]) for group in groups]
+        counts = reductions.total(bulk.comm, bad)
+        return {group for group, n in zip(groups, counts, strict=True) if not n}
 
     def _wake_all(self) -> None:
         self._leave_out(frozenset())
 
-    def _leave_out(self, bodies: frozenset[Body]) -> None:
-        if bodies == self.bodies:
+    def _leave_out(self, groups: frozenset[_Group]) -> None:
+        if groups == self._asleep:
             return
-        self.bodies = bodies
+        self._asleep, self.bodies = groups, frozenset(chain(*groups))
         none = np.empty(0, dtype=np.int32)
-        cells = np.concatenate([none, *(body.cells for body in bodies)])
-        nodes = np.concatenate([none, *(self._nodes[body] for body in bodies)])
-        self._bulk.leave_out(cells, np.unique(nodes))
+        cells = np.concatenate([none, *(body.cells for body in self.bodies)])
+        nodes = np.concatenate([none, *(self._nodes[group] for group in groups)])
+        self._bulk.leave_out(cells, nodes)
 
 
 def _may_touch(step: ContactStep) -> list[bool]:

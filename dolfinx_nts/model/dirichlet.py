@@ -72,8 +72,9 @@ class Supports:
         self._number: Ints = np.asarray(number, dtype=np.int32)
 
     def warn_of_empty(self) -> None:
-        """Warn of conditions without dofs, as those of a function that holds nowhere have none."""
-        flags = np.array([len(bc.dof_indices()[0]) > 0 for bc in self.conditions], dtype=bool)
+        """Warn of given conditions without dofs, as those of a function that holds nowhere."""
+        given = self.conditions[: len(self)]
+        flags = np.array([len(bc.dof_indices()[0]) > 0 for bc in given], dtype=bool)
         for i, holds in enumerate(reductions.anywhere(self._comm, flags)):
             if not holds and self._comm.rank == 0:
                 _logger.warning(

@@ -294,6 +294,16 @@ def test_a_mesh_becomes_axisymmetric_before_all_else():
         nts.axisymmetric(domain)
 
 
+def test_nothing_is_told_of_an_axis_that_rings_do_not_reach(caplog):
+    domain = square(low=0.5)
+    nts.axisymmetric(domain)
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    numbers = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    cells = mesh.meshtags(domain, 2, numbers, np.ones_like(numbers))
+    nts.QuasiStatic([nts.Body(V, cells, 1, nts.NeoHookean(**RUBBER))], dt=1.0)
+    assert not caplog.records
+
+
 def test_the_axis_is_no_surface():
     domain = square()
     nts.axisymmetric(domain)

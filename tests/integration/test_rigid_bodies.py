@@ -158,7 +158,12 @@ def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
 @pytest.mark.serial
 @pytest.mark.parametrize(
     ("enforcement", "friction", "told"),
-    [(None, STICK, True), (None, None, False), (nts.Penalty(), STICK, False)],
+    [
+        (None, STICK, True),
+        (None, None, False),
+        (nts.LagrangeMultiplier("restitution", e=0.5), None, True),
+        (nts.Penalty(), STICK, False),
+    ],
 )
 def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, told):
     stepper = falling(comm, 0.0, friction, enforcement)

@@ -95,6 +95,37 @@ def test_what_moves_a_body_wakes_it(comm, reason):
     assert stepper.advance().num_sleeping == (1 if reason == "nothing" else 0)
 
 
+@pytest.mark.parametrize("struck", ["elastic", "rigid"])
+def test_bodies_that_share_nodes_sleep_together(comm, struck):
+    data = scenes.boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
+    falling = np.unique(data.cells[data.body == 1])
+    data.X[falling] += [0.27, 0.36, 1.21]
+    data.body[data.X[data.cells].mean(axis=1)[:, 2] < 0.6] = 2
+    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e3, 0.3, 10.0)
+    block, base = (nts.Body(V, cells, tag[f"body {i}"], rubber) for i in (1, 2))
+    if struck == "rigid":
+        top = nts.RigidBody(V, cells, tag["body 0"], 10.0)
+    else:
+        top = nts.Body(V, cells, tag["body 0"], rubber)
+    surfaces = (nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0"))
+    stepper = nts.EnergyMomentum([block, top, base], [nts.ContactPair(*surfaces)], dt=0.005)
+    stepper.set_velocity(block, (0.3, 0.1, -1.0))
+    diagnostics, sleeping, active = nts.Diagnostics(stepper), [], []
+    start = diagnostics.balance()
+    for step in stepper.run(until=0.04):
+        now = diagnostics.balance()
+        np.testing.assert_allclose(now.linear_momentum, start.linear_momentum, atol=1e-12)
+        np.testing.assert_allclose(now.angular_momentum, start.angular_momentum, atol=1e-12)
+        assert now.total_energy == pytest.approx(start.total_energy, rel=1e-11)
+        sleeping.append(step.num_sleeping)
+        active.append(step.num_active)
+    # All of the column, or nothing of it.
+    assert sleeping[0] == (0 if struck == "rigid" else 2) and set(sleeping) <= {0, 2}
+    assert max(active) > 0
+
+
 def test_body_that_is_not_in_equilibrium_is_no_body_at_rest(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]

@@ -213,7 +213,7 @@ def test_force_and_tangent_rotate_with_both_states(implementation, k, orientatio
 @segments
 @signs
 @schemes
-@pytest.mark.parametrize("unit", [1e-3, 1e3])
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e3, 1e9])
 def test_force_does_not_depend_on_the_unit_of_length(implementation, k, orientation, scheme, unit):
     x_n, x, signs = steps(k, orientation, 13)
     _, _, force, _, tangent, *_ = getattr(implementation, scheme)(x_n, x, signs)

@@ -94,15 +94,16 @@ constexpr Matrix<2, 2> inverse(const Matrix<2, 2>& A) noexcept
 /// @brief Solve A X = B in place by LU with partial pivoting.
 /// @param[in,out] A Overwritten by its factors.
 /// @param[in,out] B Right-hand sides, overwritten by X.
-/// @return False if a pivot vanishes relative to the largest entry of A.
+/// @return False if a pivot vanishes relative to the largest entry of its
+/// column: unknowns may have units of their own.
 template <std::size_t N, std::size_t M>
 bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
 {
-  constexpr double singular = 1e-15; // pivot relative to the largest entry
-  double largest = 0;
+  constexpr double singular = 1e-15; // pivot relative to its column
+  std::array<double, N> largest = {};
   for (const auto& row : A)
-    for (const double entry : row)
-      largest = std::max(largest, std::abs(entry));
+    for (std::size_t j = 0; j < N; ++j)
+      largest[j] = std::max(largest[j], std::abs(row[j]));
 
   for (std::size_t k = 0; k < N; ++k)
   {
@@ -110,7 +111,7 @@ bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
     for (std::size_t i = k + 1; i < N; ++i)
       if (std::abs(A[i][k]) > std::abs(A[pivot][k]))
         pivot = i;
-    if (!(std::abs(A[pivot][k]) > singular * largest))
+    if (!(std::abs(A[pivot][k]) > singular * largest[k]))
       return false;
     std::swap(A[k], A[pivot]);
     std::swap(B[k], B[pivot]);
