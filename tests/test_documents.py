@@ -168,7 +168,9 @@ def test_per_cents_in_the_text_are_those_of_a_table():
 def test_version_is_the_same_everywhere():
     assert f"version: {nts.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"version: {nts.__version__}" in (ROOT / "packaging/conda/recipe.yaml").read_text()
-    assert f"## [{nts.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+    dated = re.search(r"^date-released: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert dated
+    assert f"## [{nts.__version__}] - {dated[1]}" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_shell_blocks_of_the_cluster_page_are_scripts():
