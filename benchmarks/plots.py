@@ -10,6 +10,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from benchmarks.references import FINE_MESH
 
@@ -131,7 +132,8 @@ def _slopes(axes: Any, rows: Rows, orders: Sequence[int]) -> None:
     for order in orders:
         values = top * (h / np.exp(np.mean(np.log(h)))) ** order
         axes.loglog(h, values, "k:", linewidth=0.8)
-        axes.annotate(f"h^{order}", (h[-1], values[-1]), fontsize=8)
+        place = {"xytext": (0, 3), "textcoords": "offset points", "ha": "right"}
+        axes.annotate(f"$h^{order}$", (h[-1], values[-1]), fontsize=8, **place)
 
 
 def _errors(path: Path, errors: Rows) -> None:
@@ -167,6 +169,9 @@ def _order(path: Path, errors: Rows) -> None:
         ]
         _curves(axes, rows, "h", "error")
         _slopes(axes, rows, (1, 2))
+        steps = sorted({row["h"] for row in rows})
+        axes.set_xticks(steps, [f"{h:g}" for h in steps])
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set(title=title, xlabel="step h [s]", ylabel="error of displacements, rms [m]")
         if rows:
             _explain(axes, rows, fontsize=7)

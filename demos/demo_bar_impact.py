@@ -93,6 +93,7 @@ if mesh.comm.rank == 0:
     exact = rho * c * v * width**2 / 1e3
     axes.plot(np.array([0, 0, 2, 2]) * length / c * 1e3, [0, exact, exact, 0], label="exact")
     axes.set(xlabel="time [ms]", ylabel="force on the wall [kN]")
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig("bar_impact_force.png")
 # -

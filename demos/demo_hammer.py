@@ -105,10 +105,11 @@ tau = np.arange(len(speed)) / num_cells
 force = np.diff(speed) / (v / num_cells)  # over rho c v A, mean of each step
 middle = (tau[1:] + tau[:-1]) / 2
 if mesh.comm.rank == 0:
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=150, layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
     axes.plot((middle[1:] + middle[:-1]) / 2, (force[1:] + force[:-1]) / 2, label="computed")
     axes.plot(middle, exact(middle), label="exact")
     axes.set(xlabel="$ct/L$", ylabel=r"force over $\rho c v A$")
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig("hammer_force.png")
 # -

@@ -138,6 +138,7 @@ if mesh.comm.rank == 0:
     axes.plot(*(np.concatenate(points).T / [[a], [p_0]]), ".", label="nodes")
     line = np.linspace(0, 1, 200)
     axes.plot(line, np.sqrt(1 - line**2), label="Hertz")
-    axes.set(xlabel="r / a", ylabel="p / p_0", xlim=(0, 1.5))
+    axes.set(xlabel="$r / a$", ylabel="$p / p_0$", xlim=(0, 1.5))
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig("hertz_pressure.png")

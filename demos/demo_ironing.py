@@ -116,6 +116,7 @@ if mesh.comm.rank == 0:
         axes.plot(t, force[:, 2], label=f"{name}: press N")
         axes.plot(t, -force[:, 0], "--", label=f"{name}: drag H")
     axes.set(xlabel="step", ylabel="force on the tool [N]")
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig("ironing_force.png")
 # -

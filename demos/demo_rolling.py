@@ -97,6 +97,7 @@ if mesh.comm.rank == 0:
     exact = np.maximum(speed - mu * g * np.maximum(np.array(t) - rise / 2, 0), 5 / 7 * speed)
     axes.plot(np.array(t) * 1e3, exact, "--", label="rigid ball")
     axes.set(xlabel="time [ms]", ylabel="speed of the centre [m/s]")
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig("rolling_speed.png")
 # -

@@ -9,7 +9,6 @@ is the animation of the README, ``paper`` the same impact after the figures of t
 """
 
 import csv
-import io
 import os
 import runpy
 import shutil
@@ -26,7 +25,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts, plotting
+from dolfinx_nts import parts
 from dolfinx_nts.plotting.movie import Movie
 
 ROOT = Path(__file__).parents[1]
@@ -56,7 +55,7 @@ RUNS = (
     ("midpoint rule, plastic impact", nts.Midpoint, "plastic", "tab:red"),
     ("energy-momentum scheme, elastic impact", nts.EnergyMomentum, "elastic", "tab:blue"),
 )
-SIZE = (500, 360)  # of each body picture [pixels]
+SIZE = (1000, 720)  # of each body picture [pixels]
 RANGE = (0.0, 10.0)  # of the stress [kPa]
 
 
@@ -97,30 +96,26 @@ def rows(table: Path) -> dict[str, npt.NDArray[np.float64]]:
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
 
 
-def recorded(stepper: nts.EnergyMomentum, until: float, halfway: Any = None) -> Any:
-    """Run; columns of the table, and a picture that ``halfway`` draws in the middle."""
-    picture = None
+def recorded(stepper: nts.EnergyMomentum, until: float) -> Any:
+    """Run; columns of the table, and the half of the bodies in the middle of the run."""
+    middle = None
     with tempfile.TemporaryDirectory() as folder:
         with nts.Recorder(Path(folder) / "run", stepper, every=10**6) as record:
             for step in stepper.run(until):
                 record.write(step)
-                if halfway and picture is None and step.t >= until / 2 - 1e-9:
-                    picture = plt.imread(io.BytesIO(halfway(stepper).data))
-        return rows(Path(folder) / "run.csv"), picture
+                if middle is None and step.t >= until / 2 - 1e-9:
+                    middle = half(stepper)
+        return rows(Path(folder) / "run.csv"), middle
 
 
 def paper() -> None:
     """The impact by both schemes side by side: state, energies, energy error, momenta."""
     figure, axes = plt.subplots(4, 2, figsize=(10, 13), dpi=160, layout="constrained")
-
-    def draw(stepper: Any) -> Any:
-        return plotting.snapshot(stepper, cut=(1, 0, 0), limits=(0.0, 1e4))
-
     for column, (title, scheme, law, _) in zip(axes.T, RUNS, strict=True):
-        table, picture = recorded(scene(scheme, law), 1.0, draw)
+        table, bodies = recorded(scene(scheme, law), 1.0)
         t = table["time"]
-        column[0].imshow(picture)
-        column[0].set_title(title)
+        image = column[0].imshow(drawn(bodies), cmap="viridis", clim=RANGE)
+        column[0].set_title(f"{title}, t = 0.5 s")
         column[0].axis("off")
         for name in ("total", "kinetic", "strain"):
             column[1].plot(t, table[f"{name}_energy"], label=name)
@@ -138,6 +133,8 @@ def paper() -> None:
             panel.grid(alpha=0.3)
         column[1].legend(ncols=3, loc="upper center")
         column[3].legend(ncols=2, loc="upper center", fontsize="small")
+    bar = figure.colorbar(image, ax=axes[0], shrink=0.8)
+    bar.set_label("von Mises stress [kPa]")
     figure.savefig(FIGURES / "paper.png")
 
 
@@ -214,8 +211,8 @@ def methods() -> None:
         for label, marker, swapped in (("finer", ".", False), ("coarser", "x", True)):
             ax.plot(*hertz(method, swapped), marker, ms=5, label=f"{label} side has the nodes")
         ax.plot(line, np.sqrt(1 - line**2), "k", lw=1, label="Hertz")
-        ax.set(title=f'method="{method}"', xlabel="r / a", xlim=(0, 1.3))
-    axes[0].set_ylabel("p / p_0")
+        ax.set(title=f'method="{method}"', xlabel="$r / a$", xlim=(0, 1.3))
+    axes[0].set_ylabel("$p / p_0$")
     axes[1].legend()
     figure.savefig(FIGURES / "methods_pressure.png")
 
@@ -300,32 +297,35 @@ def grid_connections(grid: Any) -> npt.NDArray[np.int64]:
     return np.asarray(grid.cell_connectivity).reshape(grid.n_cells, -1)
 
 
+def drawn(body: Any) -> npt.NDArray[np.uint8]:
+    """Pixels of a picture of bodies, without text."""
+    import pyvista
+
+    plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
+    plotter.set_background("white")
+    style = {"cmap": "viridis", "clim": RANGE, "show_edges": True, "edge_color": "white"}
+    light = {"ambient": 0.35, "diffuse": 0.65, "edge_opacity": 0.3}
+    plotter.add_mesh(body, scalars="stress", show_scalar_bar=False, **light, **style)
+    plotter.camera_position = [(9.0, -2.6, 3.0), (0.0, 0.0, 0.55), (0.0, 0.0, 1.0)]
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = 1.9
+    plotter.enable_anti_aliasing("ssaa")
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return np.asarray(pixels)
+
+
 def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
     """Both bodies beside each other, above the curves until now."""
-    import pyvista
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    pictures = []
-    for body in pair:
-        plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
-        plotter.set_background("white")
-        style = {"cmap": "viridis", "clim": RANGE, "show_edges": True, "edge_color": "white"}
-        light = {"ambient": 0.35, "diffuse": 0.65, "edge_opacity": 0.3}
-        plotter.add_mesh(body, scalars="stress", show_scalar_bar=False, **light, **style)
-        plotter.camera_position = [(9.0, -2.4, 3.0), (0.0, 0.2, 0.55), (0.0, 0.0, 1.0)]
-        plotter.camera.parallel_projection = True
-        plotter.camera.parallel_scale = 1.8
-        plotter.enable_anti_aliasing("ssaa")
-        pictures.append(plotter.screenshot(return_img=True))
-        plotter.close()
-    figure = Figure(figsize=(2 * SIZE[0] / 100, 6.0), dpi=100, layout="constrained")
+    figure = Figure(figsize=(10.0, 6.0), dpi=100, layout="constrained")
     axes = figure.subplot_mosaic([["left", "right"], ["energy", "energy"]], height_ratios=[1.6, 1])
-    for side, picture, (title, _, _, colour) in zip(("left", "right"), pictures, RUNS, strict=True):
-        image = axes[side].imshow(picture)
+    for side, body, (title, _, _, colour) in zip(("left", "right"), pair, RUNS, strict=True):
+        image = axes[side].imshow(drawn(body), cmap="viridis", clim=RANGE)
         axes[side].set_title(title, color=colour)
         axes[side].axis("off")
-    image.set(cmap="viridis", clim=RANGE)
     bar = figure.colorbar(image, ax=axes["right"], shrink=0.8)
     bar.set_label("von Mises stress [kPa]")
     for (title, _, _, colour), change in zip(RUNS, lost, strict=True):

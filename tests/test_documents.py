@@ -11,7 +11,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from benchmarks import impact
+from benchmarks import impact, plane, rings
 from helpers import verified
 from helpers.scenes import blocks
 from helpers.verified import ROUND_OFF, numbers
@@ -146,19 +146,24 @@ def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
     assert numbers(computed) == pytest.approx(numbers(told), rel=0.02, abs=ROUND_OFF)
 
 
+@pytest.mark.parametrize("bench", [plane, rings], ids=["plane", "rings"])
+def test_tables_of_two_dimensions_are_those_of_their_commands(bench, capsys):
+    told = (DOCS / "tables" / f"{bench.__name__.split('.')[1]}.md").read_text(encoding="utf-8")
+    bench.main([])
+    heads = capsys.readouterr().out
+    assert told.startswith(heads) and told.count("\n") == 5
+    if bench is plane:
+        rows = told.splitlines()[2:]
+        for n, row in zip((25, 50), rows, strict=False):
+            assert numbers(row)[1] == plane.scene(n, 2)[1].u.x.array.size
+
+
 def test_per_cents_in_the_text_are_those_of_a_table():
     """Tables are written by commands, and what a sentence says is in one of them."""
     tables = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "tables").glob("*.md"))
     measured = {token.lstrip("+-") for token in re.findall(r"[-+]?\d+(?:\.\d+)?", tables)}
-    names = (
-        "limitations",
-        "benchmarks",
-        "scaling",
-        "verification",
-        "howto/choose",
-        "start/install",
-    )
-    for text in (README, *((DOCS / f"{name}.md").read_text(encoding="utf-8") for name in names)):
+    pages = set(PAGES) & {*DOCS.rglob("*.md")} - {*DOCS.glob("tables/*")}
+    for text in (README, *(page.read_text(encoding="utf-8") for page in pages)):
         for number in re.findall(r"(\d+(?:\.\d+)?) (?:to \d+(?:\.\d+)? )?%", text):
             assert number in measured, f"{number} %"
         for number in re.findall(r"to (\d+(?:\.\d+)?) %", text):
@@ -168,7 +173,9 @@ def test_per_cents_in_the_text_are_those_of_a_table():
 def test_version_is_the_same_everywhere():
     assert f"version: {nts.__version__}" in (ROOT / "CITATION.cff").read_text()
     assert f"version: {nts.__version__}" in (ROOT / "packaging/conda/recipe.yaml").read_text()
-    assert f"## [{nts.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+    dated = re.search(r"^date-released: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert dated
+    assert f"## [{nts.__version__}] - {dated[1]}" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_shell_blocks_of_the_cluster_page_are_scripts():

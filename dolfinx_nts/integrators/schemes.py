@@ -35,7 +35,7 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 
 
 class Midpoint(ImplicitStepper):
-    """Midpoint rule, with stress and contact gradient at (x_n + x_{n+1})/2, to compare with.
+    """Midpoint rule, with stress and contact gradient at the mean of both states, to compare with.
 
     It conserves both momenta but not the energy (Franke, Hesch and Betsch 2011, eqs. 47-52).
     Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its

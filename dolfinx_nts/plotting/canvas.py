@@ -41,7 +41,7 @@ _SIZE = [1600, 900]  # of pictures [pixels]
 # Heights [pixels] that pictures get where they are aimed, as what is drawn is wide or tall.
 _HEIGHTS = (480, 1200)
 # What the bodies get of the picture [-]: from the left to the bar of colours, and of the height.
-_LEFT, _RIGHT, _TALL = 0.03, 0.84, 0.88
+_LEFT, _RIGHT, _LOW, _HIGH = 0.03, 0.84, 0.03, 0.91
 # From the bodies to the camera [-]: from +x, a little from above and aside.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
 # Cosine of the angle between that direction and z [-] above which z cannot point upwards.
@@ -277,12 +277,13 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     seen = points @ np.array([right, up, towards]).T
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height, depth = np.maximum(high - low, 1e-9 * np.ptp(points, axis=0).max())
-    wide = (_RIGHT - _LEFT) * _SIZE[0]
-    pixels = int(np.clip(wide * height / width / _TALL, *_HEIGHTS)) // 16 * 16
+    wide, tall = (_RIGHT - _LEFT) * _SIZE[0], _HIGH - _LOW
+    pixels = int(np.clip(wide * height / width / tall, *_HEIGHTS)) // 16 * 16
     plotter.window_size = [_SIZE[0], pixels]
-    scale = max(height / (_TALL * pixels), width / wide)  # metres in a pixel
+    scale = max(height / (tall * pixels), width / wide)  # metres in a pixel
     middle = (low + high) / 2
     middle[0] += (0.5 - (_LEFT + _RIGHT) / 2) * _SIZE[0] * scale
+    middle[1] += (0.5 - (_LOW + _HIGH) / 2) * pixels * scale
     focus = middle @ np.array([right, up, towards])
     distance = 2 * (width + height + depth)
     plotter.camera_position = [focus + distance * towards, focus, up]

@@ -55,12 +55,15 @@ def differs(computed: str, printed: str) -> bool:
 
 
 def write(new: list[Row]) -> None:
-    """Write the rows, a table for each file of tests; those of other files stay as they are."""
+    """Write the rows, a table for each file of tests, whole scenes before single parts.
+
+    Rows of other files stay as they are.
+    """
     files = {row.path for row in new}
     old = [row for row in read() if row.path not in files] if TABLE.exists() else []
     lines: list[str] = []
     path = ""
-    for row in sorted([*old, *new], key=lambda row: row.path):
+    for row in sorted([*old, *new], key=lambda row: (row.path.startswith("tests/unit"), row.path)):
         if row.path != path:
             path = row.path
             lines += ["", f"## {row.section}", "", f"`{path}`", ""]
