@@ -1,4 +1,4 @@
-"""Strain energy of each cell, and what the stress of a step adds to it, in one pass over cells."""
+"""Strain energy of the bodies, and the defect of the stress of a step, in one pass over cells."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ class CellEnergies:
         u, u_n, memory = stepper.u, stepper.u_n, stepper.memory
         V = u.function_space
         F_n, F = deformation_gradient(u_n), deformation_gradient(u)
-        # Constant in cells, so that the vector of the form has what is integrated over each.
+        # Constant in cells, so that the vector of the form has the two integrals over each.
         W = fem.functionspace(V.mesh, ("Discontinuous Lagrange", 0, (2,)))
         of_energy, of_defect = ufl.TestFunction(W)
 
