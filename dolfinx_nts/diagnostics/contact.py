@@ -145,7 +145,7 @@ class ContactDiagnostics:
         """Contact of each pair in the last step, by names of its two sides."""
         contacts = self.stepper.contacts
         area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
-        pressures = [float(pair.pressure.max(initial=0.0)) for pair in self._now().pairs]
+        pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
         pressures = reductions.largest(self._comm, pressures) if contacts else []
         vectors = [self._parts(pair) for pair in self.pair_resultants()]
         numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
@@ -183,7 +183,7 @@ class ContactDiagnostics:
         """
         now, pairs, least = self._now(), self.stepper.contacts, np.inf
         if now.has_gaps:
-            least = min((_least(pair.gap) for pair in now.pairs), default=np.inf)
+            least = min(map(_least, now.gaps()), default=np.inf)
             least = reductions.least(self._comm, least)
             return least if least < np.inf else np.nan
         x = now.x

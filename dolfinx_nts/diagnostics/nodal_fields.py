@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.diagnostics.present import Present, PresentPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 
@@ -17,14 +18,14 @@ class _Rule(NamedTuple):
     """How a field of contact is made.
 
     Attributes:
-        of: Values at the nodes of a pair.
+        of: Values at the nodes of a pair, from the state, the pair and its number.
         joined: Joins the values of a node that belongs to several pairs.
         elsewhere: Value of nodes without a pair.
         shape: Shape of the value of a node.
         needs_friction: Whether only pairs with friction have the field.
     """
 
-    of: Callable[[PresentPair], Array]
+    of: Callable[[Present, PairState, int], Array]
     joined: Callable[[Array, Array], Array]
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
@@ -32,23 +33,27 @@ class _Rule(NamedTuple):
 
 
 _RULES = {
-    "gap": _Rule(lambda pair: pair.gap, np.fmin, np.nan),
-    "contact_pressure": _Rule(lambda pair: pair.pressure, np.add),
-    "active": _Rule(lambda pair: pair.history.active.astype(np.float64), np.maximum),
+    "gap": _Rule(lambda now, pair, i: now.gaps()[i], np.fmin, np.nan),
+    "contact_pressure": _Rule(lambda now, pair, i: now.pressures[i], np.add),
+    "active": _Rule(lambda now, pair, i: pair.history.active.astype(np.float64), np.maximum),
     "contact_traction": _Rule(
-        lambda pair: pair.state.nodes.per_area(pair.history.force), np.add, shape=(3,)
+        lambda now, pair, i: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
     ),
     "friction_traction": _Rule(
-        lambda pair: -pair.state.search.per_area(pair.history.traction, pair.history.area),
+        lambda now, pair, i: -pair.search.per_area(pair.history.traction, pair.history.area),
         np.add,
         0.0,
         (3,),
         True,
     ),
     "slip_state": _Rule(
-        lambda pair: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, (), True
+        lambda now, pair, i: pair.history.active + 1.0 * pair.history.sliding,
+        np.maximum,
+        0.0,
+        (),
+        True,
     ),
-    "accumulated_slip": _Rule(lambda pair: pair.history.slip, np.add, 0.0, (), True),
+    "accumulated_slip": _Rule(lambda now, pair, i: pair.history.slip, np.add, 0.0, (), True),
 }
 
 
@@ -69,10 +74,10 @@ def _of_contact(now: Present, name: str) -> Array:
     """The same of a state."""
     rule, stepper = _RULES[name], now.stepper
     values: Array = np.full((len(stepper.node_ids), *rule.shape), rule.elsewhere)
-    for pair in now.pairs:
-        if pair.state.pair.friction is not None or not rule.needs_friction:
-            at = pair.state.nodes.nodes
-            values[at] = rule.joined(values[at], rule.of(pair))
+    for number, contact in enumerate(stepper.contacts):
+        if contact.pair.friction is not None or not rule.needs_friction:
+            at = contact.nodes.nodes
+            values[at] = rule.joined(values[at], rule.of(now, contact, number))
     return values
 
 

@@ -174,7 +174,7 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         stepper, one_state = self._stepper, self.diagnostics.one_state
         with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
-            now.find_gaps()
+            now.gaps()
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
@@ -214,7 +214,7 @@ class Recorder:
         with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
             has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
             if has_fields:
-                now.find_gaps()  # of which the row has the least
+                now.gaps()  # of which the row has the least
             self._ledger.add(step, *self.diagnostics.after_step())
             self._files.write_row(self._columns.row(step, self._ledger))
             if has_fields:
