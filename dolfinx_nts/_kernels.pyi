@@ -161,7 +161,9 @@ class CellIntegral:
         first: Sequence[int],
         places: _Ints,
         width: int,
-        components: int = 3,
+        components: int,
+        rows: _Ints,
+        length: int,
     ) -> None: ...
     def add(self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...
 

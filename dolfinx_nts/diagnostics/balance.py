@@ -14,21 +14,18 @@ Newton's method leaves. `StepReport` has the last two.
 """
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
-import ufl
-from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.diagnostics.bodies import BodyBalance, BodyDiagnostics
+from dolfinx_nts.diagnostics.cell_energies import CellEnergies
 from dolfinx_nts.diagnostics.contact import ContactDiagnostics
 from dolfinx_nts.diagnostics.names import flat
-from dolfinx_nts.fem.components import deformation_gradient, in_space, moments, nodal, resultants
-from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.components import in_space, moments, nodal, resultants, total_moment
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.bodies import Body
 
 __all__ = ["Balance", "Diagnostics"]
 
@@ -108,29 +105,7 @@ class Diagnostics(ContactDiagnostics):
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         super().__init__(stepper)
-        u, u_n = stepper.u, stepper.u_n
-        F_n, F = deformation_gradient(u_n), deformation_gradient(u)
-
-        def strain_energy(material: Any, parameters: Any, rho: Any) -> Any:
-            return material.psi(F.T * F, **parameters)
-
-        def bulk_defect(material: Any, parameters: Any, rho: Any) -> Any:
-            P = stepper.scheme.stress(material, parameters, F_n, F)
-            change = material.psi(F.T * F, **parameters) - material.psi(F_n.T * F_n, **parameters)
-            return change - ufl.inner(P, F - F_n)
-
-        memory = stepper.memory
-
-        def defect_of_branches(material: Any, parameters: Any) -> Any:
-            change = memory.energy(material, parameters)
-            change -= memory.energy_at_start(material, parameters)
-            change += memory.dissipation(material, parameters)
-            return change - memory.work(material, parameters, u - u_n)
-
-        self._strain_energy, self._bulk_defect = (
-            compile_form(bulk_form(stepper.bodies, *integrands))
-            for integrands in ((strain_energy, memory.energy), (bulk_defect, defect_of_branches))
-        )
+        self._energies = CellEnergies(stepper)
         self._bodies = BodyDiagnostics(stepper)
 
     def __repr__(self) -> str:
@@ -139,19 +114,19 @@ class Diagnostics(ContactDiagnostics):
 
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
-        return self._motion()[0]
+        return float(self._sum(self._motion())[0])
 
     def strain_energy(self) -> float:
         """Strain energy [J]."""
-        return float(self._sum(fem.assemble_scalar(self._strain_energy)))
+        return float(self._sum(self._energies.total())[0])
 
     def linear_momentum(self) -> Floats:
         """Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s]."""
-        return self._motion()[1]
+        return self._momenta(self._sum(self._motion()))[0]
 
     def angular_momentum(self) -> Floats:
         """Angular momentum about the origin, ``(3,)``, in the plane ``(1,)`` [kg m^2/s]."""
-        return self._motion()[2]
+        return self._momenta(self._sum(self._motion()))[1]
 
     def bulk_defect(self) -> float:
         """Energy that bulk and inertia added to the total energy in the last step [J].
@@ -160,8 +135,7 @@ class Diagnostics(ContactDiagnostics):
         scheme, plus ``inertia_defect`` of the stepper. Of viscous branches it has the energy of
         the springs and the dissipation.
         """
-        defect = self._sum(fem.assemble_scalar(self._bulk_defect))
-        return float(defect + self.stepper.inertia_defect)
+        return float(self._sum(self._energies.total())[1] + self.stepper.inertia_defect)
 
     def centre_of_mass(self, body: Body) -> Floats:
         """Current centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m].
@@ -187,17 +161,28 @@ class Diagnostics(ContactDiagnostics):
 
     def balance(self) -> Balance:
         """All numbers of the whole state at once."""
-        kinetic_energy, linear, angular = self._motion()
-        energies = kinetic_energy, self.strain_energy(), self.contact_energy()
-        contact = self.contact_force(), self.active_nodes(), self.min_gap()
-        return Balance(self.stepper.t, *energies, linear, angular, *contact)
+        return self.after_step()[1]
 
-    def _motion(self) -> tuple[float, Floats, Floats]:
-        """Kinetic energy, linear and angular momentum."""
+    def after_step(self) -> tuple[float, Balance]:
+        """`bulk_defect`, and all numbers of the whole state, at once."""
+        local = [*self._motion(), *self._energies.total(), self._stored(), self._num_active()]
+        sums = self._sum(np.array([*local, *self._force()]))
+        kinetic, strain, defect, stored, active = sums[[0, 7, 8, 9, 10]].tolist()
+        linear, angular = self._momenta(sums[:7])
+        force = resultants(sums[11:], self._V)
+        energies = kinetic, strain, stored
+        contact = force, int(active), self.min_gap()
+        balance = Balance(self.stepper.t, *energies, linear, angular, *contact)
+        return defect + self.stepper.inertia_defect, balance
+
+    def _motion(self) -> Floats:
+        """Kinetic energy, linear and angular momentum of this rank, shape ``(7,)``."""
         p = self.stepper.nodal_momentum()
         n = len(p)
         v = nodal(self.stepper.v)[:n]
-        turning = np.cross(self.stepper.x[:n], in_space(p)).sum(axis=0)
-        parts = [[np.sum(v * p) / 2], in_space(p.sum(axis=0)), turning]
-        sums = self._sum(np.concatenate(parts))
-        return float(sums[0]), resultants(sums[1:4], self._V), moments(sums[4:], self._V)
+        turning = total_moment(self._now().x[:n], in_space(p))
+        return np.array([np.vdot(v, p) / 2, *in_space(np.ones(n) @ p), *turning])
+
+    def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
+        """Linear and angular momentum that exist in the space. Local."""
+        return resultants(motion[1:4], self._V), moments(motion[4:], self._V)

@@ -1,5 +1,7 @@
 """Numbers of the contact pairs of a stepper."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +12,8 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
-from dolfinx_nts.fem.components import in_space, moments, nodal, resultants
+from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.fem.components import in_space, moments, nodal, resultants, total_moment
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -96,16 +99,28 @@ class ContactDiagnostics:
         self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
         self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
+        self._shared: Present | None = None
+
+    @contextmanager
+    def one_state(self) -> Iterator[Present]:
+        """Context in which the state stays, so that what several methods need is found once."""
+        self._shared = Present(self.stepper)
+        try:
+            yield self._shared
+        finally:
+            self._shared = None
+
+    def _now(self) -> Present:
+        """The present state."""
+        return self._shared or Present(self.stepper)
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""
-        return float(self._sum(sum(pair.history.energy.sum() for pair in self.stepper.contacts)))
+        return float(self._sum(self._stored()))
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
-        forces = [contact.history.force.sum(axis=0) for contact in self.stepper.contacts]
-        force: Floats = self._sum(np.sum([np.zeros(3), *forces], axis=0))
-        return resultants(force, self._V)
+        return resultants(self._sum(self._force()), self._V)
 
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
@@ -116,13 +131,13 @@ class ContactDiagnostics:
         its end.
         """
         stepper = self.stepper
-        x = stepper.x
+        x = self._now().x
         if stepper.scheme.contact != "static":
-            x -= in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
+            x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         parts = np.zeros((len(stepper.contacts), 2, 3))
         for part, pair in zip(parts, stepper.contacts, strict=True):
             force = pair.history.force
-            part[:] = force.sum(axis=0), np.cross(x[pair.nodes.nodes], force).sum(axis=0)
+            part[:] = force.sum(axis=0), total_moment(x[pair.nodes.nodes], force)
         total: Floats = self._sum(parts)
         return total
 
@@ -130,7 +145,7 @@ class ContactDiagnostics:
         """Contact of each pair in the last step, by names of its two sides."""
         contacts = self.stepper.contacts
         area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
-        pressures = [float(contact.pressure.max(initial=0.0)) for contact in contacts]
+        pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
         pressures = reductions.largest(self._comm, pressures) if contacts else []
         vectors = [self._parts(pair) for pair in self.pair_resultants()]
         numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
@@ -157,8 +172,7 @@ class ContactDiagnostics:
 
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""
-        active = [np.count_nonzero(pair.history.active) for pair in self.stepper.contacts]
-        return int(self._sum(sum(active)))
+        return int(self._sum(self._num_active()))
 
     def min_gap(self) -> float:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
@@ -167,7 +181,12 @@ class ContactDiagnostics:
         out, and so are segments farther from a node than that. Where no node finds a segment at
         once, nodes look at any distance.
         """
-        x, pairs, least = self.stepper.x, self.stepper.contacts, np.inf
+        now, pairs, least = self._now(), self.stepper.contacts, np.inf
+        if now.has_gaps:
+            least = min(map(_least, now.gaps()), default=np.inf)
+            least = reductions.least(self._comm, least)
+            return least if least < np.inf else np.nan
+        x = now.x
         nearest, farthest = self._distances(x)
         for i in np.argsort(nearest, kind="stable"):
             pair, size = pairs[i], pairs[i].pair.segment_size
@@ -177,7 +196,7 @@ class ContactDiagnostics:
             reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
                 gap = pair.gap(x, reach)
-                own = reductions.least(self._comm, float(gap[~np.isnan(gap)].min(initial=np.inf)))
+                own = reductions.least(self._comm, _least(gap))
                 enough = min(own + size, limit)
                 if reach >= enough:
                     least = min(least, own)
@@ -222,6 +241,20 @@ class ContactDiagnostics:
         farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
+    def _stored(self) -> float:
+        """Energy of the springs of this rank [J]. Local."""
+        return sum(float(pair.history.energy.sum()) for pair in self.stepper.contacts)
+
+    def _num_active(self) -> int:
+        """Number of nodes of this rank that transmit force. Local."""
+        return sum(np.count_nonzero(pair.history.active) for pair in self.stepper.contacts)
+
+    def _force(self) -> Floats:
+        """Resultant on the nodes of this rank, shape ``(3,)`` [N]. Local."""
+        forces = (contact.history.force.sum(axis=0) for contact in self.stepper.contacts)
+        total: Floats = np.sum([np.zeros(3), *forces], axis=0)
+        return total
+
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
         """Components of force and torque, shape ``(2, 3)``, that exist in the space."""
         force, torque = vectors
@@ -229,6 +262,11 @@ class ContactDiagnostics:
 
     def _sum(self, values: Any) -> Any:
         return reductions.total(self._comm, values)
+
+
+def _least(gap: Floats) -> float:
+    """Least gap of this rank's nodes [m], infinite if none faces a segment."""
+    return float(np.fmin.reduce(gap, initial=np.inf))
 
 
 def _contact_area(contact: PairState) -> float:

@@ -69,8 +69,8 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
         else:
             vector: Floats = np.asarray(value)
             axes = (_TURNING if name in _MOMENTS else _AXES)[len(vector)]
-            for axis, v in zip(axes, vector, strict=True):
-                columns[f"{prefix}{name}_{axis}"] = float(v)
+            names = [f"{prefix}{name}_{axis}" for axis in axes]
+            columns |= zip(names, map(float, vector), strict=True)
     return columns
 
 

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 
@@ -17,14 +18,14 @@ class _Rule(NamedTuple):
     """How a field of contact is made.
 
     Attributes:
-        of: Values at the nodes of a pair, from the pair and the positions of all nodes.
+        of: Values at the nodes of a pair, from the state, the pair and its number.
         joined: Joins the values of a node that belongs to several pairs.
         elsewhere: Value of nodes without a pair.
         shape: Shape of the value of a node.
         needs_friction: Whether only pairs with friction have the field.
     """
 
-    of: Callable[[PairState, Floats], Array]
+    of: Callable[[Present, PairState, int], Array]
     joined: Callable[[Array, Array], Array]
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
@@ -32,23 +33,27 @@ class _Rule(NamedTuple):
 
 
 _RULES = {
-    "gap": _Rule(lambda pair, x: pair.gap(x), np.fmin, np.nan),
-    "contact_pressure": _Rule(lambda pair, x: pair.pressure, np.add),
-    "active": _Rule(lambda pair, x: pair.history.active.astype(np.float64), np.maximum),
+    "gap": _Rule(lambda now, pair, i: now.gaps()[i], np.fmin, np.nan),
+    "contact_pressure": _Rule(lambda now, pair, i: now.pressures[i], np.add),
+    "active": _Rule(lambda now, pair, i: pair.history.active.astype(np.float64), np.maximum),
     "contact_traction": _Rule(
-        lambda pair, x: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
+        lambda now, pair, i: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
     ),
     "friction_traction": _Rule(
-        lambda pair, x: -pair.search.per_area(pair.history.traction, pair.history.area),
+        lambda now, pair, i: -pair.search.per_area(pair.history.traction, pair.history.area),
         np.add,
         0.0,
         (3,),
         True,
     ),
     "slip_state": _Rule(
-        lambda pair, x: pair.history.active + 1.0 * pair.history.sliding, np.maximum, 0.0, (), True
+        lambda now, pair, i: pair.history.active + 1.0 * pair.history.sliding,
+        np.maximum,
+        0.0,
+        (),
+        True,
     ),
-    "accumulated_slip": _Rule(lambda pair, x: pair.history.slip, np.add, 0.0, (), True),
+    "accumulated_slip": _Rule(lambda now, pair, i: pair.history.slip, np.add, 0.0, (), True),
 }
 
 
@@ -62,28 +67,28 @@ def contact_field(stepper: Stepper, name: str) -> Array:
     Returns:
         Values, shape ``(n,)`` or ``(n, 3)``.
     """
-    return _of_contact(stepper, name, stepper.x)
+    return _of_contact(Present(stepper), name)
 
 
-def _of_contact(stepper: Stepper, name: str, x: Floats) -> Array:
-    """The same, given the positions of the nodes."""
-    rule = _RULES[name]
+def _of_contact(now: Present, name: str) -> Array:
+    """The same of a state."""
+    rule, stepper = _RULES[name], now.stepper
     values: Array = np.full((len(stepper.node_ids), *rule.shape), rule.elsewhere)
-    for contact in stepper.contacts:
+    for number, contact in enumerate(stepper.contacts):
         if contact.pair.friction is not None or not rule.needs_friction:
             at = contact.nodes.nodes
-            values[at] = rule.joined(values[at], rule.of(contact, x))
+            values[at] = rule.joined(values[at], rule.of(now, contact, number))
     return values
 
 
-def nodal_fields(stepper: Stepper) -> dict[str, Array]:
+def nodal_fields(now: Present) -> dict[str, Array]:
     """Displacement, velocity and contact at the owned nodes. Collective.
 
     Where a node belongs to several pairs, it has their smallest gap, the sum of their
     pressures, slips and tractions, and the largest of the others.
 
     Args:
-        stepper: Stepper whose present state is described.
+        now: State that is described.
 
     Returns:
         Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
@@ -97,14 +102,13 @@ def nodal_fields(stepper: Stepper) -> dict[str, Array]:
         ``slip_state``, 0 open, 1 sticking, 2 sliding; and ``accumulated_slip`` [m]. All but the
         gap are 0 at nodes without a pair.
     """
-    n = len(stepper.node_ids)
+    stepper, n = now.stepper, len(now.stepper.node_ids)
     fields: dict[str, Array] = {
         "displacement": in_space(nodal(stepper.u)[:n]),
         "velocity": in_space(nodal(stepper.v)[:n]),
     }
     has_friction = any(pair.friction is not None for pair in stepper.pairs)
-    x = stepper.x
     for name, rule in _RULES.items():
         if stepper.pairs and (has_friction or not rule.needs_friction):
-            fields[name] = _of_contact(stepper, name, x)
+            fields[name] = _of_contact(now, name)
     return fields

@@ -22,6 +22,7 @@ __all__ = [
     "moments",
     "nodal",
     "resultants",
+    "total_moment",
 ]
 
 
@@ -68,6 +69,12 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     if is_axisymmetric(V.mesh):
         return vectors[..., 3:]
     return vectors[..., 2:] if dimension(V) == 2 else vectors
+
+
+def total_moment(x: Floats, vectors: Floats) -> Floats:
+    """Sum of x times vectors, the cross product, both ``(n, 3)``, shape ``(3,)``. Local."""
+    m = x.T @ vectors
+    return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
 
 
 def gradient(v: Any, *, on_axis: bool = False) -> Any:

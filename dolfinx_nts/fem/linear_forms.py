@@ -93,8 +93,8 @@ class CellForm:
 
     `fem.assemble_vector` reads functions that were packed cell by cell, and with 380 000
     unknowns waits a quarter of its time for them. This loop gathers the values of a cell's
-    nodes when it comes to the cell. Only functions of other spaces than that of the argument
-    are packed, when one of them has changed. Kernels compute several cells at once where
+    nodes when it comes to the cell. Only functions of other spaces than these are packed, when
+    one of them has changed. Kernels compute several cells at once where
     `batched_kernels` can make them; nobody waits for them before the form is first assembled.
     Those of integrals over the same cells share what is gathered.
 
@@ -102,14 +102,17 @@ class CellForm:
         form: Linear form, made by `bulk_form`.
         kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
             double precision, which are soon compiled.
+        V: Vector space whose functions are gathered; None: that of the argument.
     """
 
-    def __init__(self, form: ufl.Form, kernels: Kernels = "double") -> None:
+    def __init__(
+        self, form: ufl.Form, kernels: Kernels = "double", V: fem.FunctionSpace | None = None
+    ) -> None:
         """Compile what tells of the form, and let a compiler begin on its kernels."""
         self._described = compile_quickly(form)
         if kernels != "slow":
             begin_batched_kernels(self._described, is_single=kernels == "single")
-        self._loop_of = partial(_CellLoop, form, kernels, self._described)
+        self._loop_of = partial(_CellLoop, form, kernels, self._described, V)
         self._left_out: Ints = _NO_PLACES
 
     @cached_property
@@ -142,8 +145,11 @@ class CellForm:
 class _CellLoop:
     """Loop of a `CellForm` over the cells of this rank, with the kernels of its integrals."""
 
-    def __init__(self, form: ufl.Form, kernels: Kernels, described: fem.Form) -> None:
-        V: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
+    def __init__(
+        self, form: ufl.Form, kernels: Kernels, described: fem.Form, V: fem.FunctionSpace | None
+    ) -> None:
+        W: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
+        V = W if V is None else V
         self._form, made = _compiled(form, kernels, described)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
@@ -176,6 +182,8 @@ class _CellLoop:
                 self._places,
                 width,
                 V.dofmap.index_map_bs,
+                W.dofmap.list,
+                W.dofmap.index_map_bs,
             )
             for group in self._groups
         ]

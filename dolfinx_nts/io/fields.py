@@ -13,6 +13,7 @@ from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.diagnostics.functions import nodal_values
 from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -108,13 +109,16 @@ class RunFields:
             else None
         )
 
-    def nodal(self) -> dict[str, Array]:
+    def nodal(self, now: Present) -> dict[str, Array]:
         """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
+
+        Args:
+            now: Present state of the stepper.
 
         Raises:
             ValueError: A field of the user has another shape, or a name that is taken.
         """
-        fields = nodal_fields(self._stepper)
+        fields = nodal_fields(now)
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
         for name, own in self._own.items():
             with agreed(comm, f"evaluate the field {name}"):

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.diagnostics.present import Present
 
 __all__ = ["FieldsFile"]
 
@@ -19,7 +20,7 @@ class FieldsFile(Protocol):
     def open(self, resume: bool) -> None:
         """Create the files, or continue them."""
 
-    def write(self) -> None:
+    def write(self, now: Present) -> None:
         """Write the present state, perhaps later, unless that has been done."""
 
     def flush(self) -> None:

@@ -13,6 +13,7 @@ from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
@@ -171,8 +172,9 @@ class Recorder:
         """
         meet(self._comm, f"open {self!r}")
         self._summary = Summary(self._options.name, self._stepper)
-        with self._stepper.timings.phase("output"), ExitStack() as stack:
-            stepper = self._stepper
+        stepper, one_state = self._stepper, self.diagnostics.one_state
+        with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
+            now.gaps()
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
@@ -180,7 +182,7 @@ class Recorder:
             first = self._columns.row(None, self._ledger)
             stack.callback(self._files.close)
             if not self._files.open(self._ledger, list(first), self._options.resume):
-                self._files.fields.write()
+                self._files.fields.write(now)
                 self._files.write_row(first)
             if self._options.checkpoint_every is not None:
                 stack.enter_context(self._interrupts)
@@ -209,11 +211,14 @@ class Recorder:
                 f"expected every step right after it was done, now step {due}, "
                 f"given step {step.step} when {self._stepper.step} are done"
             )
-        with self._stepper.timings.phase("output"):
-            self._ledger.add(step, self.diagnostics.bulk_defect(), self.diagnostics.balance())
+        with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
+            has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
+            if has_fields:
+                now.gaps()  # of which the row has the least
+            self._ledger.add(step, *self.diagnostics.after_step())
             self._files.write_row(self._columns.row(step, self._ledger))
-            if self._options.has_fields(self._ledger.num_steps, step.t):
-                self._files.fields.write()
+            if has_fields:
+                self._files.fields.write(now)
             if self._options.checkpoint_every is not None:
                 signum = self._interrupts.received()
                 if signum or self._ledger.num_steps % self._options.checkpoint_every == 0:
@@ -235,7 +240,7 @@ class Recorder:
             if together:
                 meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
                 self._stepper.look_for_overlaps()
-                self._files.fields.write()
+                self._files.fields.write(Present(self._stepper))
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
                 self._files.fields.close()

@@ -2,6 +2,7 @@
 
 from mpi4py import MPI
 
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.parallel.slabs import Slab, Slabs
@@ -29,14 +30,17 @@ class States:
         self._nodes = Slabs(comm, stepper.node_ids)
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
-    def present(self) -> dict[str, Slab]:
+    def rows(self, now: Present) -> dict[str, Slab]:
         """Rows of the present state for this rank. Collective.
+
+        Args:
+            now: Present state of the stepper.
 
         Returns:
             Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the pieces of
             cells, also tensors ``(m, 9)``, by names that begin with ``cells/``.
         """
-        fields = self._nodes.together(self._fields.nodal())
+        fields = self._nodes.together(self._fields.nodal(now))
         for name, slab in self._cells.together(self._fields.of_cells()).items():
             pieces, *shape = slab.values.shape[1:]
             fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)

@@ -20,6 +20,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.atomic_file import hdf5_file_image, replace
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
@@ -60,7 +61,7 @@ class VtkHdfFile:
         """Remember the names of the files; `open` creates them."""
         self._stepper, self._path = stepper, path
         self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
-        self._present = States(stepper, fields).present
+        self._rows_of = States(stepper, fields).rows
         self._folder = FieldsFolder(path, _OWN)
         self._steps: set[int] = set()
         self._grid: dict[str, Field] = {}
@@ -105,8 +106,11 @@ class VtkHdfFile:
         self._steps = on_root(self._comm, lambda: self._begin(resume))
         self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
-    def write(self) -> None:
+    def write(self, now: Present) -> None:
         """Take the present state, unless that has been done, and write it sooner or later.
+
+        Args:
+            now: Present state of the stepper.
 
         Raises:
             OSError: States cannot be written, for instance because the disk is full. The
@@ -115,7 +119,7 @@ class VtkHdfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        self._held.append((step, self._stepper.t, self._present()))
+        self._held.append((step, self._stepper.t, self._rows_of(now)))
         self._steps.add(step)
         if on_root(self._comm, self._must_write):
             self._write_held()

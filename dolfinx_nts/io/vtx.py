@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.compat import vtx_writer
 from dolfinx_nts.diagnostics.functions import NodalFunctions
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
 
@@ -63,16 +64,20 @@ class VtxFile:
         for number, b in reversed(list(enumerate(self._stepper.bodies))):
             numbers[b.nodes] = number
         body = self._functions.set("body", numbers[: len(self._stepper.node_ids)])
-        functions = [*self._set(), body]
+        functions = [*self._set(Present(self._stepper)), body]
         self._writer: Any = self._make_writer(comm, self._path, functions, engine="BP4")
         self._last_step = -1
 
-    def write(self) -> None:
-        """Write the present state, unless that has been done."""
+    def write(self, now: Present) -> None:
+        """Write the present state, unless that has been done.
+
+        Args:
+            now: Present state of the stepper.
+        """
         if self._stepper.step == self._last_step:
             return
         self._last_step = self._stepper.step
-        self._set()
+        self._set(now)
         self._writer.write(self._stepper.t)
 
     def flush(self) -> None:
@@ -85,6 +90,6 @@ class VtxFile:
     def leave(self) -> None:
         """Do nothing: no state is held back."""
 
-    def _set(self) -> list[fem.Function]:
+    def _set(self, now: Present) -> list[fem.Function]:
         """Give the Functions the values of the present state."""
-        return [self._functions.set(name, v) for name, v in self._fields.nodal().items()]
+        return [self._functions.set(name, v) for name, v in self._fields.nodal(now).items()]

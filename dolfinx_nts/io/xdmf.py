@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
@@ -67,7 +68,7 @@ class XdmfFile:
         """Remember the names of the files; `open` creates them."""
         self._stepper = stepper
         self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
-        self._present = States(stepper, fields).present
+        self._rows_of = States(stepper, fields).rows
         self._folder = FieldsFolder(path, _OWN)
         first = path.name[0]
         # VTK leaves out a space, and letters that are not ASCII, at the start.
@@ -110,8 +111,11 @@ class XdmfFile:
         self._steps = on_root(self._comm, lambda: self._begin(mesh, resume))
         self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
-    def write(self) -> None:
+    def write(self, now: Present) -> None:
         """Write the present state, unless that has been done.
+
+        Args:
+            now: Present state of the stepper.
 
         Raises:
             OSError: The state cannot be written, for instance because the disk is full. The
@@ -120,7 +124,7 @@ class XdmfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        fields, name, t = self._present(), f"{step:09d}.h5", self._stepper.t
+        fields, name, t = self._rows_of(now), f"{step:09d}.h5", self._stepper.t
         slabs = {of: [slab] for of, slab in fields.items()}
         self._folder.write(self._comm, name, slabs, {"time": t})
         on_root(self._comm, lambda: self._series.append(self._state_xml(name, t, fields)))

@@ -21,10 +21,12 @@ public:
   CellIntegral(const Kernels& kernels, Doubles X, Ints vertices, Ints nodes,
                std::vector<Doubles> functions,
                const std::vector<std::size_t>& first, Ints places,
-               std::size_t width, std::size_t components)
+               std::size_t width, std::size_t components, Ints rows,
+               std::size_t length)
       : _kernels(kernels), _X(std::move(X)), _vertices(std::move(vertices)),
         _nodes(std::move(nodes)), _functions(std::move(functions)),
-        _places(std::move(places)), _width(width), _components(components)
+        _places(std::move(places)), _rows(std::move(rows)), _width(width),
+        _components(components), _length(length)
   {
     std::visit([](const auto& some) { check_alike(some); }, kernels);
     if (components != 2 && components != 3)
@@ -33,18 +35,15 @@ public:
     check("vertices", _vertices, {any, any});
     check_rows("vertices: expected rows of X", _vertices, _X.shape(0));
     check("nodes", _nodes, {_vertices.shape(0), any});
-    for (const std::int32_t node : view(_nodes))
-    {
-      if (node < 0)
-        throw nb::value_error("nodes: expected no negative entry");
-      _num_nodes = std::max(_num_nodes, static_cast<std::size_t>(node) + 1);
-    }
+    check("rows", _rows, {_vertices.shape(0), any});
+    _num_nodes = largest("nodes", _nodes);
+    _num_rows = largest("rows", _rows);
     if (first.size() != _functions.size())
       throw nb::value_error("first: expected a place for each function");
     const std::size_t values = components * _nodes.shape(1);
     for (std::size_t i = 0; i < first.size(); ++i)
     {
-      check_values("functions", _functions[i]);
+      check_values("functions", _functions[i], components * _num_nodes);
       if (first[i] > width || values > width - first[i])
         throw nb::value_error(
             "first: expected places for all values of the nodes");
@@ -60,25 +59,41 @@ public:
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
     check("packed", packed, {_nodes.shape(0), _places.size()});
-    check_values("b", b);
+    check_values("b", b, _length * _num_rows);
     const CellNodes mesh{view(_X),     view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
                             view(constants)};
+    const CellRows out{view(b), view(_rows), _rows.shape(1), _length};
     std::visit(
         [&]<class Kernel>(const std::vector<Kernel>& kernels)
-        { add_cells(std::span(kernels), mesh, view(cells), input, view(b)); },
+        { add_cells(std::span(kernels), mesh, view(cells), input, out); },
         _kernels);
   }
 
 private:
   template <class T>
-  void check_values(const char* name, const Array<T>& values) const
+  static void check_values(const char* name, const Array<T>& values,
+                           std::size_t number)
   {
     check(name, values, {any});
-    if (values.size() < _components * _num_nodes)
+    if (values.size() < number)
       throw nb::value_error(
           (std::string(name) + ": expected all values of each node").c_str());
+  }
+
+  /// @brief One more than the largest entry.
+  static std::size_t largest(const char* name, const Ints& numbers)
+  {
+    std::size_t end = 0;
+    for (const std::int32_t number : view(numbers))
+    {
+      if (number < 0)
+        throw nb::value_error(
+            (std::string(name) + ": expected no negative entry").c_str());
+      end = std::max(end, static_cast<std::size_t>(number) + 1);
+    }
+    return end;
   }
 
   template <class Kernel>
@@ -98,8 +113,8 @@ private:
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions;
   std::vector<Gathered> _gathered; // views of them
-  Ints _places;
-  std::size_t _width, _components, _num_nodes = 0;
+  Ints _places, _rows;
+  std::size_t _width, _components, _length, _num_nodes = 0, _num_rows = 0;
 };
 } // namespace
 
@@ -120,13 +135,15 @@ void cells(nb::module_& m)
     integral.def(
         nb::init<const std::vector<Kernel>&, Doubles, Ints, Ints,
                  std::vector<Doubles>, const std::vector<std::size_t>&, Ints,
-                 std::size_t, std::size_t>(),
+                 std::size_t, std::size_t, Ints, std::size_t>(),
         nb::arg("kernels"), nb::arg("X").noconvert(),
         nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
         nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
-        nb::arg("width"), nb::arg("components") = 3,
+        nb::arg("width"), nb::arg("components"), nb::arg("rows"),
+        nb::arg("length"),
         "-, (g, 3), (c, v), (c, k), each (d l,), place of each, places of "
-        "other values, number of values that the kernel reads, d");
+        "other values, number of values that the kernel reads, d; rows of the "
+        "vector that are added to, of so many values, (c, r)");
   };
   init.operator()<ElementKernel>();
   init.operator()<BatchKernel>();
@@ -134,6 +151,6 @@ void cells(nb::module_& m)
       "add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
       nb::arg("constants"), nb::arg("b").noconvert(),
       "(m,) of which cells, (c, n) values of other functions, (n,); adds "
-      "to b (d l,)");
+      "to the rows of b, one behind the other");
 }
 } // namespace nts::bindings

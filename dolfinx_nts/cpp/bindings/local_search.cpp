@@ -79,12 +79,12 @@ public:
     check("thickness", thickness, {_vertices.shape(0)});
     const FacetsAroundNodes around = facets.at(x_facets, numbers);
     return pair_with(x_node, current, slack, reach, x,
-                     [&]<class S>()
+                     [&]<class S>(const Tree* tree)
                      {
                        const SegmentSurface<S> segments = surface<S>(x);
                        return [&, segments,
-                               normals = NormalBounds<S>(segments, reach)](
-                                  std::size_t i)
+                               normals
+                               = NormalBounds<S>(segments, tree)](std::size_t i)
                        {
                          return Facing<S>(around, view(numbers)[i], segments,
                                           normals, view(thickness));
@@ -142,7 +142,7 @@ public:
     check("thickness", thickness, {_vertices.shape(0)});
     return pair_with(
         x_node, current, slack, reach, x,
-        [&]<class S>()
+        [&]<class S>(const Tree*)
         {
           const SelfContact<S> own{view(normal), view(X_node), view(N_node),
                                    surface<S>(X), view(thickness)};
@@ -209,7 +209,8 @@ private:
             (std::string(name) + ": expected -1 or a segment index").c_str());
   }
 
-  /// @brief Find the segments of nodes that may touch what `MayTouch` says.
+  /// @brief Find the segments of nodes that may touch what `get_may_touch`
+  /// returns, given the tree of looks at any distance.
   template <class GetMayTouch>
   Result pair_with(const Doubles& x_node, const Ints& current, double slack,
                    double reach, const Doubles& x,
@@ -227,10 +228,14 @@ private:
              [&]<class S>()
              {
                const nb::gil_scoped_release release;
+               const Tree* exact
+                   = std::isinf(reach) ? &_tree.exactly_at(view(x)) : nullptr;
+               const auto tree = [&]() -> const Tree&
+               { return exact ? *exact : _tree.at(view(x)); };
                pair_nodes(view(x_node), view(current), slack, reach,
-                          surface<S>(x), _tree,
-                          get_may_touch.template operator()<S>(), view(segment),
-                          view(xi), view(gap), view(normal));
+                          surface<S>(x), tree,
+                          get_may_touch.template operator()<S>(exact),
+                          view(segment), view(xi), view(gap), view(normal));
              });
     return {segment, xi, gap, normal};
   }

@@ -213,6 +213,11 @@ def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, 
         )
         assert diagnostics.min_gap() == pytest.approx(least, abs=1e-12)
         assert looked == [3, 1, 0] or looked == [3, 0, 1]
+        with diagnostics.one_state() as now:
+            now.gaps()
+            looked.clear()
+            assert diagnostics.min_gap() == least
+            assert not looked
         stepper.advance()
         looked.clear()
     # What surrounds the nodes is found once.

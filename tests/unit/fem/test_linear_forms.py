@@ -94,6 +94,21 @@ def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
         assert_same(form, reference)
 
 
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_an_argument_that_is_constant_in_cells_gives_what_each_cell_has(comm, cell, degree):
+    case = Case(comm, cell, degree)
+    W = fem.functionspace(case.V.mesh, ("Discontinuous Lagrange", 0, (2,)))
+    first, second = ufl.TestFunction(W)
+    F, F_n = (ufl.Identity(3) + ufl.grad(f) for f in (case.u, case.u_n))
+
+    def energies(material, parameters, rho):
+        psi, psi_n = (material.psi(G.T * G, **parameters) for G in (F, F_n))
+        return first * psi + second * (psi - psi_n)
+
+    form = bulk_form(case.bodies, energies)
+    assert_same(CellForm(form, V=case.V), compile_form(form), rounding=10 * ROUNDING)
+
+
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
 def test_single_precision_where_it_is_enough(comm, cell, degree):
     work = Case(comm, cell, degree).action()
@@ -171,6 +186,9 @@ def test_kernel_refuses_what_does_not_fit():
         "first": [0],
         "places": np.empty(0, dtype=np.int32),
         "width": 12,
+        "components": 3,
+        "rows": nodes,
+        "length": 3,
     }
     integral = _kernels.CellIntegral(**good)
     for wrong, message in (
@@ -179,7 +197,9 @@ def test_kernel_refuses_what_does_not_fit():
         ({"places": np.array([12], dtype=np.int32)}, "less than width"),
         ({"X": X[:3]}, "rows of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
-        ({"nodes": nodes - 1}, "no negative entry"),
+        ({"nodes": nodes - 1}, "nodes: expected no negative entry"),
+        ({"rows": nodes - 1}, "rows: expected no negative entry"),
+        ({"rows": np.repeat(nodes, 2, axis=0)}, "rows: expected shape"),
         ({"functions": [values[:9]]}, "all values of each node"),
         ({"first": [1]}, "places for all values"),
         ({"first": []}, "a place for each function"),

@@ -6,6 +6,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
+from dolfinx_nts.diagnostics.present import Present
 from helpers.scenes import BLOCK_STEP, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -37,7 +38,7 @@ def record(stepper, path, **options):
             recorder.write(step)
     X = stepper.u.function_space.tabulate_dof_coordinates()[: len(stepper.node_ids)]
     comm = stepper.u.function_space.mesh.comm
-    fields = {"X": X, **nodal_fields(stepper)}
+    fields = {"X": X, **nodal_fields(Present(stepper))}
     return {name: np.concatenate(comm.allgather(values)) for name, values in fields.items()}
 
 

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.io import fields_folder
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.xdmf import XdmfFile
@@ -38,7 +39,7 @@ def record(path, run, steps, resume_at=None):
     file.open(resume_at is not None)
     for step in steps:
         run.go_to(step)
-        file.write()
+        file.write(Present(run))
     file.close()
 
 
@@ -178,6 +179,6 @@ def test_flushed_files_are_on_disk_and_each_once(tmp_path, run, monkeypatch):
     always = {"run.xdmf", "run_fields", tmp_path.name}
     for step in range(2):
         run.go_to(step)
-        file.write()
+        file.write(Present(run))
         file.flush()
     assert synced == [files_of(0) | always, {"000000001.h5"} | always]

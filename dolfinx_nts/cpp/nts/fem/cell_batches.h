@@ -119,11 +119,11 @@ private:
 template <class T, std::size_t L, std::size_t D>
 void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,
-                 std::span<double> b)
+                 const CellRows& out)
 {
   const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  AlignedArray<T> X(3 * v * L), w(width * L), element(D * k * L);
+  AlignedArray<T> X(3 * v * L), w(width * L), element(out.d * out.k * L);
   const std::vector<T> c(constants.begin(), constants.end());
   const Converted<T> x(all_X);
   std::vector<Converted<T>> values;
@@ -148,12 +148,7 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
     for (const BatchKernel& kernel : kernels)
       kernel(element.data(), w.data(), c.data(), X.data());
     for (std::size_t l = 0; l < many; ++l)
-    {
-      const T* values_of_lane = element.data() + l;
-      for (const std::int32_t node : all_nodes.subspan(k * batch[l], k))
-        for (std::size_t j = 0; j < D; ++j, values_of_lane += L)
-          b[D * static_cast<std::size_t>(node) + j] += *values_of_lane;
-    }
+      out.add(batch[l], element.data() + l, L);
   }
 }
 
@@ -162,18 +157,18 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
-/// @param[in,out] b Values at the nodes, (l, d).
+/// @param[in] out Where the integrals are added.
 inline void add_cells(std::span<const BatchKernel> kernels,
                       const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
-                      const KernelInput& input, std::span<double> b)
+                      const KernelInput& input, const CellRows& out)
 {
   const auto add_values = [&]<std::size_t L, std::size_t D>()
   {
     if (kernels.front().is_single())
-      add_batches<float, L, D>(kernels, mesh, cells, input, b);
+      add_batches<float, L, D>(kernels, mesh, cells, input, out);
     else
-      add_batches<double, L, D>(kernels, mesh, cells, input, b);
+      add_batches<double, L, D>(kernels, mesh, cells, input, out);
   };
   const auto add = [&]<std::size_t L>()
   {

@@ -89,36 +89,50 @@ struct KernelInput
   std::span<const double> constants;    ///< their values
 };
 
+/// @brief A vector that integrals over cells are added to.
+struct CellRows
+{
+  std::span<double> b;                ///< (l, d)
+  std::span<const std::int32_t> rows; ///< of b, those of the cells, (c, k)
+  std::size_t k;                      ///< rows of a cell
+  std::size_t d;                      ///< values of a row
+
+  /// @brief Add the element vector of a cell, whose values lie that far apart.
+  template <class T>
+  void add(std::size_t cell, const T* values, std::size_t apart) const noexcept
+  {
+    for (const std::int32_t row : rows.subspan(k * cell, k))
+      for (std::size_t j = 0; j < d; ++j, values += apart)
+        b[d * static_cast<std::size_t>(row) + j] += *values;
+  }
+};
+
 /// @brief Add integrals over the same cells to a vector.
 /// @param[in] kernels Of the integrals.
 /// @param[in] mesh Its cells.
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
-/// @param[in,out] b Values at the nodes, (l, d).
+/// @param[in] out Where the integrals are added.
 inline void add_cells(std::span<const ElementKernel> kernels,
                       const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
-                      const KernelInput& input, std::span<double> b)
+                      const KernelInput& input, const CellRows& out)
 {
   const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  std::vector<double> X(3 * v), w(width), element(d * k);
+  std::vector<double> X(3 * v), w(width), element(out.d * out.k);
   for (const std::int32_t cell : cells)
   {
     const auto c = static_cast<std::size_t>(cell);
-    const auto nodes = all_nodes.subspan(k * c, k);
     gather(all_X, 3, all_vertices.subspan(v * c, v), X.data());
     for (std::size_t i = 0; i < places.size(); ++i)
       w[places[i]] = packed[places.size() * c + i];
     for (const auto& [values, first] : functions)
-      gather(values, d, nodes, w.data() + first);
+      gather(values, d, all_nodes.subspan(k * c, k), w.data() + first);
     std::ranges::fill(element, 0.0);
     for (const ElementKernel& kernel : kernels)
       kernel(element.data(), w.data(), constants.data(), X.data());
-    const double* from = element.data();
-    for (const std::int32_t node : nodes)
-      for (std::size_t i = 0; i < d; ++i)
-        b[d * static_cast<std::size_t>(node) + i] += *from++;
+    out.add(c, element.data(), 1);
   }
 }
 } // namespace nts

@@ -32,6 +32,19 @@ public:
     return *_tree;
   }
 
+  /// @brief A tree whose boxes are those of the segments at these positions.
+  ///
+  /// It is refitted at each call, in O(s), which pays for many looks at any
+  /// distance: far from segments wide boxes hide much of what is nearest.
+  const Tree& exactly_at(std::span<const double> x)
+  {
+    const Tree& wide = at(x);
+    if (!_exact)
+      _exact.emplace(wide);
+    _exact->refit([&](std::int32_t i) { return bounds(x, segment(i)); });
+    return *_exact;
+  }
+
   /// @brief Points within reach of the box of any segment.
   /// @param[in] points Where to look from, (n, 3) [m].
   /// @param[in] reach Largest distance that counts [m].
@@ -103,6 +116,7 @@ private:
     for (const std::int32_t row : _rows)
       _x.push_back(vector(x, row));
     _tree.emplace(std::move(boxes));
+    _exact.reset();
     ++_num_built;
   }
 
@@ -111,7 +125,7 @@ private:
   std::vector<std::int32_t> _rows; // all vertices, each of them once
   std::vector<Vec3> _x;            // their positions when the tree was built
   double _margin = 0;
-  std::optional<Tree> _tree;
+  std::optional<Tree> _tree, _exact;
   std::size_t _num_built = 0;
 };
 } // namespace nts

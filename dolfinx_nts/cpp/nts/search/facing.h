@@ -75,6 +75,7 @@ public:
   /// @brief Directions of a node; without facets around it, it faces all.
   Directions(const FacetsAroundNodes& around, std::int32_t node)
   {
+    _normals.reserve(around.first[node + 1] - around.first[node]);
     for (std::int32_t i = around.first[node]; i < around.first[node + 1]; ++i)
     {
       _normals.push_back(around.normal(around.facets[i]));
@@ -128,7 +129,7 @@ private:
   std::vector<Vec3> _normals;
 };
 
-/// @brief Bounds of the normals of segments.
+/// @brief Bounds of the normals of segments, by branches of their tree.
 ///
 /// A node that faces none of them has no nearest segment by which a look at any
 /// distance could end, and would see them all.
@@ -137,51 +138,43 @@ class NormalBounds
 {
 public:
   /// @param[in] surface The segments.
-  /// @param[in] reach Largest distance of a look [m]; bounds serve, and are
-  /// made, only where it is infinite.
-  NormalBounds(const SegmentSurface<S>& surface, double reach)
-      : _are_made(std::isinf(reach))
+  /// @param[in] tree Theirs; without one, there are no bounds.
+  NormalBounds(const SegmentSurface<S>& surface, const Tree* tree)
   {
-    if (_are_made)
-      for (std::size_t i = 0; i < surface.key.size(); ++i)
-        include(surface, i);
+    if (tree)
+      _boxes = tree->around([&](std::int32_t i) { return of(surface, i); });
   }
 
   /// @brief Whether there are bounds.
-  bool are_made() const noexcept { return _are_made; }
+  bool exist() const noexcept { return !_boxes.empty(); }
 
-  /// @brief Whether a node that looks in these directions may face a segment.
-  bool has_faced(const Directions& directions) const noexcept
+  /// @brief Whether a node may face a segment of a branch.
+  bool meet(const Directions& directions, std::int32_t branch) const noexcept
   {
-    return std::ranges::any_of(_boxes, [&](const Box& box) noexcept
-                               { return directions.may_face(box); });
+    return directions.may_face(_boxes[branch]);
   }
 
 private:
-  /// Segments that share a bound: consecutive ones, as a rule neighbours.
-  static constexpr std::size_t _group = 16;
-
-  void include(const SegmentSurface<S>& surface, std::size_t i)
+  static Box of(const SegmentSurface<S>& surface, std::int32_t i)
   {
-    if (i % _group == 0)
-      _boxes.emplace_back();
     // A node beyond the rim counts as far as this; in between, the normal is
     // along a mean of those at the corners.
     constexpr double begin = -LocalSearchRule::overhang, end = 1 - begin;
     const auto x = surface.segment(i);
     const std::array<Vec3, 2> edge = S::directions(x);
     const Vec3 mixed = combine(S::d2phi(), x);
+    Box box;
     for (const Vec2& xi : {Vec2{begin, begin}, Vec2{end, begin},
                            Vec2{begin, end}, Vec2{end, end}})
     {
       const Vec3 n = cross(edge[0] + xi[1] * mixed, edge[1] + xi[0] * mixed);
       const double length = norm(n);
       if (length > 0)
-        _boxes.back().include((surface.orientation[i] / length) * n);
+        box.include((surface.orientation[i] / length) * n);
     }
+    return box;
   }
 
-  bool _are_made;
   std::vector<Box> _boxes;
 };
 
@@ -208,9 +201,22 @@ public:
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
   /// @brief Whether the node may face any segment.
-  bool faces_any()
+  bool faces_any(const Tree& tree)
   {
-    return !_normals.are_made() || _normals.has_faced(directions());
+    return !_normals.exist()
+           || tree.has_entry([&](std::int32_t b) { return enters(b); });
+  }
+
+  /// @brief See `Anything`; without bounds there is nothing to ask.
+  int patience() const noexcept
+  {
+    return _normals.exist() ? 8 : std::numeric_limits<int>::max();
+  }
+
+  /// @brief Whether the node may face a segment of a branch.
+  bool enters(std::int32_t branch)
+  {
+    return _normals.meet(directions(), branch);
   }
 
   /// @brief Whether the node may touch a segment; where not, remembers whether

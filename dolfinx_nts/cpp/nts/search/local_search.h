@@ -3,6 +3,8 @@
 #include "nts/geometry/projection.h"
 #include "nts/search/tree.h"
 
+#include <limits>
+
 /// @brief Local search: the segment that a node may touch.
 namespace nts
 {
@@ -75,7 +77,14 @@ struct Anything
   }
 
   /// @brief Whether there may be any segment that the node may touch.
-  bool faces_any() const noexcept { return true; }
+  bool faces_any(const Tree&) const noexcept { return true; }
+
+  /// @brief How many segments a look may see that the node may not touch,
+  /// before it asks which parts of the tree the node may face.
+  int patience() const noexcept { return std::numeric_limits<int>::max(); }
+
+  /// @brief Whether the node may face a segment of a branch of the tree.
+  bool enters(std::int32_t) const noexcept { return true; }
 
   /// @brief Whether the nearest segment is the right one, when all were seen.
   template <class S>
@@ -117,6 +126,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   // Distances that differ by less are equal, relative to the segment [-]: much
   // more than round-off, much less than any real difference.
   constexpr double tie = 1e-9;
+  constexpr double more = 1e-6; // than ties need, relative to the segment [-]
   const auto project_on = [&](std::int32_t i) noexcept
   { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
   const auto over
@@ -134,45 +144,71 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       return {current, p.xi, p.gap, p.normal};
   }
 
-  if (!may.faces_any())
+  const Tree& segments = tree();
+  if (!may.faces_any(segments))
     return {};
   NearestOnSide<S> front, behind;
   double nearest = reach;
-  tree().nearest(
-      node, reach,
-      [&](std::int32_t i)
-      {
-        const double margin = tie * surface.size(i);
-        // The boxes of a cached tree are wider than segments.
-        if (surface.box(i).squared_distance(node)
-            > (nearest + margin) * (nearest + margin))
-          return nearest + margin;
-        const Projection<S> p = project_on(i);
-        if (!p.converged || !may.touches(i, p))
-          return nearest + margin;
-        const double away = distance<S>({node, surface.segment(i)}, p);
-        const bool first = front.segment < 0 && behind.segment < 0;
-        if (away <= nearest - (first ? 0 : margin))
-        {
-          front = behind = {};
-          nearest = away;
-        }
-        else if (first || away > nearest + margin)
-          return nearest + margin;
-        NearestOnSide<S>& side = p.gap < -margin ? behind : front;
-        if (side.segment < 0 || surface.key[i] < surface.key[side.segment])
-        {
-          side.segment = i;
-          side.projection = p;
-        }
-        side.height = std::max(side.height, std::abs(p.gap));
-        return nearest + margin; // ties must be seen
-      });
-  const NearestOnSide<S>& found = behind.height > front.height ? behind : front;
-  const Projection<S>& p = found.projection;
-  if (found.segment < 0 || !over(p, found.segment, LocalSearchRule::overhang)
-      || !may.confirms(p, nearest))
+  int patience = may.patience();
+  const auto look = [&](std::int32_t i)
+  {
+    const double margin = tie * surface.size(i);
+    // The boxes of a cached tree are wider than segments.
+    if (surface.box(i).squared_distance(node)
+        > (nearest + margin) * (nearest + margin))
+      return nearest + margin;
+    const Projection<S> p = project_on(i);
+    if (!p.converged || !may.touches(i, p))
+    {
+      if (front.segment < 0 && behind.segment < 0)
+        --patience;
+      return patience > 0 ? nearest + margin : NAN;
+    }
+    const double away = distance<S>({node, surface.segment(i)}, p);
+    const bool first = front.segment < 0 && behind.segment < 0;
+    if (away <= nearest - (first ? 0 : margin))
+    {
+      front = behind = {};
+      nearest = away;
+    }
+    else if (first || away > nearest + margin)
+      return nearest + margin;
+    NearestOnSide<S>& side = p.gap < -margin ? behind : front;
+    if (side.segment < 0 || surface.key[i] < surface.key[side.segment])
+    {
+      side.segment = i;
+      side.projection = p;
+    }
+    side.height = std::max(side.height, std::abs(p.gap));
+    return nearest + margin; // ties must be seen
+  };
+  const auto chosen = [&]() noexcept -> const NearestOnSide<S>*
+  {
+    const auto& found = behind.height > front.height ? behind : front;
+    return found.segment >= 0
+                   && over(found.projection, found.segment,
+                           LocalSearchRule::overhang)
+               ? &found
+               : nullptr;
+  };
+  segments.nearest(node, reach, look);
+  if (patience <= 0)
+  {
+    patience = std::numeric_limits<int>::max();
+    segments.nearest(node, reach, look,
+                     [&](std::int32_t branch) { return may.enters(branch); });
+    if (!chosen())
+      return {};
+    // Only now all that is nearer counts: it may be what the node faces
+    // instead, or in front of which it is.
+    nearest += more * surface.size(chosen()->segment);
+    front = behind = {};
+    segments.nearest(node, nearest, look);
+  }
+  const NearestOnSide<S>* found = chosen();
+  if (!found || !may.confirms(found->projection, nearest))
     return {};
-  return {found.segment, p.xi, p.gap, p.normal};
+  const Projection<S>& p = found->projection;
+  return {found->segment, p.xi, p.gap, p.normal};
 }
 } // namespace nts

@@ -32,6 +32,12 @@ inline double farthest(std::span<const double> x,
   return std::sqrt(square);
 }
 
+/// @brief Enters every branch of a tree.
+struct Always
+{
+  bool operator()(std::int32_t) const noexcept { return true; }
+};
+
 /// @brief Balanced binary tree of the boxes of n segments, built in O(n log n).
 class Tree
 {
@@ -67,28 +73,54 @@ public:
   template <class BoxOf>
   void refit(BoxOf&& box_of)
   {
+    const auto boxes
+        = around([&](std::int32_t i) { return _boxes[i] = box_of(i); });
+    for (std::size_t i = 0; i < boxes.size(); ++i)
+      _branches[i].box = boxes[i];
+  }
+
+  /// @brief Boxes around those of the segments of each branch.
+  /// @param[in] box_of Called with a segment; returns a box.
+  template <class BoxOf>
+  std::vector<Box> around(BoxOf&& box_of) const
+  {
+    std::vector<Box> boxes(_branches.size());
     // Children come after their branch.
-    for (Branch& branch : std::views::reverse(_branches))
+    for (std::size_t b = boxes.size(); b-- > 0;)
     {
-      branch.box = {};
+      const Branch& branch = _branches[b];
       if (branch.left < 0)
         for (std::int32_t i = branch.begin; i < branch.end; ++i)
-          branch.box.include(_boxes[_order[i]] = box_of(_order[i]));
+          boxes[b].include(box_of(_order[i]));
       else
         for (const std::int32_t child : {branch.left, branch.right})
-          branch.box.include(_branches[child].box);
+          boxes[b].include(boxes[child]);
     }
+    return boxes;
+  }
+
+  /// @brief Whether a branch without children can be entered.
+  /// @param[in] enters Says whether to look into a branch, by its number.
+  bool has_entry(const auto& enters, std::int32_t index = 0) const
+  {
+    if (_branches.empty() || !enters(index))
+      return false;
+    const Branch& branch = _branches[index];
+    return branch.left < 0 || has_entry(enters, branch.left)
+           || has_entry(enters, branch.right);
   }
 
   /// @brief Visit the segments whose box is nearer than the bound.
   /// @param[in] point Where to look from [m].
   /// @param[in] bound Distance beyond which nothing is of interest [m].
-  /// @param[in] visit Called with a segment; returns the new bound.
-  template <class Visit>
-  void nearest(const Vec3& point, double bound, Visit&& visit) const
+  /// @param[in] visit Called with a segment; returns the new bound, NaN to end.
+  /// @param[in] enters Says whether to look into a branch, by its number.
+  template <class Visit, class Enters = Always>
+  void nearest(const Vec3& point, double bound, Visit&& visit,
+               const Enters& enters = {}) const
   {
-    if (!_branches.empty())
-      descend(0, point, bound, visit);
+    if (!_branches.empty() && enters(0))
+      descend(0, point, bound, visit, enters);
   }
 
   /// @brief Visit the segments whose box meets the way between two points.
@@ -155,9 +187,9 @@ private:
         visit(_order[i]);
   }
 
-  template <class Visit>
+  template <class Visit, class Enters>
   void descend(std::int32_t index, const Vec3& point, double& bound,
-               Visit& visit) const
+               Visit& visit, const Enters& enters) const
   {
     const Branch& branch = _branches[index];
     if (branch.left < 0)
@@ -173,8 +205,8 @@ private:
       distances[c] = _branches[children[c]].box.squared_distance(point);
     const std::size_t first = distances[1] < distances[0] ? 1 : 0;
     for (const std::size_t c : {first, 1 - first})
-      if (distances[c] <= bound * bound)
-        descend(children[c], point, bound, visit);
+      if (distances[c] <= bound * bound && enters(children[c]))
+        descend(children[c], point, bound, visit, enters);
   }
 
   std::vector<Box> _boxes;

@@ -1,0 +1,49 @@
+"""The present state of a stepper for several who describe it, each part evaluated once."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.integrators.stepper import Stepper
+
+__all__ = ["Present"]
+
+
+class Present:
+    """Present state of a stepper, valid until the stepper changes.
+
+    Args:
+        stepper: The stepper.
+
+    Attributes:
+        stepper: The argument.
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        """Take the stepper. Local."""
+        self.stepper = stepper
+        self._gaps: Sequence[Floats] | None = None
+
+    @cached_property
+    def x(self) -> Floats:
+        """Positions of the local nodes, owned and ghost, shape ``(l, 3)`` [m]. Local."""
+        return self.stepper.x
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the gaps have been found. Local."""
+        return self._gaps is not None
+
+    def gaps(self) -> Sequence[Floats]:
+        """Gaps of the nodes of each pair at any distance, NaN where one faces nothing [m].
+
+        Collective.
+        """
+        if self._gaps is None:
+            self._gaps = [contact.gap(self.x) for contact in self.stepper.contacts]
+        return self._gaps
+
+    @cached_property
+    def pressures(self) -> Sequence[Floats]:
+        """Contact pressures of the nodes of each pair [Pa]. Collective at the first use."""
+        return [contact.pressure for contact in self.stepper.contacts]
