@@ -75,10 +75,12 @@ class ContactSchwarz:
             elimination: Active pairs.
         """
         version = self._tangent.num_assembled, elimination.active_version
-        if version != self._version or self._has_changed(elimination):
-            self._version = version
-            self._contacts = [pairs.global_blocks() for pairs in elimination.pairs]
-            self._build()
+        now = [pairs.global_blocks() for pairs in elimination.pairs]
+        is_new = version[0] != self._version[0]
+        if is_new or self._has_changed(now, is_same_set=version == self._version):
+            self._contacts = now
+            self._build(version[0])
+        self._version = version
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what was last factorised. Collective.
@@ -98,7 +100,7 @@ class ContactSchwarz:
             parts = (known[i : i + width] for i in range(0, len(known), width))
             self._contacts = [ContactBlocks(*part) for part in parts]
             self._version = version
-            self._build()
+            self._build(version[0])
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it around the contacts. Collective.
@@ -110,24 +112,37 @@ class ContactSchwarz:
         assert self._domain is not None
         self._domain.correct(r, z)
 
-    def _has_changed(self, elimination: Elimination) -> bool:
-        """Whether the tangent of the same contacts is another one. Collective."""
-        changes = [
-            np.abs(now - then).max(initial=0.0)
-            for pairs, known in zip(elimination.pairs, self._contacts, strict=True)
-            for now, then in (
-                (pairs.blocks.tangent, known.tangent),
-                (slopes_at_nodes(pairs.blocks), slopes_at_nodes(known)),
-            )
-        ]
+    def _has_changed(self, now: Sequence[ContactBlocks], *, is_same_set: bool) -> bool:
+        """Whether other nodes are constrained, or the contact tangent is another. Collective."""
         comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
+        if not is_same_set and reductions.anywhere(comm, not _same_nodes(now, self._contacts)):
+            return True
+        changes = [_change(*both) for both in zip(now, self._contacts, strict=True)]
         softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))
         return bool(reductions.anywhere(comm, max(changes) > _LARGEST_CHANGE * softest))
 
-    def _build(self) -> None:
+    def _build(self, version: int) -> None:
         if self._domain is None:
             rows = self._tangent.rows
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
-        self._domain.build(self._contacts, self._version[0])
+        self._domain.build(self._contacts, version)
         self.num_builds += 1
+
+
+def _same_nodes(now: Sequence[ContactBlocks], then: Sequence[ContactBlocks]) -> bool:
+    """Whether the same nodes are constrained, in the same way. Local."""
+    return len(now) == len(then) and all(
+        np.array_equal(a.nodes[a.start[:-1]], b.nodes[b.start[:-1]])
+        and np.array_equal(a.rank, b.rank)
+        for a, b in zip(now, then, strict=True)
+    )
+
+
+def _change(now: ContactBlocks, then: ContactBlocks) -> float:
+    """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes."""
+    tangents = now.tangent, then.tangent
+    if not np.array_equal(now.tangent_nodes, then.tangent_nodes):
+        tangents = np.concatenate([part.ravel() for part in tangents]), np.zeros(1)
+    slopes = slopes_at_nodes(now), slopes_at_nodes(then)
+    return float(max(np.abs(a - b).max(initial=0.0) for a, b in (tangents, slopes)))
