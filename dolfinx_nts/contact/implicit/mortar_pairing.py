@@ -96,9 +96,12 @@ class MortarPairing(Pairing):
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
         """Count points that have left their segments, see `Pairing.num_beyond`."""
+        outside = self._outside(x, node)
+        if not (outside > _BEYOND).any():
+            return 0
         # A point may be outside from the start, where facet and segment are not parallel.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
-        return int(np.count_nonzero(self._outside(x, node) > before + _BEYOND))
+        return int(np.count_nonzero(outside > before + _BEYOND))
 
     def _outside(self, x: Floats, node: Ints) -> Floats:
         """How far the points of nodes are outside of the reference segment, shape ``(p,)``."""

@@ -62,7 +62,7 @@ class NormalContact(ABC):
         flags: Flags = self._search.may_close | self._state.history.active | self.active
         return flags
 
-    def needs(self, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter in this iteration, shape ``(m,)``. Local."""
         return np.ones(len(node), dtype=bool)
 

@@ -53,6 +53,12 @@ void elimination(nb::module_& m)
            nb::arg("y").noconvert(),
            "y <- Z~^T (y + C x): (n, B), (n, B); the multipliers of the forces "
            "that this removes, (m, B)")
+      .def("missing", &BoundElimination::missing, nb::arg("values"),
+           nb::arg("x"),
+           "values - G^T x: (m, B) or (0,), (n, B) -> (m, B), 0 where there is "
+           "no constraint")
+      .def("remove", &BoundElimination::remove, nb::arg("multipliers"),
+           nb::arg("y").noconvert(), "y <- y - F lambda: (m, B), (n, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
   m.def("close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),

@@ -1,7 +1,6 @@
 #include "array.h"
 #include "nts/contact/aggregation.h"
 #include "nts/search/mortar_points.h"
-#include "nts/solvers/constraint_products.h"
 #include "nts/solvers/small_system.h"
 
 #include <nanobind/stl/tuple.h>
@@ -136,6 +135,24 @@ auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
   return sums;
 }
 
+auto give_up(const Ints& rank, const Doubles& rows, const Doubles& normal,
+             std::size_t c)
+{
+  const std::size_t m = rank.size();
+  check("rank", rank, {m});
+  check("normal", normal, {m, any});
+  const std::size_t b = normal.shape(1);
+  check("rows", rows, {m, any, any});
+  check_rows("rank: expected as many directions and rows", rank,
+             1 + std::min(c, rows.shape(1)));
+  if (b == 0 || rows.shape(2) < b)
+    throw nb::value_error("rows: expected the node of each row");
+  auto directions = create<double>({m, c, b});
+  nts::give_up({{}, view(rank), view(rows), rows.shape(2) / b, rows.shape(1)},
+               view(normal), c, b, view(directions));
+  return directions;
+}
+
 auto constraint_products(const Ints& nodes, const Ints& rank,
                          const Doubles& rows, const Ints& parents,
                          const Doubles& weights, const Doubles& directions)
@@ -160,41 +177,40 @@ auto constraint_products(const Ints& nodes, const Ints& rank,
                     array(entries.value));
 }
 
-auto sparse_rows(const Keys& number, const Keys& row, const Keys& column,
-                 const Doubles& value)
+void small_system(nb::module_& m)
 {
-  check("number", number, {any});
-  check("row", row, {any});
-  const std::size_t size = row.size();
-  check("column", column, {size});
-  check("value", value, {size});
-  auto start = create<std::int64_t>({number.size() + 1});
-  auto place = create<std::int32_t>({size});
-  auto sorted = create<double>({size});
-  if (!sort_rows(view(number), view(row), view(column), view(value),
-                 view(start), view(place), view(sorted)))
-    throw nb::value_error("number: expected those of all rows and columns, in "
-                          "ascending order");
-  return std::tuple(start, place, sorted);
-}
-
-auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
-                 const Doubles& b)
-{
-  check("start", start, {any});
-  const std::size_t n = start.size() - 1;
-  check("value", value, {column.size()});
-  check("b", b, {n});
-  check_rows("column: expected numbers of rows", column, n);
-  const auto begin = view(start);
-  if (begin.empty() || begin.front() != 0
-      || begin.back() != static_cast<std::int64_t>(column.size())
-      || !std::ranges::is_sorted(begin))
-    throw nb::value_error("start: expected rows that hold all entries");
-  auto x = create<double>({n});
-  if (!solve({begin, view(column), view(value)}, view(b), view(x)))
-    std::fill_n(x.data(), n, NAN);
-  return x;
+  nb::class_<SmallSystem>(
+      m, "SmallSystem",
+      "A sparse system near to a diagonal one, see nts/solvers/small_system.h")
+      .def(
+          "__init__",
+          [](SmallSystem* self, const Keys& number, const Keys& row,
+             const Keys& column, const Doubles& value)
+          {
+            check("number", number, {any});
+            check("row", row, {any});
+            check("column", column, {row.size()});
+            check("value", value, {row.size()});
+            SmallSystem system(view(number));
+            if (!system.fill(view(row), view(column), view(value)))
+              throw nb::value_error(
+                  "number: expected those of all rows and columns");
+            new (self) SmallSystem(std::move(system));
+          },
+          nb::arg("number"), nb::arg("row"), nb::arg("column"),
+          nb::arg("value"),
+          "Numbers of rows and columns (n,), and entries by these (e,), (e,), "
+          "(e,)")
+      .def(
+          "solve",
+          [](const SmallSystem& self, const Doubles& b)
+          {
+            check("b", b, {self.size()});
+            auto x = create<double>({self.size()});
+            self.solve(view(b), view(x));
+            return x;
+          },
+          nb::arg("b"), "(n,) -> (n,), NaN where it fails");
 }
 } // namespace
 
@@ -217,18 +233,16 @@ void mortar(nb::module_& m)
         nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
         "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "
         "(b, 3 (k + s), 3 (k + s)), see nts/contact/aggregation.h");
+  m.def("give_up", &give_up, nb::arg("rank"), nb::arg("rows"),
+        nb::arg("normal"), nb::arg("count"),
+        "(m,), (m, r, d b), (m, b), c -> directions (m, c, b), see "
+        "nts/solvers/constraint_products.h");
   m.def("constraint_products", &constraint_products, nb::arg("nodes"),
         nb::arg("rank"), nb::arg("rows"), nb::arg("parents"),
         nb::arg("weights"), nb::arg("directions"),
         "(m, d), (m,), (m, r, d b), (l, h), (l, h), (c, l, b) -> row, column, "
-        "value of entries (e,), see nts/solvers/constraint_products.h");
-  m.def("sparse_rows", &sparse_rows, nb::arg("number"), nb::arg("row"),
-        nb::arg("column"), nb::arg("value"),
-        "(n,), (e,), (e,), (e,) -> start (n + 1,), column (e,), value (e,), "
-        "see nts/solvers/constraint_products.h");
-  m.def("solve_small", &solve_small, nb::arg("start"), nb::arg("column"),
-        nb::arg("value"), nb::arg("b"),
-        "Rows of a sparse matrix (n + 1,), (e,), (e,), and (n,) -> (n,), NaN "
-        "where it fails, see nts/solvers/small_system.h");
+        "value of entries (e,), see nts/solvers/constraint_products.h; with h "
+        "= 0 nodes are their own parents");
+  small_system(m);
 }
 } // namespace nts::bindings
