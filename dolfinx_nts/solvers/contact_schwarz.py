@@ -18,8 +18,9 @@ __all__ = ["ContactSchwarz", "SerialSubdomain"]
 
 _NOTHING = -1, -1  # no numbers of matrix and active set
 # Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
-# [-]: nodes that begin to slip, or turn, have tangents far above it.
-_LARGEST_CHANGE = 0.1
+# [-]: nodes that begin to slip, or turn, have tangents far above it. And the size of blocks of it
+# that are not worth the entries: mortar contact has many small ones.
+_LARGEST_CHANGE, _NEGLIGIBLE = 0.1, 0.01
 
 
 class SerialSubdomain:
@@ -76,8 +77,7 @@ class ContactSchwarz:
         """
         version = self._tangent.num_assembled, elimination.active_version
         now = [pairs.global_blocks() for pairs in elimination.pairs]
-        is_new = version[0] != self._version[0]
-        if is_new or self._has_changed(now, is_same_set=version == self._version):
+        if version[0] != self._version[0] or self._has_changed(now):
             self._contacts = now
             self._build(version[0])
         self._version = version
@@ -112,31 +112,43 @@ class ContactSchwarz:
         assert self._domain is not None
         self._domain.correct(r, z)
 
-    def _has_changed(self, now: Sequence[ContactBlocks], *, is_same_set: bool) -> bool:
+    def _has_changed(self, now: Sequence[ContactBlocks]) -> bool:
         """Whether other nodes are constrained, or the contact tangent is another. Collective."""
-        comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
-        if not is_same_set and reductions.anywhere(comm, not _same_nodes(now, self._contacts)):
-            return True
-        changes = [_change(*both) for both in zip(now, self._contacts, strict=True)]
-        softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))
-        return bool(reductions.anywhere(comm, max(changes) > _LARGEST_CHANGE * softest))
+        then, least = self._contacts, _LARGEST_CHANGE * self._softest()
+        has_changed = len(now) != len(then) or any(
+            not _same_nodes(*both) or _change(*both) > least
+            for both in zip(now, then, strict=True)
+        )
+        return reductions.anywhere(self._tangent.comm, has_changed)
+
+    def _softest(self) -> float:
+        """Stiffness of the softest node [N/m]. Collective."""
+        stiffness = self._tangent.nodal_stiffness()
+        return reductions.least(self._tangent.comm, float(stiffness.min(initial=np.inf)))
 
     def _build(self, version: int) -> None:
         if self._domain is None:
             rows = self._tangent.rows
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
-        self._domain.build(self._contacts, version)
+        least = _NEGLIGIBLE * self._softest()
+        contacts = [_without_small_blocks(blocks, least) for blocks in self._contacts]
+        self._domain.build(contacts, version)
         self.num_builds += 1
 
 
-def _same_nodes(now: Sequence[ContactBlocks], then: Sequence[ContactBlocks]) -> bool:
+def _without_small_blocks(contacts: ContactBlocks, least: float) -> ContactBlocks:
+    """The same without blocks of the tangent whose entries are at most ``least`` [N/m]. Local."""
+    is_large = np.abs(contacts.tangent).max(axis=(1, 2), initial=0.0) > least
+    if is_large.all():
+        return contacts
+    return contacts.take(np.arange(len(contacts.rank)), is_large.nonzero()[0])
+
+
+def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
     """Whether the same nodes are constrained, in the same way. Local."""
-    return len(now) == len(then) and all(
-        np.array_equal(a.nodes[a.start[:-1]], b.nodes[b.start[:-1]])
-        and np.array_equal(a.rank, b.rank)
-        for a, b in zip(now, then, strict=True)
-    )
+    own = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
+    return np.array_equal(*own) and np.array_equal(now.rank, then.rank)
 
 
 def _change(now: ContactBlocks, then: ContactBlocks) -> float:
