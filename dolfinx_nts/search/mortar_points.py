@@ -196,10 +196,7 @@ class MortarPoints:
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
-        there: Floats = np.einsum(
-            "pk,pki->pi", self.phi, values[self.reached[:, : self.phi.shape[1]]]
-        )
-        return there
+        return _kernels.at_points(self.phi, self.reached, values)
 
     def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
         """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.

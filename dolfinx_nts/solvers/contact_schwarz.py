@@ -155,6 +155,7 @@ def _change(now: ContactBlocks, then: ContactBlocks) -> float:
     """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes."""
     tangents = now.tangent, then.tangent
     if not np.array_equal(now.tangent_nodes, then.tangent_nodes):
-        tangents = np.concatenate([part.ravel() for part in tangents]), np.zeros(1)
+        every = np.concatenate([part.ravel() for part in tangents])
+        tangents = every, np.zeros(every.size)
     slopes = slopes_at_nodes(now), slopes_at_nodes(then)
-    return float(max(np.abs(a - b).max(initial=0.0) for a, b in (tangents, slopes)))
+    return max(_kernels.largest_difference(*pair) for pair in (tangents, slopes))

@@ -135,6 +135,20 @@ auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
   return sums;
 }
 
+auto points_of(const Doubles& phi, const Ints& nodes, const Doubles& x)
+{
+  check("phi", phi, {any, any});
+  check("nodes", nodes, {phi.shape(0), any});
+  check("x", x, {any, 3});
+  check_rows("nodes: expected rows of x", nodes, x.shape(0));
+  if (nodes.shape(1) < phi.shape(1))
+    throw nb::value_error("nodes: expected those of the facets");
+  auto out = create<double>({phi.shape(0), 3});
+  at_points(view(phi), phi.shape(1), view(nodes), nodes.shape(1), view(x),
+            view(out));
+  return out;
+}
+
 auto give_up(const Ints& rank, const Doubles& rows, const Doubles& normal,
              std::size_t c)
 {
@@ -233,6 +247,9 @@ void mortar(nb::module_& m)
         nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
         "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "
         "(b, 3 (k + s), 3 (k + s)), see nts/contact/aggregation.h");
+  m.def("at_points", &points_of, nb::arg("phi"), nb::arg("nodes"), nb::arg("x"),
+        "(p, k), (p, at least k), (n, 3) -> (p, 3), see "
+        "nts/contact/aggregation.h");
   m.def("give_up", &give_up, nb::arg("rank"), nb::arg("rows"),
         nb::arg("normal"), nb::arg("count"),
         "(m,), (m, r, d b), (m, b), c -> directions (m, c, b), see "
