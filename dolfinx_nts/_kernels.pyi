@@ -99,6 +99,19 @@ def sum_rows(
     length: int,
     values: _Floats,
 ) -> _Floats: ...
+def sum_contact(
+    phi: _Floats,
+    start: _Keys,
+    point: _Ints,
+    share: _Floats,
+    place: _Ints,
+    length: int,
+    gap_n: _Floats,
+    gap: _Floats,
+    turn: _Floats,
+    force: _Floats,
+    gradient: _Floats,
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
 def sum_blocks(
     phi: _Floats, block: _Ints, count: int, factor: _Floats, matrix: _Floats
 ) -> _Floats: ...

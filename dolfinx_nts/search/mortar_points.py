@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares"]
@@ -209,6 +210,20 @@ class MortarPoints:
         if self.weights is not None:
             values = _at_nodes(self.weights, values)
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
+
+    def contact(self, pairs: ContactKinematics) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Sum kinematics of pairs to those of the nodes.
+
+        Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``,
+        and the least cosine by which a normal turns, ``(m,)``.
+        """
+        s, (lists, place) = self.shares, self._rows
+        force, gradient = pairs.force, pairs.gradient
+        if self.weights is not None:
+            force, gradient = (_at_nodes(self.weights, v[:, None])[:, 0] for v in (force, gradient))
+        of_shares = s.start, s.point, s.value, place, lists.shape[1]
+        ends = pairs.gap_n, pairs.gap, pairs.turn
+        return _kernels.sum_contact(self.phi, *of_shares, *ends, force, gradient)
 
     @property
     def lists(self) -> Ints:

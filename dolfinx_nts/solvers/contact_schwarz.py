@@ -153,9 +153,8 @@ def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
 
 def _change(now: ContactBlocks, then: ContactBlocks) -> float:
     """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes."""
-    tangents = now.tangent, then.tangent
-    if not np.array_equal(now.tangent_nodes, then.tangent_nodes):
-        every = np.concatenate([part.ravel() for part in tangents])
-        tangents = every, np.zeros(every.size)
-    slopes = slopes_at_nodes(now), slopes_at_nodes(then)
-    return max(_kernels.largest_difference(*pair) for pair in (tangents, slopes))
+    slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_at_nodes(then))
+    if np.array_equal(now.tangent_nodes, then.tangent_nodes):
+        return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
+    ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
+    return max(slopes, *(abs(float(end)) for end in ends))

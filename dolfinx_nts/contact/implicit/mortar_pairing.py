@@ -54,6 +54,8 @@ class MortarPairing(Pairing):
 
     def _of(self, node: Ints) -> MortarPoints:
         """Points of nodes, which are mostly those of the last call."""
+        if len(node) == len(self.area):
+            return self._points
         if not np.array_equal(node, self._last[0]):
             self._last = node.copy(), self._points.take(node)
         return self._last[1]
@@ -213,15 +215,6 @@ class PointBlocks(PairBlocks):
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
-    shares, rows = points.shares, points.rows(np.stack([contact.force, contact.gradient], axis=1))
-    turn = shares.reduced(np.minimum, contact.turn[shares.point], np.inf)
-    status = shares.reduced(np.maximum, contact.status[shares.point], 0)
-    return ContactKinematics(
-        gap_n=shares.mean(contact.gap_n),
-        gap=shares.mean(contact.gap),
-        force=rows[:, 0],
-        gradient=rows[:, 1],
-        tangent=contact.tangent,
-        turn=turn,
-        status=status,
-    )
+    gap_n, gap, force, gradient, turn = points.contact(contact)
+    status = np.isnan(turn).astype(np.int8)
+    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn, status)

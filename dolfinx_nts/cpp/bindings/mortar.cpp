@@ -84,18 +84,17 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
                     rows(points.psi, k));
 }
 
-auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
-              const Doubles& share, const Ints& place, std::size_t length,
-              const Doubles& values)
+/// @brief Points and shares, checked.
+Aggregation aggregation(const Doubles& phi, const Keys& start,
+                        const Ints& point, const Doubles& share,
+                        const Ints& place, std::size_t length,
+                        std::size_t vertices)
 {
   check("phi", phi, {any, any});
-  check("values", values, {phi.shape(0), any, any});
   check("start", start, {any});
   check("point", point, {any});
-  const std::size_t size = point.size(), count = values.shape(1);
+  const std::size_t size = point.size();
   check("share", share, {size});
-  const std::size_t vertices = values.shape(2) / 3 - 1;
-  check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
   check("place", place, {size, phi.shape(1) + vertices});
   check_rows("point: expected rows of phi", point, phi.shape(0));
   check_rows("place: expected places in rows", place, length);
@@ -104,16 +103,57 @@ auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
       || begin.back() != static_cast<std::int64_t>(size)
       || !std::ranges::is_sorted(begin))
     throw nb::value_error("start: expected lists that hold all shares");
+  return {.phi = view(phi),
+          .width = phi.shape(1),
+          .start = begin,
+          .point = view(point),
+          .share = view(share),
+          .place = view(place)};
+}
+
+auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
+              const Doubles& share, const Ints& place, std::size_t length,
+              const Doubles& values)
+{
+  check("values", values, {any, any, any});
+  const std::size_t count = values.shape(1), vertices = values.shape(2) / 3 - 1;
+  const Aggregation a
+      = aggregation(phi, start, point, share, place, length, vertices);
+  check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
   auto sums = create<double>({start.size() - 1, count, 3 * length});
   std::fill_n(sums.data(), sums.size(), 0.0);
-  sum_to_rows({.phi = view(phi),
-               .width = phi.shape(1),
-               .start = begin,
-               .point = view(point),
-               .share = view(share),
-               .place = view(place)},
-              vertices, view(values), count, length, view(sums));
+  sum_to_rows(a, vertices, view(values), count, length, view(sums));
   return sums;
+}
+
+auto sum_contact(const Doubles& phi, const Keys& start, const Ints& point,
+                 const Doubles& share, const Ints& place, std::size_t length,
+                 const Doubles& gap_n, const Doubles& gap, const Doubles& turn,
+                 const Doubles& force, const Doubles& gradient)
+{
+  check("force", force, {any, any});
+  const std::size_t p = force.shape(0), vertices = force.shape(1) / 3 - 1;
+  const Aggregation a
+      = aggregation(phi, start, point, share, place, length, vertices);
+  check("phi", phi, {p, any});
+  for (const Doubles* values : {&gap_n, &gap, &turn})
+    check("gap_n, gap and turn", *values, {p});
+  for (const Doubles* values : {&force, &gradient})
+    check("force and gradient", *values, {p, 3 * (1 + vertices)});
+  const std::size_t n = start.size() - 1;
+  const auto scalars = [n] { return create<double>({n}); };
+  const auto summed = [&](const Doubles& values)
+  {
+    auto rows = create<double>({n, 3 * length});
+    std::fill_n(rows.data(), rows.size(), 0.0);
+    sum_to_rows(a, vertices, view(values), 1, length, view(rows));
+    return rows;
+  };
+  auto gaps_n = scalars(), gaps = scalars(), turns = scalars();
+  means(a, view(gap_n), view(gaps_n));
+  means(a, view(gap), view(gaps));
+  least(a, view(turn), view(turns));
+  return std::tuple(gaps_n, gaps, summed(force), summed(gradient), turns);
 }
 
 auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
@@ -243,6 +283,13 @@ void mortar(nb::module_& m)
         nb::arg("values"),
         "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p, c, 3 (1 + s)) -> "
         "(n, c, 3 L), see nts/contact/aggregation.h");
+  m.def("sum_contact", &sum_contact, nb::arg("phi"), nb::arg("start"),
+        nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
+        nb::arg("gap_n"), nb::arg("gap"), nb::arg("turn"), nb::arg("force"),
+        nb::arg("gradient"),
+        "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p,), (p,), (p,), (p, 3 "
+        "(1 + s)), (p, 3 (1 + s)) -> means of both gaps (n,), (n,), rows (n, 3 "
+        "L), (n, 3 L), and least turn (n,)");
   m.def("sum_blocks", &sum_blocks, nb::arg("phi"), nb::arg("block"),
         nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
         "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "

@@ -2,6 +2,7 @@
 
 #include "nts/geometry/small.h"
 
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -60,6 +61,34 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
         }
       }
     }
+}
+
+/// @brief Means of the values of points for each node, NaN without points,
+/// (n,).
+inline void means(const Aggregation& a, std::span<const double> values,
+                  std::span<double> mean) noexcept
+{
+  for (std::size_t n = 0; n < mean.size(); ++n)
+  {
+    mean[n] = a.start[n] < a.start[n + 1] ? 0 : NAN;
+    for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
+      mean[n] += a.share[i] * values[a.point[i]];
+  }
+}
+
+/// @brief Least of the values of points for each node, NaN where one is,
+/// infinity without points, (n,).
+inline void least(const Aggregation& a, std::span<const double> values,
+                  std::span<double> least) noexcept
+{
+  for (std::size_t n = 0; n < least.size(); ++n)
+  {
+    least[n] = INFINITY;
+    for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
+      if (const double value = values[a.point[i]];
+          std::isnan(value) || std::isless(value, least[n]))
+        least[n] = value;
+  }
 }
 
 /// @brief Sum matrices of pairs to those of facet and segment.
