@@ -8,7 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.block_csr import BlockCSR, starts
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
@@ -18,9 +18,11 @@ __all__ = ["ContactSchwarz", "SerialSubdomain"]
 
 _NOTHING = -1, -1  # no numbers of matrix and active set
 # Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
-# [-]: nodes that begin to slip, or turn, have tangents far above it. And the size of blocks of it
-# that are not worth the entries: mortar contact has many small ones.
-_LARGEST_CHANGE, _NEGLIGIBLE = 0.1, 0.01
+# [-]: nodes that begin to slip, or turn, have tangents far above it.
+_LARGEST_CHANGE = 0.1
+# Size of blocks of the tangent, in the same, and of parts of constraints [-] that are not worth
+# their entries: mortar contact has many small ones.
+_NEGLIGIBLE = 0.01
 
 
 class SerialSubdomain:
@@ -116,8 +118,7 @@ class ContactSchwarz:
         """Whether other nodes are constrained, or the contact tangent is another. Collective."""
         then, least = self._contacts, _LARGEST_CHANGE * self._softest()
         has_changed = len(now) != len(then) or any(
-            not _same_nodes(*both) or _change(*both) > least
-            for both in zip(now, then, strict=True)
+            not _same_nodes(*both) or _change(*both) > least for both in zip(now, then, strict=True)
         )
         return reductions.anywhere(self._tangent.comm, has_changed)
 
@@ -132,23 +133,40 @@ class ContactSchwarz:
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
         least = _NEGLIGIBLE * self._softest()
-        contacts = [_without_small_blocks(blocks, least) for blocks in self._contacts]
+        contacts = [_essential(blocks, least) for blocks in self._contacts]
         self._domain.build(contacts, version)
         self.num_builds += 1
 
 
-def _without_small_blocks(contacts: ContactBlocks, least: float) -> ContactBlocks:
-    """The same without blocks of the tangent whose entries are at most ``least`` [N/m]. Local."""
+def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
+    """The same without small blocks of the tangent, and small parts of constraints. Local.
+
+    ``least`` is the size of an entry of the tangent from which on it counts [N/m].
+    """
     is_large = np.abs(contacts.tangent).max(axis=(1, 2), initial=0.0) > least
-    if is_large.all():
-        return contacts
-    return contacts.take(np.arange(len(contacts.rank)), is_large.nonzero()[0])
+    m, d = contacts.normal.shape
+    k = len(contacts.nodes) // max(m, 1)  # pairs have lists of one length
+    rows = [part.reshape(m, d, k, d) for part in (contacts.gradients, contacts.columns)]
+    held = (np.arange(d) < contacts.rank[:, None])[:, :, None, None]
+    keeps = np.any([(np.abs(part) * held).max(axis=(1, 3)) > _NEGLIGIBLE for part in rows], axis=0)
+    keeps[:, :1] = True
+    keeps[contacts.slopes.any(axis=(1, 2))] = True
+    everywhere = np.broadcast_to(keeps[:, None], (m, d, k))
+    gradients, columns = (part[everywhere] for part in rows)
+    return contacts._replace(
+        start=starts(np.count_nonzero(keeps, axis=1)),
+        nodes=contacts.nodes.reshape(m, k)[keeps],
+        gradients=gradients,
+        columns=columns,
+        tangent_nodes=contacts.tangent_nodes[is_large],
+        tangent=contacts.tangent[is_large],
+    )
 
 
 def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
     """Whether the same nodes are constrained, in the same way. Local."""
-    own = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
-    return np.array_equal(*own) and np.array_equal(now.rank, then.rank)
+    own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
+    return np.array_equal(own, before) and np.array_equal(now.rank, then.rank)
 
 
 def _change(now: ContactBlocks, then: ContactBlocks) -> float:
