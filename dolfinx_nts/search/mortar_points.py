@@ -17,7 +17,7 @@ from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
 
-__all__ = ["MortarFacets", "MortarPoints", "Shares"]
+__all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
 
 # Part of its area [-] of which a node needs points to carry a multiplier.
 _LEAST_COVERED = 1e-6
@@ -211,20 +211,6 @@ class MortarPoints:
             values = _at_nodes(self.weights, values)
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
 
-    def contact(self, pairs: ContactKinematics) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Sum kinematics of pairs to those of the nodes.
-
-        Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``,
-        and the least cosine by which a normal turns, ``(m,)``.
-        """
-        s, (lists, place) = self.shares, self._rows
-        force, gradient = pairs.force, pairs.gradient
-        if self.weights is not None:
-            force, gradient = (_at_nodes(self.weights, v[:, None])[:, 0] for v in (force, gradient))
-        of_shares = s.start, s.point, s.value, place, lists.shape[1]
-        ends = pairs.gap_n, pairs.gap, pairs.turn
-        return _kernels.sum_contact(self.phi, *of_shares, *ends, force, gradient)
-
     @property
     def lists(self) -> Ints:
         """Nodes of each row, that with the multiplier first, shape ``(m, d)``.
@@ -269,6 +255,23 @@ class MortarPoints:
         weights = None if self.weights is None else self.weights[used]
         of_points = self.reached[used], self.phi[used], weights, self.segment[used]
         return MortarPoints(*of_points, patch, shares)
+
+
+def at_nodes(
+    points: MortarPoints, pairs: ContactKinematics
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Sum kinematics of the pairs of points to those of the nodes.
+
+    Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and
+    the least cosine by which a normal turns, ``(m,)``.
+    """
+    s, (lists, place) = points.shares, points._rows
+    force, gradient, weights = pairs.force, pairs.gradient, points.weights
+    if weights is not None:
+        force, gradient = (_at_nodes(weights, v[:, None])[:, 0] for v in (force, gradient))
+    of_shares = s.start, s.point, s.value, place, lists.shape[1]
+    ends = pairs.gap_n, pairs.gap, pairs.turn
+    return _kernels.sum_contact(points.phi, *of_shares, *ends, force, gradient)
 
 
 def _at_nodes(weights: Floats, values: Floats) -> Floats:

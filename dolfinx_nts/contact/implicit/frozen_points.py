@@ -73,13 +73,8 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """The points stay, see `LocalSearch.find`."""
+        """The points stay; their gaps are not computed here, see `LocalSearch.find`."""
         return self.segment[node], np.zeros(len(node), dtype=bool)
-
-    def gaps(self, x: Floats, node: Ints) -> Floats:
-        """Compute mean gaps, see `LocalSearch.gaps`."""
-        self.gap[node] = gap = self.pairing.gaps(x, node, self.segment[node])
-        return gap
 
     def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
         """Choose points anew where they have left their segments, see `LocalSearch.reproject`."""

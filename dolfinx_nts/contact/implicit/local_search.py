@@ -145,10 +145,6 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def gaps(self, x: Floats, node: Ints) -> Floats:
-        """Gaps of nodes, ``(m,)``, to the segments that `find` has just found at x."""
-        return self.gap[node]
-
     def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium, see `find`. Collective.
 

@@ -10,7 +10,7 @@ from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks, with_friction
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.search.mortar_points import MortarPoints
+from dolfinx_nts.search.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.mortar_search import MortarCandidates
 
 __all__ = ["MortarPairing", "PointBlocks"]
@@ -215,6 +215,6 @@ class PointBlocks(PairBlocks):
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
-    gap_n, gap, force, gradient, turn = points.contact(contact)
+    gap_n, gap, force, gradient, turn = at_nodes(points, contact)
     status = np.isnan(turn).astype(np.int8)
     return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn, status)

@@ -75,7 +75,7 @@ class MultiplierContact(NormalContact):
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
             return super().needs(x, node)
-        return self.active[node] | self._stays[node] | (self._search.gaps(x, node) < 0)
+        return self.active[node] | self._stays[node] | (self._gaps(x, node) < 0)
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold, shape ``(m,)`` [m]."""

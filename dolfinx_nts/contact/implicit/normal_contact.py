@@ -66,6 +66,13 @@ class NormalContact(ABC):
         """Whether the kinematics of nodes matter in this iteration, shape ``(m,)``. Local."""
         return np.ones(len(node), dtype=bool)
 
+    def _gaps(self, x: Floats, node: Ints) -> Floats:
+        """Gaps of nodes to the segments just found at x, shape ``(m,)`` [m]. Local."""
+        search = self._search
+        if not search.pairing.follows:  # points that stay are not projected to be found
+            search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
+        return search.gap[node]
+
     @abstractmethod
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int

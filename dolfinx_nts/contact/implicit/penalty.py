@@ -66,7 +66,7 @@ class PenaltyContact(NormalContact):
         search, old = self._search, self._state.history
         if search.pairing.follows:  # gaps on other segments may be other ones
             return super().needs(x, node)
-        inside = (search.gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
+        inside = (self._gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
         flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
         return flags
 

@@ -8,7 +8,7 @@ import pytest
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
-from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints
+from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints, at_nodes
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments
 
@@ -223,7 +223,7 @@ def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k
     force, gradient = rng.normal(size=(2, p, 3 * (1 + k)))
     turn[shares.point[shares.start[1]]] = np.nan  # tells a failure, whatever comes after it
     pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn, np.zeros(p))
-    mean_n, mean, of_force, of_gradient, least = points.contact(pairs)
+    mean_n, mean, of_force, of_gradient, least = at_nodes(points, pairs)
     rows = points.rows(np.stack([force, gradient], axis=1))
     assert mean_n == pytest.approx(shares.mean(gap_n), rel=1e-12, abs=1e-14)
     assert mean == pytest.approx(shares.mean(gap), rel=1e-12, abs=1e-14)
