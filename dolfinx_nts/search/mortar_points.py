@@ -14,9 +14,10 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
 
-__all__ = ["MortarFacets", "MortarPoints", "Shares"]
+__all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
 
 # Part of its area [-] of which a node needs points to carry a multiplier.
 _LEAST_COVERED = 1e-6
@@ -196,10 +197,7 @@ class MortarPoints:
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
-        there: Floats = np.einsum(
-            "pk,pki->pi", self.phi, values[self.reached[:, : self.phi.shape[1]]]
-        )
-        return there
+        return _kernels.at_points(self.phi, self.reached, values)
 
     def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
         """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.
@@ -257,6 +255,23 @@ class MortarPoints:
         weights = None if self.weights is None else self.weights[used]
         of_points = self.reached[used], self.phi[used], weights, self.segment[used]
         return MortarPoints(*of_points, patch, shares)
+
+
+def at_nodes(
+    points: MortarPoints, pairs: ContactKinematics
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Sum kinematics of the pairs of points to those of the nodes.
+
+    Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and
+    the least cosine by which a normal turns, ``(m,)``.
+    """
+    s, (lists, place) = points.shares, points._rows
+    force, gradient, weights = pairs.force, pairs.gradient, points.weights
+    if weights is not None:
+        force, gradient = (_at_nodes(weights, v[:, None])[:, 0] for v in (force, gradient))
+    of_shares = s.start, s.point, s.value, place, lists.shape[1]
+    ends = pairs.gap_n, pairs.gap, pairs.turn
+    return _kernels.sum_contact(points.phi, *of_shares, *ends, force, gradient)
 
 
 def _at_nodes(weights: Floats, values: Floats) -> Floats:

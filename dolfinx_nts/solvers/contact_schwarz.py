@@ -8,7 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.block_csr import BlockCSR, starts
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
@@ -20,6 +20,9 @@ _NOTHING = -1, -1  # no numbers of matrix and active set
 # Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
 # [-]: nodes that begin to slip, or turn, have tangents far above it.
 _LARGEST_CHANGE = 0.1
+# Size of blocks of the tangent, in the same, and of parts of constraints [-] that are not worth
+# their entries: mortar contact has many small ones.
+_NEGLIGIBLE = 0.01
 
 
 class SerialSubdomain:
@@ -75,10 +78,11 @@ class ContactSchwarz:
             elimination: Active pairs.
         """
         version = self._tangent.num_assembled, elimination.active_version
-        if version != self._version or self._has_changed(elimination):
-            self._version = version
-            self._contacts = [pairs.global_blocks() for pairs in elimination.pairs]
-            self._build()
+        now = [pairs.global_blocks() for pairs in elimination.pairs]
+        if version[0] != self._version[0] or self._has_changed(now):
+            self._contacts = now
+            self._build(version[0])
+        self._version = version
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what was last factorised. Collective.
@@ -98,7 +102,7 @@ class ContactSchwarz:
             parts = (known[i : i + width] for i in range(0, len(known), width))
             self._contacts = [ContactBlocks(*part) for part in parts]
             self._version = version
-            self._build()
+            self._build(version[0])
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it around the contacts. Collective.
@@ -110,24 +114,65 @@ class ContactSchwarz:
         assert self._domain is not None
         self._domain.correct(r, z)
 
-    def _has_changed(self, elimination: Elimination) -> bool:
-        """Whether the tangent of the same contacts is another one. Collective."""
-        changes = [
-            np.abs(now - then).max(initial=0.0)
-            for pairs, known in zip(elimination.pairs, self._contacts, strict=True)
-            for now, then in (
-                (pairs.blocks.tangent, known.tangent),
-                (slopes_at_nodes(pairs.blocks), slopes_at_nodes(known)),
-            )
-        ]
-        comm, stiffness = self._tangent.comm, self._tangent.nodal_stiffness()
-        softest = reductions.least(comm, float(stiffness.min(initial=np.inf)))
-        return bool(reductions.anywhere(comm, max(changes) > _LARGEST_CHANGE * softest))
+    def _has_changed(self, now: Sequence[ContactBlocks]) -> bool:
+        """Whether other nodes are constrained, or the contact tangent is another. Collective."""
+        then, least = self._contacts, _LARGEST_CHANGE * self._softest()
+        has_changed = len(now) != len(then) or any(
+            not _same_nodes(*both) or _change(*both) > least for both in zip(now, then, strict=True)
+        )
+        return reductions.anywhere(self._tangent.comm, has_changed)
 
-    def _build(self) -> None:
+    def _softest(self) -> float:
+        """Stiffness of the softest node [N/m]. Collective."""
+        stiffness = self._tangent.nodal_stiffness()
+        return reductions.least(self._tangent.comm, float(stiffness.min(initial=np.inf)))
+
+    def _build(self, version: int) -> None:
         if self._domain is None:
             rows = self._tangent.rows
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
-        self._domain.build(self._contacts, self._version[0])
+        least = _NEGLIGIBLE * self._softest()
+        contacts = [_essential(blocks, least) for blocks in self._contacts]
+        self._domain.build(contacts, version)
         self.num_builds += 1
+
+
+def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
+    """The same without small blocks of the tangent, and small parts of constraints. Local.
+
+    ``least`` is the size of an entry of the tangent from which on it counts [N/m].
+    """
+    is_large = np.abs(contacts.tangent).max(axis=(1, 2), initial=0.0) > least
+    m, d = contacts.normal.shape
+    k = len(contacts.nodes) // max(m, 1)  # pairs have lists of one length
+    rows = [part.reshape(m, d, k, d) for part in (contacts.gradients, contacts.columns)]
+    held = (np.arange(d) < contacts.rank[:, None])[:, :, None, None]
+    keeps = np.any([(np.abs(part) * held).max(axis=(1, 3)) > _NEGLIGIBLE for part in rows], axis=0)
+    keeps[:, :1] = True
+    keeps[contacts.slopes.any(axis=(1, 2))] = True
+    everywhere = np.broadcast_to(keeps[:, None], (m, d, k))
+    gradients, columns = (part[everywhere] for part in rows)
+    return contacts._replace(
+        start=starts(np.count_nonzero(keeps, axis=1)),
+        nodes=contacts.nodes.reshape(m, k)[keeps],
+        gradients=gradients,
+        columns=columns,
+        tangent_nodes=contacts.tangent_nodes[is_large],
+        tangent=contacts.tangent[is_large],
+    )
+
+
+def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
+    """Whether the same nodes are constrained, in the same way. Local."""
+    own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
+    return np.array_equal(own, before) and np.array_equal(now.rank, then.rank)
+
+
+def _change(now: ContactBlocks, then: ContactBlocks) -> float:
+    """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes."""
+    slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_at_nodes(then))
+    if np.array_equal(now.tangent_nodes, then.tangent_nodes):
+        return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
+    ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
+    return max(slopes, *(abs(float(end)) for end in ends))

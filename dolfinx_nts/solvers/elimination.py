@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -141,16 +140,12 @@ class CoupledPairs(ActivePairs):
         """Multiply constraints and directions."""
         super().__init__(candidates, state, dim)
         blocks, dofs = self.blocks, self._pair_dofs
-        self._dofs = self._needed.nodes.reshape(dofs.shape)
         assert isinstance(state.pairs.blocks, PointBlocks)
         self._given_up = state.pairs.blocks.given_up.take(dofs)
-        rows = blocks.gradients, blocks.columns
         self._gradients, self._forces = (
-            self._given_up.system(blocks.rank, some, blocks.normal, transposed=t)
-            for some, t in zip(rows, (False, True), strict=True)
+            self._given_up.system(blocks.rank, rows, blocks.normal, transposed=transposed)
+            for rows, transposed in ((blocks.gradients, False), (blocks.columns, True))
         )
-        c = self._gradients.directions.shape[1]
-        self._rows = rows[0][:, :c], rows[1][:, :c]
 
     @property
     def is_regular(self) -> bool:
@@ -161,14 +156,10 @@ class CoupledPairs(ActivePairs):
 
     def constrain(self, values: Floats, x: Floats) -> Floats:
         """Solve for all nodes at once, see `ActivePairs.constrain`."""
-        part = self.part(x)
-        there = part[self._dofs].reshape(len(self._dofs), self._rows[0].shape[2])
-        missing = -np.einsum("mcd,md->mc", self._rows[0], there)
-        if len(values):
-            missing += values[:, : missing.shape[1]]
-        way = self._gradients.solve(missing)
-        moved = np.einsum("mc,mci->mi", way, self._gradients.directions)
-        self._given_up.move(moved, x)
+        missing = self._kernel.missing(values, self.part(x))
+        directions = self._gradients.directions
+        way = self._gradients.solve(missing[:, : directions.shape[1]])
+        self._given_up.move((way[:, None] @ directions)[:, 0], x)
         return self.part(x)
 
     def act(self, part: Floats, y: Floats) -> Floats:
@@ -176,14 +167,13 @@ class CoupledPairs(ActivePairs):
         own = self._own(y)
         self._kernel.add_tangent(part, own)
         self._put(own, y)
-        force = np.einsum("mi,mci->mc", self._given_up.gather(y), self._forces.directions)
-        lambda_N = self._forces.solve(force)
-        forces = -np.einsum("mc,mcd->md", lambda_N, self._rows[1])
-        own = self._own(y)
-        _kernels.add_rows(own, self._dofs, forces.reshape(*self._dofs.shape, y.shape[1]))
-        self._put(own, y)
+        directions = self._forces.directions
+        force = (directions @ self._given_up.gather(y)[:, :, None])[:, :, 0]
         removed = np.zeros((len(force), y.shape[1]))
-        removed[:, : lambda_N.shape[1]] = lambda_N
+        removed[:, : force.shape[1]] = self._forces.solve(force)
+        own = self._own(y)
+        self._kernel.remove(removed, own)
+        self._put(own, y)
         return removed
 
 

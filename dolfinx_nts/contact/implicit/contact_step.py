@@ -237,7 +237,7 @@ class ContactStep:
         """Kinematics of nodes that may transmit force; how many changed or left their segment."""
         search, node, released = self.search, self.normal.nodes, 0
         segment, moved = search.find(x, node, iteration)
-        near = (segment >= 0) & self.normal.needs(node)
+        near = (segment >= 0) & self.normal.needs(x, node)
         if not near.all():
             far = node[~near]
             released = int(np.count_nonzero(self.normal.active[far]))

@@ -73,10 +73,8 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """Compute mean gaps; the points stay, see `LocalSearch.find`."""
-        segment = self.segment[node]
-        self.gap[node] = self.pairing.gaps(x, node, segment)
-        return segment, np.zeros(len(node), dtype=bool)
+        """The points stay; their gaps are not computed here, see `LocalSearch.find`."""
+        return self.segment[node], np.zeros(len(node), dtype=bool)
 
     def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
         """Choose points anew where they have left their segments, see `LocalSearch.reproject`."""

@@ -5,6 +5,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar_search import MortarCandidates
 
 __all__ = ["GivenUp"]
@@ -23,17 +24,28 @@ class GivenUp:
     def __init__(self, candidates: MortarCandidates, free: Floats | None, dofs: Ints) -> None:
         """Take the pairs."""
         self._candidates, self._free, self._dofs = candidates, free, dofs
+        # The last system of either kind, with its ranks and rows.
+        self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
     def take(self, dofs: Ints) -> "GivenUp":
         """Make the same of other pairs, shape ``(m, d)``."""
-        return GivenUp(self._candidates, self._free, dofs)
+        return self if dofs is self._dofs else GivenUp(self._candidates, self._free, dofs)
 
     def system(
         self, rank: Ints, rows: Floats, normal: Floats, *, transposed: bool = False
     ) -> NodalSystem:
-        """Make the system of rows of the pairs, see `NodalSystem`. Collective."""
-        where = self._candidates.scatter, self._candidates.hats, self._dofs
-        return NodalSystem(*where, rank, rows, normal, transposed=transposed)
+        """Make the system of rows of the pairs, see `NodalSystem`. Collective.
+
+        It is the last one where ranks are the same, and rows the very array.
+        """
+        scatter, last = self._candidates.scatter, self._last.get(transposed)
+        is_known = last is not None and rows is last[1] and np.array_equal(rank, last[0])
+        if not reductions.everywhere(scatter.index_map.comm, is_known):
+            where = scatter, self._candidates.hats, self._dofs
+            last = rank, rows, NodalSystem(*where, rank, rows, normal, transposed=transposed)
+            self._last[transposed] = last
+        assert last is not None
+        return last[2]
 
     def gather(self, force: Floats) -> Floats:
         """Sum up what forces at the owned nodes, ``(n, b)``, do along it, ``(m, b)``. Collective.

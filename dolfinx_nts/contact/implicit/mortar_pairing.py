@@ -10,7 +10,7 @@ from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks, with_friction
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.search.mortar_points import MortarPoints
+from dolfinx_nts.search.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.mortar_search import MortarCandidates
 
 __all__ = ["MortarPairing", "PointBlocks"]
@@ -54,6 +54,8 @@ class MortarPairing(Pairing):
 
     def _of(self, node: Ints) -> MortarPoints:
         """Points of nodes, which are mostly those of the last call."""
+        if len(node) == len(self.area):
+            return self._points
         if not np.array_equal(node, self._last[0]):
             self._last = node.copy(), self._points.take(node)
         return self._last[1]
@@ -96,9 +98,12 @@ class MortarPairing(Pairing):
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
         """Count points that have left their segments, see `Pairing.num_beyond`."""
+        outside = self._outside(x, node)
+        if not (outside > _BEYOND).any():
+            return 0
         # A point may be outside from the start, where facet and segment are not parallel.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
-        return int(np.count_nonzero(self._outside(x, node) > before + _BEYOND))
+        return int(np.count_nonzero(outside > before + _BEYOND))
 
     def _outside(self, x: Floats, node: Ints) -> Floats:
         """How far the points of nodes are outside of the reference segment, shape ``(p,)``."""
@@ -210,15 +215,6 @@ class PointBlocks(PairBlocks):
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
-    shares, rows = points.shares, points.rows(np.stack([contact.force, contact.gradient], axis=1))
-    turn = shares.reduced(np.minimum, contact.turn[shares.point], np.inf)
-    status = shares.reduced(np.maximum, contact.status[shares.point], 0)
-    return ContactKinematics(
-        gap_n=shares.mean(contact.gap_n),
-        gap=shares.mean(contact.gap),
-        force=rows[:, 0],
-        gradient=rows[:, 1],
-        tangent=contact.tangent,
-        turn=turn,
-        status=status,
-    )
+    gap_n, gap, force, gradient, turn = at_nodes(points, contact)
+    status = np.isnan(turn).astype(np.int8)
+    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn, status)

@@ -71,11 +71,11 @@ class MultiplierContact(NormalContact):
         """Whether a node may touch: where gaps are held, only those that may be held."""
         return self._eligible if self._holds else super().may_touch
 
-    def needs(self, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
-            return super().needs(node)
-        return self.active[node] | self._stays[node] | (self._search.gap[node] < 0)
+            return super().needs(x, node)
+        return self.active[node] | self._stays[node] | (self._gaps(x, node) < 0)
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold, shape ``(m,)`` [m]."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.whole_facets import Hats
@@ -53,36 +54,30 @@ class NodalSystem:
         self._is_local = scatter.is_local
         b = normal.shape[1]
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
-        directions = np.where((rank == 1)[:, None, None], normal[:, None], rows[:, :c, :b])
+        self.directions: Floats = _kernels.give_up(rank, rows, normal, c)
         self._held = np.arange(c) < rank[:, None]
-        self.directions: Floats = directions * self._held[:, :, None]
-        E = np.empty((c, scatter.num_local, b))
+        E = np.zeros((c, scatter.num_local, b))
         for a in range(c):
-            own = np.zeros((scatter.index_map.size_local, 3))
-            own[dofs[:, 0], :b] = self.directions[:, a]
-            E[a] = scatter.forward(own)[:, :b]
-        parents = np.arange(scatter.num_local, dtype=np.int32)[:, None]
-        weights = np.ones(parents.shape)
-        if hats is not None:
-            parents, weights = hats.parents, hats.weights
-        row, column, value = _kernels.constraint_products(dofs, rank, rows, parents, weights, E)
-        mine = (c * dofs[:, :1].astype(np.int64) + np.arange(c))[self._held]
+            E[a, dofs[:, 0]] = self.directions[:, a]
+            if not self._is_local:
+                E[a] = scatter.forward(in_space(E[a]))[:, :b]
+        none = np.empty((scatter.num_local, 0))
+        parents = (none.astype(np.int32), none) if hats is None else (hats.parents, hats.weights)
+        row, column, value = _kernels.constraint_products(dofs, rank, rows, *parents, E)
+        number = (c * dofs[:, :1].astype(np.int64) + np.arange(c))[self._held]
         if transposed:
             row, column = column, row
+        self._own = slice(None)
         if not self._is_local:
-            mine, row, column = (
-                c * scatter.global_nodes((number // c).astype(np.int32)).astype(np.int64)
-                + number % c
-                for number in (mine, row, column)
+            number, row, column = (
+                c * scatter.global_nodes((some // c).astype(np.int32)).astype(np.int64) + some % c
+                for some in (number, row, column)
             )
-            parts = zip(*self._comm.allgather((mine, row, column, value)), strict=True)
-            every, row, column, value = map(np.concatenate, parts)
-        else:
-            every = mine
-        self._order = np.argsort(every)
-        number = every[self._order]
-        self._mine = np.searchsorted(number, mine)
-        self._matrix = _kernels.sparse_rows(number, row, column, value)
+            parts = self._comm.allgather((number, row, column, value))
+            before = sum(len(part[0]) for part in parts[: self._comm.rank])
+            self._own = slice(before, before + len(number))
+            number, row, column, value = map(np.concatenate, zip(*parts, strict=True))
+        self._system = _kernels.SmallSystem(number, row, column, value)
 
     def solve(self, b: Floats) -> Floats:
         """Solve for a right-hand side and with a result of shape ``(m, c)``.
@@ -92,7 +87,6 @@ class NodalSystem:
         right = b[self._held]
         if not self._is_local:
             right = np.concatenate(self._comm.allgather(right))
-        solution = _kernels.solve_small(*self._matrix, right[self._order])
         x: Floats = np.zeros(self._held.shape)
-        x[self._held] = solution[self._mine]
+        x[self._held] = self._system.solve(right)[self._own]
         return x

@@ -62,9 +62,16 @@ class NormalContact(ABC):
         flags: Flags = self._search.may_close | self._state.history.active | self.active
         return flags
 
-    def needs(self, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter in this iteration, shape ``(m,)``. Local."""
         return np.ones(len(node), dtype=bool)
+
+    def _gaps(self, x: Floats, node: Ints) -> Floats:
+        """Gaps of nodes to the segments just found at x, shape ``(m,)`` [m]. Local."""
+        search = self._search
+        if not search.pairing.follows:  # points that stay are not projected to be found
+            search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
+        return search.gap[node]
 
     @abstractmethod
     def update(

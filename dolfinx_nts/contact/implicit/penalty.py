@@ -61,12 +61,12 @@ class PenaltyContact(NormalContact):
         self.active[node], self.lambda_N[node] = active, lambda_N
         return changes
 
-    def needs(self, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
         search, old = self._search, self._state.history
         if search.pairing.follows:  # gaps on other segments may be other ones
-            return super().needs(node)
-        inside = (search.gap[node] < 0) | (search.approach.gap_n[node] < 0)
+            return super().needs(x, node)
+        inside = (self._gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
         flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
         return flags
 

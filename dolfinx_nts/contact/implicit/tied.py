@@ -40,7 +40,7 @@ class TiedContact(MultiplierContact):
             )
         return tied
 
-    def needs(self, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether the kinematics of nodes matter: those of all tied ones do."""
         return np.ones(len(node), dtype=bool)
 

@@ -30,6 +30,23 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
                                       view(farthest), view(x));
                       });
 }
+
+/// @brief Largest absolute value, NaN where there is one.
+double largest_difference(const Doubles& a, const Doubles& b)
+{
+  if (a.size() != b.size())
+    throw nb::value_error("expected as many values in both arrays");
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+  {
+    const double difference = std::abs(a.data()[i] - b.data()[i]);
+    if (!(difference <= largest))
+      largest = difference;
+    if (std::isnan(largest))
+      break;
+  }
+  return largest;
+}
 } // namespace
 
 void elimination(nb::module_& m)
@@ -53,8 +70,17 @@ void elimination(nb::module_& m)
            nb::arg("y").noconvert(),
            "y <- Z~^T (y + C x): (n, B), (n, B); the multipliers of the forces "
            "that this removes, (m, B)")
+      .def("missing", &BoundElimination::missing, nb::arg("values"),
+           nb::arg("x"),
+           "values - G^T x: (m, B) or (0,), (n, B) -> (m, B), 0 where there is "
+           "no constraint")
+      .def("remove", &BoundElimination::remove, nb::arg("multipliers"),
+           nb::arg("y").noconvert(), "y <- y - F lambda: (m, B), (n, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
            nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
+  m.def("largest_difference", &largest_difference, nb::arg("a"), nb::arg("b"),
+        "Largest absolute difference of the values of two arrays of one size, "
+        "NaN where there is one");
   m.def("close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
         nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
         nb::arg("farthest"), nb::arg("x").noconvert(),

@@ -80,6 +80,36 @@ public:
                         { nts::constrain(get<B>(), view(values), view(x)); });
   }
 
+  auto missing(const Doubles& values, const Doubles& x) const
+  {
+    if (values.size())
+      check("values", values, {_rank.size(), components()});
+    check_rows("x", x);
+    auto result = create<double>({_rank.size(), components()});
+    dispatch_components(
+        components(),
+        [&]<std::size_t B>()
+        {
+          for (std::size_t i = 0; i < _rank.size(); ++i)
+            std::ranges::copy(nts::missing(get<B>(), i, view(values), view(x)),
+                              result.data() + B * i);
+        });
+    return result;
+  }
+
+  void remove(const Doubles& multipliers, Out<double> y) const
+  {
+    check_rows("y", y);
+    check("multipliers", multipliers, {_rank.size(), components()});
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          for (std::size_t i = 0; i < _rank.size(); ++i)
+                            nts::remove(get<B>(), i, multipliers.data() + B * i,
+                                        view(y));
+                        });
+  }
+
   auto act(const Doubles& x, Out<double> y) const
   {
     check_rows("y", y);
@@ -103,7 +133,7 @@ public:
   std::size_t num_nodes() const noexcept { return _num_nodes; }
 
 private:
-  void check_rows(const char* name, const Out<double>& x) const
+  void check_rows(const char* name, const Doubles& x) const
   {
     check(name, x, {any, components()});
     if (x.shape(0) < _num_nodes)

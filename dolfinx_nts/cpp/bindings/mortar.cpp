@@ -1,7 +1,6 @@
 #include "array.h"
 #include "nts/contact/aggregation.h"
 #include "nts/search/mortar_points.h"
-#include "nts/solvers/constraint_products.h"
 #include "nts/solvers/small_system.h"
 
 #include <nanobind/stl/tuple.h>
@@ -85,18 +84,17 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
                     rows(points.psi, k));
 }
 
-auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
-              const Doubles& share, const Ints& place, std::size_t length,
-              const Doubles& values)
+/// @brief Points and shares, checked.
+Aggregation aggregation(const Doubles& phi, const Keys& start,
+                        const Ints& point, const Doubles& share,
+                        const Ints& place, std::size_t length,
+                        std::size_t vertices)
 {
   check("phi", phi, {any, any});
-  check("values", values, {phi.shape(0), any, any});
   check("start", start, {any});
   check("point", point, {any});
-  const std::size_t size = point.size(), count = values.shape(1);
+  const std::size_t size = point.size();
   check("share", share, {size});
-  const std::size_t vertices = values.shape(2) / 3 - 1;
-  check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
   check("place", place, {size, phi.shape(1) + vertices});
   check_rows("point: expected rows of phi", point, phi.shape(0));
   check_rows("place: expected places in rows", place, length);
@@ -105,16 +103,57 @@ auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
       || begin.back() != static_cast<std::int64_t>(size)
       || !std::ranges::is_sorted(begin))
     throw nb::value_error("start: expected lists that hold all shares");
+  return {.phi = view(phi),
+          .width = phi.shape(1),
+          .start = begin,
+          .point = view(point),
+          .share = view(share),
+          .place = view(place)};
+}
+
+auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
+              const Doubles& share, const Ints& place, std::size_t length,
+              const Doubles& values)
+{
+  check("values", values, {any, any, any});
+  const std::size_t count = values.shape(1), vertices = values.shape(2) / 3 - 1;
+  const Aggregation a
+      = aggregation(phi, start, point, share, place, length, vertices);
+  check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
   auto sums = create<double>({start.size() - 1, count, 3 * length});
   std::fill_n(sums.data(), sums.size(), 0.0);
-  sum_to_rows({.phi = view(phi),
-               .width = phi.shape(1),
-               .start = begin,
-               .point = view(point),
-               .share = view(share),
-               .place = view(place)},
-              vertices, view(values), count, length, view(sums));
+  sum_to_rows(a, vertices, view(values), count, length, view(sums));
   return sums;
+}
+
+auto sum_contact(const Doubles& phi, const Keys& start, const Ints& point,
+                 const Doubles& share, const Ints& place, std::size_t length,
+                 const Doubles& gap_n, const Doubles& gap, const Doubles& turn,
+                 const Doubles& force, const Doubles& gradient)
+{
+  check("force", force, {any, any});
+  const std::size_t p = force.shape(0), vertices = force.shape(1) / 3 - 1;
+  const Aggregation a
+      = aggregation(phi, start, point, share, place, length, vertices);
+  check("phi", phi, {p, any});
+  for (const Doubles* values : {&gap_n, &gap, &turn})
+    check("gap_n, gap and turn", *values, {p});
+  for (const Doubles* values : {&force, &gradient})
+    check("force and gradient", *values, {p, 3 * (1 + vertices)});
+  const std::size_t n = start.size() - 1;
+  const auto scalars = [n] { return create<double>({n}); };
+  const auto summed = [&](const Doubles& values)
+  {
+    auto rows = create<double>({n, 3 * length});
+    std::fill_n(rows.data(), rows.size(), 0.0);
+    sum_to_rows(a, vertices, view(values), 1, length, view(rows));
+    return rows;
+  };
+  auto gaps_n = scalars(), gaps = scalars(), turns = scalars();
+  means(a, view(gap_n), view(gaps_n));
+  means(a, view(gap), view(gaps));
+  least(a, view(turn), view(turns));
+  return std::tuple(gaps_n, gaps, summed(force), summed(gradient), turns);
 }
 
 auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
@@ -134,6 +173,38 @@ auto sum_blocks(const Doubles& phi, const Ints& block, std::size_t count,
   sum_to_blocks(view(phi), phi.shape(1), vertices, view(block), view(factor),
                 view(matrix), view(sums));
   return sums;
+}
+
+auto points_of(const Doubles& phi, const Ints& nodes, const Doubles& x)
+{
+  check("phi", phi, {any, any});
+  check("nodes", nodes, {phi.shape(0), any});
+  check("x", x, {any, 3});
+  check_rows("nodes: expected rows of x", nodes, x.shape(0));
+  if (nodes.shape(1) < phi.shape(1))
+    throw nb::value_error("nodes: expected those of the facets");
+  auto out = create<double>({phi.shape(0), 3});
+  at_points(view(phi), phi.shape(1), view(nodes), nodes.shape(1), view(x),
+            view(out));
+  return out;
+}
+
+auto give_up(const Ints& rank, const Doubles& rows, const Doubles& normal,
+             std::size_t c)
+{
+  const std::size_t m = rank.size();
+  check("rank", rank, {m});
+  check("normal", normal, {m, any});
+  const std::size_t b = normal.shape(1);
+  check("rows", rows, {m, any, any});
+  check_rows("rank: expected as many directions and rows", rank,
+             1 + std::min(c, rows.shape(1)));
+  if (b == 0 || rows.shape(2) < b)
+    throw nb::value_error("rows: expected the node of each row");
+  auto directions = create<double>({m, c, b});
+  nts::give_up({{}, view(rank), view(rows), rows.shape(2) / b, rows.shape(1)},
+               view(normal), c, b, view(directions));
+  return directions;
 }
 
 auto constraint_products(const Ints& nodes, const Ints& rank,
@@ -160,41 +231,40 @@ auto constraint_products(const Ints& nodes, const Ints& rank,
                     array(entries.value));
 }
 
-auto sparse_rows(const Keys& number, const Keys& row, const Keys& column,
-                 const Doubles& value)
+void small_system(nb::module_& m)
 {
-  check("number", number, {any});
-  check("row", row, {any});
-  const std::size_t size = row.size();
-  check("column", column, {size});
-  check("value", value, {size});
-  auto start = create<std::int64_t>({number.size() + 1});
-  auto place = create<std::int32_t>({size});
-  auto sorted = create<double>({size});
-  if (!sort_rows(view(number), view(row), view(column), view(value),
-                 view(start), view(place), view(sorted)))
-    throw nb::value_error("number: expected those of all rows and columns, in "
-                          "ascending order");
-  return std::tuple(start, place, sorted);
-}
-
-auto solve_small(const Keys& start, const Ints& column, const Doubles& value,
-                 const Doubles& b)
-{
-  check("start", start, {any});
-  const std::size_t n = start.size() - 1;
-  check("value", value, {column.size()});
-  check("b", b, {n});
-  check_rows("column: expected numbers of rows", column, n);
-  const auto begin = view(start);
-  if (begin.empty() || begin.front() != 0
-      || begin.back() != static_cast<std::int64_t>(column.size())
-      || !std::ranges::is_sorted(begin))
-    throw nb::value_error("start: expected rows that hold all entries");
-  auto x = create<double>({n});
-  if (!solve({begin, view(column), view(value)}, view(b), view(x)))
-    std::fill_n(x.data(), n, NAN);
-  return x;
+  nb::class_<SmallSystem>(
+      m, "SmallSystem",
+      "A sparse system near to a diagonal one, see nts/solvers/small_system.h")
+      .def(
+          "__init__",
+          [](SmallSystem* self, const Keys& number, const Keys& row,
+             const Keys& column, const Doubles& value)
+          {
+            check("number", number, {any});
+            check("row", row, {any});
+            check("column", column, {row.size()});
+            check("value", value, {row.size()});
+            SmallSystem system(view(number));
+            if (!system.fill(view(row), view(column), view(value)))
+              throw nb::value_error(
+                  "number: expected those of all rows and columns");
+            new (self) SmallSystem(std::move(system));
+          },
+          nb::arg("number"), nb::arg("row"), nb::arg("column"),
+          nb::arg("value"),
+          "Numbers of rows and columns (n,), and entries by these (e,), (e,), "
+          "(e,)")
+      .def(
+          "solve",
+          [](const SmallSystem& self, const Doubles& b)
+          {
+            check("b", b, {self.size()});
+            auto x = create<double>({self.size()});
+            self.solve(view(b), view(x));
+            return x;
+          },
+          nb::arg("b"), "(n,) -> (n,), NaN where it fails");
 }
 } // namespace
 
@@ -213,22 +283,30 @@ void mortar(nb::module_& m)
         nb::arg("values"),
         "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p, c, 3 (1 + s)) -> "
         "(n, c, 3 L), see nts/contact/aggregation.h");
+  m.def("sum_contact", &sum_contact, nb::arg("phi"), nb::arg("start"),
+        nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
+        nb::arg("gap_n"), nb::arg("gap"), nb::arg("turn"), nb::arg("force"),
+        nb::arg("gradient"),
+        "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p,), (p,), (p,), (p, 3 "
+        "(1 + s)), (p, 3 (1 + s)) -> means of both gaps (n,), (n,), rows (n, 3 "
+        "L), (n, 3 L), and least turn (n,)");
   m.def("sum_blocks", &sum_blocks, nb::arg("phi"), nb::arg("block"),
         nb::arg("count"), nb::arg("factor"), nb::arg("matrix"),
         "(p, k), (p,), b, (p,), (p, 3 (1 + s), 3 (1 + s)) -> "
         "(b, 3 (k + s), 3 (k + s)), see nts/contact/aggregation.h");
+  m.def("at_points", &points_of, nb::arg("phi"), nb::arg("nodes"), nb::arg("x"),
+        "(p, k), (p, at least k), (n, 3) -> (p, 3), see "
+        "nts/contact/aggregation.h");
+  m.def("give_up", &give_up, nb::arg("rank"), nb::arg("rows"),
+        nb::arg("normal"), nb::arg("count"),
+        "(m,), (m, r, d b), (m, b), c -> directions (m, c, b), see "
+        "nts/solvers/constraint_products.h");
   m.def("constraint_products", &constraint_products, nb::arg("nodes"),
         nb::arg("rank"), nb::arg("rows"), nb::arg("parents"),
         nb::arg("weights"), nb::arg("directions"),
         "(m, d), (m,), (m, r, d b), (l, h), (l, h), (c, l, b) -> row, column, "
-        "value of entries (e,), see nts/solvers/constraint_products.h");
-  m.def("sparse_rows", &sparse_rows, nb::arg("number"), nb::arg("row"),
-        nb::arg("column"), nb::arg("value"),
-        "(n,), (e,), (e,), (e,) -> start (n + 1,), column (e,), value (e,), "
-        "see nts/solvers/constraint_products.h");
-  m.def("solve_small", &solve_small, nb::arg("start"), nb::arg("column"),
-        nb::arg("value"), nb::arg("b"),
-        "Rows of a sparse matrix (n + 1,), (e,), (e,), and (n,) -> (n,), NaN "
-        "where it fails, see nts/solvers/small_system.h");
+        "value of entries (e,), see nts/solvers/constraint_products.h; with h "
+        "= 0 nodes are their own parents");
+  small_system(m);
 }
 } // namespace nts::bindings

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels, compat
+from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
-from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints
+from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints, at_nodes
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments
 
@@ -212,6 +213,24 @@ def test_rows_are_sums_over_the_points_of_a_node(k, rng):
     with pytest.raises(ValueError, match="places in rows"):
         _kernels.sum_rows(some.phi, shares.start, shares.point, shares.value, places, 1, values)
     assert candidates.segments.shape[1] == k
+
+
+@shapes
+def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k, rng):
+    points = choose(k, rng)[3].take(np.array([1, 4, 2], dtype=np.int32))
+    p, shares = len(points.segment), points.shares
+    gap_n, gap, turn = rng.normal(size=(3, p))
+    force, gradient = rng.normal(size=(2, p, 3 * (1 + k)))
+    turn[shares.point[shares.start[1]]] = np.nan  # tells a failure, whatever comes after it
+    pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn, np.zeros(p))
+    mean_n, mean, of_force, of_gradient, least = at_nodes(points, pairs)
+    rows = points.rows(np.stack([force, gradient], axis=1))
+    assert mean_n == pytest.approx(shares.mean(gap_n), rel=1e-12, abs=1e-14)
+    assert mean == pytest.approx(shares.mean(gap), rel=1e-12, abs=1e-14)
+    assert np.array_equal(np.stack([of_force, of_gradient], axis=1), rows)
+    for node, start, end in zip(range(3), shares.start, shares.start[1:], strict=False):
+        assert np.array_equal(least[node], turn[shares.point[start:end]].min(), equal_nan=True)
+    assert np.isnan(least[1])
 
 
 @shapes

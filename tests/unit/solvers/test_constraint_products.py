@@ -42,7 +42,7 @@ def dense(nodes, rank, rows, parents, weights, directions):
 
 @pytest.mark.parametrize(("b", "h"), [(2, 1), (3, 1), (2, 2), (3, 4)])
 @pytest.mark.parametrize("transposed", [False, True])
-def test_sorted_entries_are_those_of_the_product_of_dense_matrices(b, h, transposed, rng):
+def test_entries_are_those_of_the_product_of_dense_matrices(b, h, transposed, rng):
     arguments = problem(rng, b, h)
     row, column, value = _kernels.constraint_products(*arguments)
     whole = dense(*arguments)
@@ -50,12 +50,32 @@ def test_sorted_entries_are_those_of_the_product_of_dense_matrices(b, h, transpo
         row, column, whole = column, row, whole.T
     nodes, rank = arguments[:2]
     held = [b * own + a for own, r in zip(nodes[:, 0], rank, strict=True) for a in range(r)]
-    number = np.sort(np.array(held, dtype=np.int64))
-    start, place, entry = _kernels.sparse_rows(number, row, column, value)
-    A = np.zeros((len(number), len(number)))
-    np.add.at(A, (np.repeat(np.arange(len(number)), np.diff(start)), place), entry)
-    assert A == pytest.approx(whole[np.ix_(number, number)], rel=1e-13, abs=1e-13)
+    A = np.zeros_like(whole)
+    np.add.at(A, (row, column), value)
+    assert np.isin(row, held).all()
+    assert np.isin(column, held).all()
+    assert A[np.ix_(held, held)] == pytest.approx(whole[np.ix_(held, held)], rel=1e-13, abs=1e-13)
     assert np.count_nonzero(whole) == np.count_nonzero(A)
+
+
+def test_nodes_without_parents_are_their_own(rng):
+    *arguments, parents, weights, directions = problem(rng, 3, 1)
+    parents[:, 0], weights[:] = np.arange(len(parents)), 1.0
+    told = _kernels.constraint_products(*arguments, parents, weights, directions)
+    none = np.empty((len(parents), 0))
+    bare = _kernels.constraint_products(*arguments, none.astype(np.int32), none, directions)
+    assert all(map(np.array_equal, told, bare))
+
+
+@pytest.mark.parametrize("b", [2, 3])
+def test_nodes_give_up_their_normals_or_their_own_parts_of_the_rows(b, rng):
+    _, rank, rows, *_ = problem(rng, b, 1)
+    normal = rng.normal(size=(len(rank), b))
+    directions = _kernels.give_up(rank, rows, normal, b)
+    for own, held, each, row in zip(directions, rank, normal, rows, strict=True):
+        expected = each[None] if held == 1 else row[:held, :b]
+        assert np.array_equal(own[:held], expected)
+        assert (own[held:] == 0).all()
 
 
 def test_rows_that_are_not_numbers_have_entries_of_constrained_nodes_only(rng):
@@ -65,7 +85,8 @@ def test_rows_that_are_not_numbers_have_entries_of_constrained_nodes_only(rng):
     number = np.array([3, 6, 9, 10, 11], dtype=np.int64)
     assert np.isnan(value[row == 6]).all()
     assert np.isin(column, number).all()
-    assert np.isnan(_kernels.sparse_rows(number, row, column, value)[2]).any()
+    system = _kernels.SmallSystem(number, row, column, value)
+    assert np.isnan(system.solve(np.ones(len(number)))).all()
 
 
 def test_entries_of_unknown_rows_or_columns_are_refused():
@@ -73,4 +94,4 @@ def test_entries_of_unknown_rows_or_columns_are_refused():
     known, unknown = np.array([5], dtype=np.int64), np.array([3], dtype=np.int64)
     for place in ((known, unknown), (unknown, known)):
         with pytest.raises(ValueError, match="number: expected those of all rows and columns"):
-            _kernels.sparse_rows(number, *place, one)
+            _kernels.SmallSystem(number, *place, one)

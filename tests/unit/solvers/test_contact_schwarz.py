@@ -190,3 +190,13 @@ def test_wrong_matrices_and_nodes_are_refused(rng):
         schwarz.add(_kernels.Elimination(lists, nodes + NODES, *others))
     with pytest.raises(ValueError, match="expected a row for each column"):
         schwarz.correct(np.zeros((NODES, 3)), np.zeros((NODES - 1, 3)))
+
+
+def test_largest_difference_tells_what_is_not_a_number(rng):
+    a, b = rng.normal(size=(2, 4, 3))
+    assert _kernels.largest_difference(a, b) == np.abs(a - b).max()
+    assert _kernels.largest_difference(a[:0], b[:0]) == 0
+    a[1, 1] = np.nan
+    assert np.isnan(_kernels.largest_difference(a, b))
+    with pytest.raises(ValueError, match="as many values"):
+        _kernels.largest_difference(a, b[:2])

@@ -9,11 +9,12 @@ pytestmark = pytest.mark.serial
 
 
 def solve(A, b):
-    """Solution by the kernel, with the zeros of A left out."""
-    rows = [np.flatnonzero(row) for row in A]
-    start = np.concatenate([[0], np.cumsum([len(row) for row in rows])])
-    column = np.concatenate(rows).astype(np.int32) if len(rows) else np.empty(0, dtype=np.int32)
-    return _kernels.solve_small(start.astype(np.int64), column, A[A != 0], b)
+    """Solution by the kernel, with the zeros of A left out and entries in any order."""
+    order = np.random.default_rng(0).permutation(np.argwhere(A).astype(np.int64))
+    number = 3 * np.arange(len(A), dtype=np.int64)[::-1]
+    row, column = np.ascontiguousarray(order.T)
+    values = A[row, column]
+    return _kernels.SmallSystem(number, number[row], number[column], values).solve(b)
 
 
 @pytest.mark.parametrize("coupling", [0.0, 0.1, 1.0])

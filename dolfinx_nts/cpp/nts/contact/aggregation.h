@@ -2,8 +2,10 @@
 
 #include "nts/geometry/small.h"
 
+#include <cmath>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 /// @brief From contact points to the nodes that carry the multipliers.
 ///
@@ -61,6 +63,34 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
     }
 }
 
+/// @brief Means of the values of points for each node, NaN without points,
+/// (n,).
+inline void means(const Aggregation& a, std::span<const double> values,
+                  std::span<double> mean) noexcept
+{
+  for (std::size_t n = 0; n < mean.size(); ++n)
+  {
+    mean[n] = a.start[n] < a.start[n + 1] ? 0 : NAN;
+    for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
+      mean[n] += a.share[i] * values[a.point[i]];
+  }
+}
+
+/// @brief Least of the values of points for each node, NaN where one is,
+/// infinity without points, (n,).
+inline void least(const Aggregation& a, std::span<const double> values,
+                  std::span<double> least) noexcept
+{
+  for (std::size_t n = 0; n < least.size(); ++n)
+  {
+    least[n] = INFINITY;
+    for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
+      if (const double value = values[a.point[i]];
+          std::isnan(value) || std::isless(value, least[n]))
+        least[n] = value;
+  }
+}
+
 /// @brief Sum matrices of pairs to those of facet and segment.
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
@@ -73,31 +103,54 @@ inline void sum_to_blocks(std::span<const double> phi, std::size_t width,
                           std::size_t vertices,
                           std::span<const std::int32_t> block,
                           std::span<const double> factor,
-                          std::span<const double> matrix,
-                          std::span<double> out) noexcept
+                          std::span<const double> matrix, std::span<double> out)
 {
   const std::size_t n = 3 * (1 + vertices), m = 3 * (width + vertices);
-  // Node of a pair, and weight, of each node of facet and segment.
-  const auto node
-      = [&](std::size_t a) { return a < width ? 0 : a - width + 1; };
+  std::vector<double> row(m); // of a pair, with the facet's nodes for columns
+  const auto add = [&](double scale, double* to)
+  {
+    for (std::size_t c = 0; c < m; ++c)
+      to[c] += scale * row[c];
+  };
   for (std::size_t p = 0; p < factor.size(); ++p)
   {
     if (factor[p] == 0)
       continue;
-    const auto weight
-        = [&](std::size_t a) { return a < width ? phi[width * p + a] : 1; };
-    for (std::size_t a = 0; a < width + vertices; ++a)
-      for (std::size_t r = 0; r < 3; ++r)
-      {
-        const double* row = matrix.data() + n * (n * p + 3 * node(a) + r);
-        double* to = out.data() + m * (m * block[p] + 3 * a + r);
-        for (std::size_t b = 0; b < width + vertices; ++b)
-        {
-          const double scale = factor[p] * weight(a) * weight(b);
-          for (std::size_t c = 0; c < 3; ++c)
-            to[3 * b + c] += scale * row[3 * node(b) + c];
-        }
-      }
+    const double* weight = phi.data() + width * p;
+    double* to = out.data() + m * m * block[p];
+    for (std::size_t r = 0; r < n; ++r)
+    {
+      const double* values = matrix.data() + n * (n * p + r);
+      for (std::size_t b = 0; b < width; ++b)
+        for (std::size_t c = 0; c < 3; ++c)
+          row[3 * b + c] = weight[b] * values[c];
+      std::copy(values + 3, values + n, row.begin() + 3 * width);
+      if (r >= 3)
+        add(factor[p], to + m * (3 * (width - 1) + r));
+      else
+        for (std::size_t a = 0; a < width; ++a)
+          add(factor[p] * weight[a], to + m * (3 * a + r));
+    }
   }
+}
+
+/// @brief Positions of points of facets.
+/// @param[in] phi Weights of the nodes of the facets, (p, k).
+/// @param[in] width Nodes of a facet, k.
+/// @param[in] nodes Rows of x that begin with those of the facet, (p, stride).
+/// @param[in] x Nodal vectors, (n, 3).
+/// @param[out] out (p, 3).
+inline void at_points(std::span<const double> phi, std::size_t width,
+                      std::span<const std::int32_t> nodes, std::size_t stride,
+                      std::span<const double> x, std::span<double> out) noexcept
+{
+  for (std::size_t p = 0; 3 * p < out.size(); ++p)
+    for (std::size_t c = 0; c < 3; ++c)
+    {
+      double sum = 0;
+      for (std::size_t k = 0; k < width; ++k)
+        sum += phi[width * p + k] * x[3 * nodes[stride * p + k] + c];
+      out[3 * p + c] = sum;
+    }
 }
 } // namespace nts

@@ -131,6 +131,25 @@ private:
     return p.converged ? p.gap : NAN;
   }
 
+  /// @brief Whether the boxes around a projected segment and a facet do not
+  /// meet. Curved edges of the latter may leave that of its nodes.
+  static bool are_apart(const std::array<Vec2, k>& segment,
+                        const std::array<Vec2, n>& facet) noexcept
+  {
+    constexpr double beyond = n > k ? 0.25 : 0; // sides of the box
+    for (std::size_t d = 0; d < (k == 2 ? 1 : 2); ++d)
+    {
+      const auto less
+          = [d](const Vec2& a, const Vec2& b) { return a[d] < b[d]; };
+      const auto [first, last] = std::ranges::minmax(segment, less);
+      const auto [lowest, highest] = std::ranges::minmax(facet, less);
+      const double margin = beyond * (highest[d] - lowest[d]);
+      if (first[d] > highest[d] + margin || last[d] < lowest[d] - margin)
+        return true;
+    }
+    return false;
+  }
+
   /// @brief Mean gap at the corners of a polygon, the greater one of both ends
   /// of the step: what is far behind a segment all the time is that of another
   /// side of the body.
@@ -175,9 +194,14 @@ private:
       if (!(dot(normal<S>(y, _segments.orientation[s]), up)
             < MortarRule::facing))
         return radius + _reach;
+      std::array<Vec2, k> corners;
+      for (std::size_t i = 0; i < k; ++i)
+        corners[i] = flat(y[i]);
+      if (are_apart(corners, c))
+        return radius + _reach;
       Below below = {s, {}, {}};
       const auto corner
-          = [&](std::size_t i) { return pulled_back<F>(flat(y[i]), c); };
+          = [&](std::size_t i) { return pulled_back<F>(corners[i], c); };
       if constexpr (k == 2)
       {
         below.whole = {corner(0), corner(1)};

@@ -100,6 +100,45 @@ void close_gaps(std::span<const std::int32_t> nodes,
   }
 }
 
+/// @brief What node i misses of wanted values of G^T x, 0 beyond its rank.
+/// @param[in] values Wanted G^T x, (m, B), or empty for none.
+template <std::size_t B>
+std::array<double, B> missing(const Elimination<B>& e, std::size_t i,
+                              std::span<const double> values,
+                              std::span<const double> x) noexcept
+{
+  std::array<double, B> result = {};
+  for (std::size_t a = 0; a < static_cast<std::size_t>(e.rank[i]); ++a)
+  {
+    const double* G = e.row(e.gradients, i, a);
+    double product = 0;
+    for (const std::int32_t node : e.list(i))
+      for (std::size_t c = 0; c < B; ++c)
+        product += *G++ * x[B * node + c];
+    result[a] = (values.empty() ? 0 : values[B * i + a]) - product;
+  }
+  return result;
+}
+
+/// @brief y <- y - F lambda for the multipliers of node i.
+template <std::size_t B>
+void remove(const Elimination<B>& e, std::size_t i, const double* lambda,
+            std::span<double> y) noexcept
+{
+  const std::span<const std::int32_t> list = e.list(i);
+  const std::size_t n = B * list.size();
+  const double* F = e.row(e.columns, i, 0);
+  for (std::size_t K = 0; K < list.size(); ++K)
+  {
+    std::array<double, B> sum = {};
+    for (std::size_t a = 0; a < static_cast<std::size_t>(e.rank[i]); ++a)
+      for (std::size_t c = 0; c < B; ++c)
+        sum[c] += lambda[a] * F[n * a + B * K + c];
+    for (std::size_t c = 0; c < B; ++c)
+      y[B * list[K] + c] -= sum[c];
+  }
+}
+
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Constraints.
 /// @param[in] values Wanted G^T x, (m, B), or empty for none.
@@ -112,22 +151,13 @@ void constrain(const Elimination<B>& e, std::span<const double> values,
   {
     const std::span<const std::int32_t> list = e.list(i);
     const auto rank = static_cast<std::size_t>(e.rank[i]);
-    std::array<double, B> missing = {};
-    for (std::size_t a = 0; a < rank; ++a)
-    {
-      const double* G = e.row(e.gradients, i, a);
-      double product = 0;
-      for (const std::int32_t node : list)
-        for (std::size_t c = 0; c < B; ++c)
-          product += *G++ * x[B * node + c];
-      missing[a] = (values.empty() ? 0 : values[B * i + a]) - product;
-    }
+    const std::array<double, B> short_of = missing(e, i, values, x);
     std::array<double, B> dx = {};
     if (rank == 1)
     {
       const double* E = e.normal.data() + B * i;
       for (std::size_t c = 0; c < B; ++c)
-        dx[c] = missing[0] / inner<B>(e.row(e.gradients, i, 0), E) * E[c];
+        dx[c] = short_of[0] / inner<B>(e.row(e.gradients, i, 0), E) * E[c];
     }
     else if (rank == B)
     {
@@ -136,7 +166,7 @@ void constrain(const Elimination<B>& e, std::span<const double> values,
       for (std::size_t a = 0; a < B; ++a)
       {
         std::copy_n(e.row(e.gradients, i, a), B, A[a].begin());
-        b[a][0] = missing[a];
+        b[a][0] = short_of[a];
       }
       solve(A, b);
       for (std::size_t c = 0; c < B; ++c)
@@ -243,17 +273,7 @@ void act(const Elimination<B>& e, std::span<const double> x,
         lambda[c] = b[c][0];
     }
     std::ranges::copy(lambda, multipliers.begin() + B * i);
-    const std::size_t n = B * list.size();
-    const double* F = e.row(e.columns, i, 0);
-    for (std::size_t K = 0; K < list.size(); ++K)
-    {
-      std::array<double, B> sum = {};
-      for (std::size_t a = 0; a < rank; ++a)
-        for (std::size_t c = 0; c < B; ++c)
-          sum[c] += lambda[a] * F[n * a + B * K + c];
-      for (std::size_t c = 0; c < B; ++c)
-        y[B * list[K] + c] -= sum[c];
-    }
+    remove(e, i, lambda.data(), y);
   }
 }
 } // namespace nts

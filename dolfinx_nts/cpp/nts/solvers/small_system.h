@@ -1,10 +1,9 @@
 #pragma once
 
-#include <algorithm>
+#include "nts/solvers/constraint_products.h"
+
 #include <cmath>
-#include <cstdint>
-#include <span>
-#include <vector>
+#include <numeric>
 
 /// @brief Small sparse systems near to a diagonal one, such as that of
 /// multipliers with dual shape functions.
@@ -104,4 +103,80 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
   return std::ranges::all_of(y,
                              [](double value) { return std::isfinite(value); });
 }
+
+/// @brief A system by entries in any order. Its rows are sorted, so that sums
+/// have one order on any partition.
+class SmallSystem
+{
+public:
+  /// @param[in] number Numbers of rows and columns, in the order of right-hand
+  /// sides and solutions.
+  explicit SmallSystem(std::span<const std::int64_t> number)
+      : _order(number.size()), _number(number.size()), _start(number.size() + 1)
+  {
+    std::iota(_order.begin(), _order.end(), 0);
+    std::ranges::sort(_order, {}, [&](std::size_t i) { return number[i]; });
+    std::ranges::transform(_order, _number.begin(),
+                           [&](std::size_t i) { return number[i]; });
+  }
+
+  /// @brief Sort entries into rows, by counting.
+  /// @param[in] row, column, value Entries, by the numbers.
+  /// @return Whether all numbers are known.
+  bool fill(std::span<const std::int64_t> row,
+            std::span<const std::int64_t> column, std::span<const double> value)
+  {
+    std::vector<std::size_t> rows(row.size());
+    for (std::size_t e = 0; e < row.size(); ++e)
+    {
+      // Entries come row by row.
+      rows[e] = e > 0 && row[e] == row[e - 1] ? rows[e - 1] : find(row[e]);
+      if (rows[e] == _number.size())
+        return false;
+      ++_start[rows[e] + 1];
+    }
+    std::partial_sum(_start.begin(), _start.end(), _start.begin());
+    std::vector<std::int64_t> next(_start.begin(), _start.end());
+    _column.resize(row.size());
+    _value.resize(row.size());
+    for (std::size_t e = 0; e < row.size(); ++e)
+    {
+      const std::size_t there = find(column[e]);
+      if (there == _number.size())
+        return false;
+      _column[next[rows[e]]] = static_cast<std::int32_t>(there);
+      _value[next[rows[e]]++] = value[e];
+    }
+    return true;
+  }
+
+  std::size_t size() const noexcept { return _number.size(); }
+
+  /// @brief Solve for a right-hand side; x is NaN where it fails.
+  void solve(std::span<const double> b, std::span<double> x) const
+  {
+    std::vector<double> sorted(size()), solution(size());
+    for (std::size_t i = 0; i < size(); ++i)
+      sorted[i] = b[_order[i]];
+    if (!nts::solve({_start, _column, _value}, sorted, solution))
+      std::ranges::fill(solution, NAN);
+    for (std::size_t i = 0; i < size(); ++i)
+      x[_order[i]] = solution[i];
+  }
+
+private:
+  /// @brief Place of a number, that of none where it is not known.
+  std::size_t find(std::int64_t wanted) const noexcept
+  {
+    const auto there = std::ranges::lower_bound(_number, wanted);
+    return there != _number.end() && *there == wanted ? there - _number.begin()
+                                                      : _number.size();
+  }
+
+  std::vector<std::size_t> _order;   // of the numbers
+  std::vector<std::int64_t> _number; // ascending
+  std::vector<std::int64_t> _start;  // rows, see `SparseRows`
+  std::vector<std::int32_t> _column;
+  std::vector<double> _value;
+};
 } // namespace nts
