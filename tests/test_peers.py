@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks.peers import __main__ as peers
 from benchmarks.peers import calculix, ours, scene
 from benchmarks.peers.hexahedra import LMBDA, MU, Hexahedra
 from benchmarks.peers.judge import judge
 from benchmarks.peers.scene import RHO, Run
+from benchmarks.problems import PROBLEMS
+from benchmarks.scenes import ELEMENTS, SCHEMES
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -77,3 +80,8 @@ def test_input_for_calculix_has_all_nodes_cells_and_facets_in_contact(mesh):
     assert count("*NODE,") == len(mesh.X) and count("*ELEMENT,") == len(mesh.cells)
     assert count("*SURFACE, NAME=OUTER") == len(mesh.outer)
     assert count("*SURFACE, NAME=TOP") == len(mesh.top)
+
+
+def test_the_fine_reference_is_a_problem_of_the_benchmark():
+    assert peers.FINE.problem in PROBLEMS and peers.FINE.element in ELEMENTS
+    assert peers.FINE.scheme in SCHEMES

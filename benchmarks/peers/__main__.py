@@ -11,11 +11,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.errors import Series
 from benchmarks.peers import calculix, scene
 from benchmarks.peers.judge import judge
 from benchmarks.peers.scene import Run
@@ -42,6 +44,7 @@ PEERS = {
     "GetFEM": Peer("getfem", "run", "augmented Lagrangian, trapezoidal rule"),
     "IPC": Peer("ipc", "run", "barrier (ipctk and NumPy), trapezoidal rule"),
 }
+FINE = Series("ball", "EM elastic", n=18, h=(scene.H / 2,), t_end=scene.T_END)
 FOLDER = Path("results") / "bench"
 
 
@@ -79,9 +82,7 @@ def run_all() -> list[dict[str, Any]]:
 
 def fine_rebound() -> float:
     """Rebound with three times the cells along each edge, no locking and half of the step [m/s]."""
-    series = {"scene": "ball", "scheme": "EM elastic", "n": 18, "element": "one point"}
-    series |= {"t_end": scene.T_END, "h": [scene.H / 2]}
-    command = [sys.executable, "-m", "benchmarks.errors", json.dumps(series)]
+    command = [sys.executable, "-m", "benchmarks.errors", json.dumps(asdict(FINE))]
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     (row,) = json.loads(text.split("ROW ")[1])
     return float(row["values"]["v_z"])
