@@ -105,7 +105,7 @@ if goes_wrong("new dt") or goes_wrong("explicit dt"):
 stepper.v.x.array[:] = old.v.x.array
 stepper._state_was_set()
 before(contact_step.ContactStep, "evaluate", "contact")
-before(nts.Diagnostics, "balance", "write")
+before(nts.Diagnostics, "after_step", "write")
 until = 20 * old.dt + (1e-3 if goes_wrong("until") else 0.0)
 if place == "loop without recorder":
     for step in stepper.run(until):
