@@ -164,7 +164,11 @@ class Diagnostics(ContactDiagnostics):
         return self.after_step()[1]
 
     def after_step(self) -> tuple[float, Balance]:
-        """`bulk_defect`, and all numbers of the whole state, at once."""
+        """Evaluate `bulk_defect` [J] and `balance` in one pass over the cells.
+
+        Returns:
+            Both, as the methods of these names do.
+        """
         local = [*self._motion(), *self._energies.total(), self._stored(), self._num_active()]
         sums = self._sum(np.array([*local, *self._force()]))
         kinetic, strain, defect, stored, active = sums[[0, 7, 8, 9, 10]].tolist()

@@ -103,7 +103,18 @@ class ContactDiagnostics:
 
     @contextmanager
     def one_state(self) -> Iterator[Present]:
-        """Context in which the state stays, so that what several methods need is found once."""
+        """Find once what several methods need of a state that does not change meanwhile.
+
+        After a step within the context the methods find all anew.
+
+        Returns:
+            Context of the present state.
+
+        Example:
+            >>> diagnostics = nts.Diagnostics(stepper)
+            >>> with diagnostics.one_state():
+            ...     balance, pairs = diagnostics.balance(), diagnostics.pairs()
+        """
         self._shared = Present(self.stepper)
         try:
             yield self._shared
@@ -112,7 +123,9 @@ class ContactDiagnostics:
 
     def _now(self) -> Present:
         """The present state."""
-        return self._shared or Present(self.stepper)
+        if self._shared is None or self._shared.step != self.stepper.step:
+            return Present(self.stepper)
+        return self._shared
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""

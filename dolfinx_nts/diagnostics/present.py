@@ -17,11 +17,12 @@ class Present:
 
     Attributes:
         stepper: The argument.
+        step: Number of steps that were done.
     """
 
     def __init__(self, stepper: Stepper) -> None:
         """Take the stepper. Local."""
-        self.stepper = stepper
+        self.stepper, self.step = stepper, stepper.step
         self._gaps: Sequence[Floats] | None = None
 
     @cached_property

@@ -174,7 +174,7 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         stepper, one_state = self._stepper, self.diagnostics.one_state
         with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
-            now.gaps()
+            now.gaps()  # the first fields need all of them, and the row the least
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports

@@ -126,11 +126,15 @@ class OverlapSearch:
         """
         displacements = self._insides.displacements
         least, greatest = displacements(x, before)
-        nearer = _norms(np.maximum(greatest[:, None] - least, greatest - least[:, None]))
-        frames = [o.motion.frame(t_before, t, o.dim) for o in self._obstacles]
-        in_frames = [displacements(f.at_end(x), f.at_start(before)) for f in frames]
-        ways = [_norms(np.maximum(-least, greatest)) for least, greatest in in_frames]
-        np.fill_diagonal(nearer, np.max(ways, axis=0, initial=0.0) if ways else 0.0)
+        apart = np.maximum(greatest[:, None] - least, greatest - least[:, None])
+        nearer: Floats = np.linalg.norm(apart, axis=2)
+        to_obstacles = np.zeros(len(nearer))
+        for obstacle in self._obstacles:
+            frame = obstacle.motion.frame(t_before, t, obstacle.dim)
+            least, greatest = displacements(frame.at_end(x), frame.at_start(before))
+            way = np.linalg.norm(np.maximum(-least, greatest), axis=1)
+            np.maximum(to_obstacles, way, out=to_obstacles)
+        np.fill_diagonal(nearer, to_obstacles)
         return nearer
 
     def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
@@ -243,12 +247,6 @@ def _names(obstacles: Sequence[Obstacle]) -> list[str]:
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"
         for i, kind in enumerate(kinds)
     ]
-
-
-def _norms(vectors: Floats) -> Floats:
-    """Norms of vectors, of the shape without the last axis."""
-    norms: Floats = np.sqrt((vectors**2).sum(axis=-1))
-    return norms
 
 
 def _centres(x: Floats, cells: Ints) -> Floats:

@@ -36,7 +36,8 @@ class GivenUp:
     ) -> NodalSystem:
         """Make the system of rows of the pairs, see `NodalSystem`. Collective.
 
-        It is the last one where ranks are the same, and rows the very array.
+        It is the last one where ranks are the same, and rows the very array: neither can be
+        changed from then on.
         """
         scatter, last = self._candidates.scatter, self._last.get(transposed)
         is_known = last is not None and rows is last[1] and np.array_equal(rank, last[0])
@@ -44,6 +45,8 @@ class GivenUp:
             where = scatter, self._candidates.hats, self._dofs
             last = rank, rows, NodalSystem(*where, rank, rows, normal, transposed=transposed)
             self._last[transposed] = last
+            for known in (rank, rows):
+                known.setflags(write=False)
         assert last is not None
         return last[2]
 

@@ -218,7 +218,8 @@ def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, 
             looked.clear()
             assert diagnostics.min_gap() == least
             assert not looked
-        stepper.advance()
+            stepper.advance()
+            assert np.array_equal(diagnostics._now().x, stepper.x)  # not the state before
         looked.clear()
     # What surrounds the nodes is found once.
     assert [c._far_search.num_searches for c in stepper.contacts[:3]] == [1, 1, 1]
