@@ -104,6 +104,16 @@ class OverlapWatch:
             self._known[names] = overlap.depth, overlap.cells
             self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap, x))
 
+    @property
+    def room(self) -> float:
+        """By how much any two may come nearer to each other until there should be a look [m]."""
+        return self._room
+
+    def travel(self, way: float) -> None:
+        """Count by how much any two may have come nearer to each other [m]. Local."""
+        self._room -= way
+        self._moved = self._moved or way > 0
+
     def moved_far(self, way: float) -> bool:
         """Count an accepted step; tell whether there should be a look before the next one. Local.
 
@@ -111,8 +121,7 @@ class OverlapWatch:
             way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
         """
         self._step = 2 * way
-        self._room -= self._step
-        self._moved = self._moved or way > 0
+        self.travel(self._step)
         return self._room < self._step
 
     def follow(self, x: Floats, t: float) -> None:

@@ -113,18 +113,17 @@ class ReversePassages:
         """Go on from the step that was checked. Local."""
         self._last = self._checked
 
-    def travel(self, moved: float) -> bool:
-        """Go on if no vertex can pass in a step, as no node moves more than given [m]. Local.
-
-        Returns:
-            Whether that is so; otherwise the step has to be checked.
-        """
+    @property
+    def room(self) -> float:
+        """By how much vertices and facets may come nearer until a step has to be checked [m]."""
         x, way, room = self._last
-        way += 2 * moved
-        if self._sweeps and (x is None or way > room):
-            return False
-        self._last = _Look(x, way, room)
-        return True
+        if not self._sweeps:
+            return np.inf
+        return 0.0 if x is None else room - way
+
+    def travel(self, way: float) -> None:
+        """Count by how much vertices and facets may have come nearer, which the room has. Local."""
+        self._last = self._last._replace(way=self._last.way + way)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last look."""

@@ -228,7 +228,7 @@ class CentralDifference(Stepper):
 
     def _state_was_set(self) -> None:
         self._forces.known = False
-        self.watch.vertices.forget()
+        self.watch.forget()
         for springs in self._springs:
             springs.forget()
 
@@ -293,9 +293,13 @@ class CentralDifference(Stepper):
             self._start()
         dt, bulk, forces, given, rigid = self.dt, self._bulk, self._forces, self._given, self._rigid
         _, _, v, rate, du = self._arrays
-        self._way = moved = self._move()
+        moved = self._move()
         ways = self._ways(moved)
-        self._check_passage(moved, ways)
+        free = self.watch.free(moved)
+        # What `Stepper.advance` counts.
+        self._way = 0.0 if free else moved
+        if not free:
+            self._check_passage(moved, ways)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
@@ -400,7 +404,8 @@ class CentralDifference(Stepper):
             for springs, way in zip(self._springs, ways, strict=True)
             if 2 * way > springs.shortest_passage
         ]
-        if not fast and self.watch.vertices.travel(moved):
+        if not fast and 2 * moved <= self.watch.vertices.room:
+            self.watch.vertices.travel(2 * moved)
             return
         x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))
         reasons = (springs.passing(x_n, x, way, self.dt) for springs, way in fast)

@@ -181,7 +181,7 @@ class ImplicitStepper(Stepper):
 
     def _state_was_set(self) -> None:
         self._rates.forget()
-        self.watch.vertices.forget()
+        self.watch.forget()
         self._last.load = np.inf
 
     def _begin(self, t_n: float, t: float) -> None:

@@ -178,7 +178,7 @@ class Stepper(TimeLoop):
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
-        self.watch.vertices.serialize(archive)
+        self.watch.serialize(archive)
 
     def adopt(
         self,
@@ -249,7 +249,7 @@ class Stepper(TimeLoop):
         way = self._way
         for contact in moving:
             way = contact.search.way(self.x, way)
-        if self.watch.overlaps.moved_far(way):
+        if way and self.watch.overlaps.moved_far(way):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
@@ -264,7 +264,7 @@ class Stepper(TimeLoop):
         end.
         """
         with self.timings.phase("overlap"):
-            self.watch.overlaps.look(self.x, self.t)
+            self.watch.look(self.x, self.t)
 
     def _look_at_start(self) -> None:
         """Look at a displacement that was set, before the first step or between steps."""

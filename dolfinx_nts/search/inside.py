@@ -60,11 +60,12 @@ class Insides:
             before: Former ones.
 
         Returns:
-            Least and greatest components of the displacements of the nodes of each boundary,
-            shape ``(2, g, 3)`` [m].
+            Least components of the displacements of the nodes of each boundary, and the negative
+            of the greatest, shape ``(2, g, 3)`` [m].
         """
-        both = map(self._in_space, (x, before))
-        return self._extremes(self._kernels.displacements(*both))
+        if self._height:
+            x, before = self._in_space(x), self._in_space(before)
+        return reductions.least(self._comm, self._kernels.displacements(x, before))
 
     def meetings(self, touch: Floats) -> tuple[Floats, Ints, Floats, Floats]:
         """Find where points of one boundary may be inside another. Local.
@@ -110,7 +111,9 @@ class Insides:
         return np.where(inside, distance, 0.0)
 
     def chords(self, ways: Floats, where: Ints) -> tuple[Floats, Ints]:
-        """Find the middles of the parts into which boundaries cut straight ways. Collective.
+        """Find the middles of those parts of straight ways that may be inside. Collective.
+
+        Boundaries cut ways into parts, and most cuts tell on which side the way goes on.
 
         Args:
             ways: Begin and end of each way, the same on all ranks, shape ``(w, 6)`` [m].

@@ -125,16 +125,12 @@ class OverlapSearch:
             diagonal how much each has come nearer to an obstacle. The same on all ranks.
         """
         displacements = self._insides.displacements
-        least, greatest = displacements(x, before)
-        apart = np.maximum(greatest[:, None] - least, greatest - least[:, None])
-        nearer: Floats = np.linalg.norm(apart, axis=2)
-        to_obstacles = np.zeros(len(nearer))
+        nearer = _kernels.nearer(displacements(x, before))
         for obstacle in self._obstacles:
             frame = obstacle.motion.frame(t_before, t, obstacle.dim)
-            least, greatest = displacements(frame.at_end(x), frame.at_start(before))
-            way = np.linalg.norm(np.maximum(-least, greatest), axis=1)
-            np.maximum(to_obstacles, way, out=to_obstacles)
-        np.fill_diagonal(nearer, to_obstacles)
+            seen = displacements(frame.at_end(x), frame.at_start(before))
+            way = np.linalg.norm(seen.min(axis=0), axis=1)
+            np.fill_diagonal(nearer, np.maximum(nearer.diagonal(), way))
         return nearer
 
     def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:

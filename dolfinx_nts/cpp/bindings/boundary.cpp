@@ -159,13 +159,17 @@ public:
       const Vec3 begin = vector(view(ways), 2 * i),
                  end = vector(view(ways), 2 * i + 1);
       at(view(where)[i])
-          .cuts(begin, end, [&](double s)
-                { found.push_back({static_cast<std::int32_t>(i), s}); });
+          .cuts(begin, end, [&](double s, int side)
+                { found.push_back({static_cast<std::int32_t>(i), s, side}); });
     }
-    auto way = create<std::int32_t>({found.size()});
+    auto way = create<std::int32_t>({found.size(), 2});
     auto s = create<double>({found.size()});
-    std::ranges::transform(found, way.data(), &WayCut::way);
-    std::ranges::transform(found, s.data(), &WayCut::s);
+    for (std::size_t i = 0; i < found.size(); ++i)
+    {
+      way.data()[2 * i] = found[i].way;
+      way.data()[2 * i + 1] = found[i].side;
+      s.data()[i] = found[i].s;
+    }
     return std::tuple(way, s);
   }
 
@@ -214,14 +218,42 @@ private:
   std::optional<Doubles> _x;
 };
 
+/// @brief Bounds on how much boundaries have come nearer to each other, from
+/// the extremes of their displacements.
+auto nearer(const Doubles& displacements)
+{
+  check("displacements", displacements, {2, any, 3});
+  const std::size_t n = displacements.shape(1);
+  const auto least = [&](std::size_t i)
+  { return vector(view(displacements), i); };
+  const auto negative_greatest
+      = [&](std::size_t i) { return vector(view(displacements), n + i); };
+  auto values = create<double>({n, n});
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t j = 0; j < n; ++j)
+    {
+      const Vec3 one = negative_greatest(i) + least(j),
+                 other = negative_greatest(j) + least(i);
+      Vec3 apart;
+      for (std::size_t c = 0; c < 3; ++c)
+        apart[c] = std::min(one[c], other[c]);
+      values.data()[n * i + j] = i == j ? 0 : norm(apart);
+    }
+  return values;
+}
+
 auto parts(const Doubles& ways, const Rows& way, const Doubles& s)
 {
   check("ways", ways, {any, 6});
-  check("s", s, {way.size()});
-  check_rows("way: expected rows of ways", way, ways.shape(0));
-  std::vector<WayCut> cuts(way.size());
+  check("way", way, {s.size(), 2});
+  std::vector<WayCut> cuts(s.size());
   for (std::size_t i = 0; i < cuts.size(); ++i)
-    cuts[i] = {way.data()[i], s.data()[i]};
+  {
+    cuts[i] = {way.data()[2 * i], s.data()[i], way.data()[2 * i + 1]};
+    if (cuts[i].way < 0
+        || static_cast<std::size_t>(cuts[i].way) >= ways.shape(0))
+      throw nb::value_error("way: expected rows of ways");
+  }
   std::vector<std::int32_t> numbers;
   std::vector<Vec3> middles;
   parts_of_ways(view(ways), std::move(cuts),
@@ -316,11 +348,18 @@ void boundary(nb::module_& m)
            "(n, 3), (n,), (n,) -> distance to the nearest triangle (n,), or to "
            "another that is as near as the last argument")
       .def("cuts", &MovingBoundaries::cuts, nb::arg("ways"), nb::arg("where"),
-           "(w, 6) begins and ends, (w,) -> which way and where on it, from 0 "
-           "to 1, straight ways meet a triangle (c,), (c,)");
+           "(w, 6) begins and ends, (w,) -> where straight ways meet a "
+           "triangle: which way, and 1 if it leaves the boundary there, -1 if "
+           "it enters it, 0 at edges of triangles (c, 2); and where on it, "
+           "from 0 to 1 (c,)");
+  m.def("nearer", &nearer, nb::arg("displacements"),
+        "(2, g, 3) as of Boundaries.displacements -> bound on how much each "
+        "two boundaries have come nearer to each other, 0 on the diagonal "
+        "(g, g)");
   m.def("parts_of_ways", &parts, nb::arg("ways"), nb::arg("way"), nb::arg("s"),
-        "(w, 6), (c,), (c,) cuts as of Boundaries.cuts -> middles of the parts "
-        "of ways that are cut (m, 3), and the way of each (m,)");
+        "(w, 6), (c, 2), (c,) cuts as of Boundaries.cuts -> middles of the "
+        "parts of ways that are cut and not known to be outside (m, 3), and "
+        "the way of each (m,)");
   m.def("rows_in", &rows_in, nb::arg("x"), nb::arg("rows"), nb::arg("which"),
         nb::arg("regions"),
         "(l, 3), arrays (n, k) of rows of x, (r,) one of them for each region, "

@@ -148,13 +148,36 @@ def test_ways_are_cut_where_they_enter_and_leave_a_cube():
     end = np.array([[0.3, 0.4, 3.0], [0.3, 0.4, 1.5], [0.3, 0.4, 5.0], [4.0, 3.0, 3.0]])
     ways = np.hstack([begin, end])
     way, place = Boundary(box()).cuts(ways)
-    order = np.lexsort((place, way))
-    np.testing.assert_array_equal(way[order], [0, 0, 1])
+    order = np.lexsort((place, way[:, 0]))
+    np.testing.assert_array_equal(way[order], [[0, -1], [0, 1], [1, 1]])
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
     middles, number = _kernels.parts_of_ways(ways, way[order[::-1]], place[order[::-1]])
-    np.testing.assert_array_equal(number, [0, 0, 0, 1, 1])
-    np.testing.assert_allclose(middles[:, :2], [[0.3, 0.4]] * 5, atol=ROUNDING)
-    np.testing.assert_allclose(middles[:, 2], [-0.5, 0.5, 2.0, 0.75, 1.25], atol=ROUNDING)
+    np.testing.assert_array_equal(number, [0, 1])
+    np.testing.assert_allclose(middles, [[0.3, 0.4, 0.5], [0.3, 0.4, 0.75]], atol=ROUNDING)
+
+
+def test_parts_of_ways_that_may_be_inside_are_known_by_their_ends():
+    """Between x = 0 and 1, with cuts through triangles and through edges of them."""
+    ways = np.array([[0.0, 0, 0, 1, 0, 0]] * 4)
+    cuts = [(0, 1, 0.5), (1, -1, 0.5), (2, 0, 0.5), (3, 1, 0.2), (3, -1, 0.4), (3, 0, 0.8)]
+    way, side, place = zip(*cuts, strict=True)
+    middles, number = _kernels.parts_of_ways(
+        ways, np.column_stack([way, side]).astype(np.int32), np.array(place)
+    )
+    np.testing.assert_array_equal(number, [0, 1, 2, 2, 3, 3, 3])
+    expected = [0.25, 0.75, 0.25, 0.75, 0.1, 0.6, 0.9]
+    np.testing.assert_allclose(middles[:, 0], expected, atol=ROUNDING)
+
+
+def test_boundaries_come_nearer_by_the_difference_of_their_displacements(rng):
+    x, moved = rng.uniform(size=(2, 9, 3))
+    rows = np.arange(9, dtype=np.int32).reshape(3, 3)
+    boundaries = _kernels.Boundaries([r.ravel() for r in rows], [r[None] for r in rows])
+    nearer = _kernels.nearer(boundaries.displacements(moved, x))
+    way = (moved - x)[rows]
+    for i, j in np.ndindex(3, 3):
+        apart = np.abs(way[i][:, None] - way[j]).max(axis=(0, 1))
+        assert nearer[i, j] == pytest.approx(np.linalg.norm(apart) if i != j else 0.0, rel=1e-14)
 
 
 def test_only_distances_of_interest_are_exact(rng):

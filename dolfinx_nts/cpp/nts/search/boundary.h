@@ -11,9 +11,13 @@ struct WayCut
 {
   std::int32_t way; ///< number of the way
   double s;         ///< place on it, from 0 to 1
+  /// 1 if the way leaves the boundary there, -1 if it enters it, 0 if it meets
+  /// an edge or a vertex of it
+  std::int32_t side;
 };
 
-/// @brief Middles of the parts into which cuts divide ways.
+/// @brief Middles of those parts, into which cuts divide ways, that are not
+/// known to be outside.
 /// @param[in] ways Begin and end of each way, (w, 6) [m].
 /// @param[in] cuts The cuts, in any order. Ways without any have no parts.
 /// @param[out] found Called with the number of the way and the middle.
@@ -32,10 +36,11 @@ void parts_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
       const double s = (from + to) / 2;
       found(way, (1 - s) * begin + s * end);
     };
-    if (i == 0 || cuts[i - 1].way != way)
+    if ((i == 0 || cuts[i - 1].way != way) && cuts[i].side >= 0)
       add(0, cuts[i].s);
     const bool last = i + 1 == cuts.size() || cuts[i + 1].way != way;
-    add(cuts[i].s, last ? 1 : cuts[i + 1].s);
+    if (cuts[i].side <= 0 && (last || cuts[i + 1].side >= 0))
+      add(cuts[i].s, last ? 1 : cuts[i + 1].s);
   }
 }
 
@@ -122,7 +127,8 @@ public:
     return nearest;
   }
 
-  /// @brief Places from 0 to 1 at which a straight way meets triangles.
+  /// @brief Places from 0 to 1 at which a straight way meets triangles, and on
+  /// which side it goes on, see WayCut.
   template <class OnCut>
   void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {
@@ -131,7 +137,7 @@ public:
                 {
                   const auto c = cut(begin, end, _triangles[i]);
                   if (c && c->s >= 0 && c->s <= 1)
-                    found(c->s);
+                    found(c->s, c->at_an_edge ? 0 : c->sign);
                 });
   }
 
