@@ -25,7 +25,7 @@ _AT_START, _IN_RUN = 0.02, 0.1
 # Part of a cell of each [-] by which two bodies that touch may come nearer until there is a look,
 # and part of such motion after which there is one, as the motion of all nodes would have to be
 # measured in each of the next steps.
-_UNSEEN, _USED = 0.7, 0.9
+_UNSEEN, _USED = 0.7, 0.85
 
 
 class OverlapWatch:
@@ -79,19 +79,29 @@ class OverlapWatch:
     def _way_through(self) -> Floats:
         """Motion that two boundaries need to pass through each other, shape ``(g, g)`` [m].
 
-        It is infinite where no pair names the two, and 0 where one is between parts of one.
+        It is infinite where no pair names the two.
         """
         names, walls = self.search.names, self.search.walls
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
         ways = np.full((len(names), len(names)), np.inf)
-        for contact, nodes, segments in self._roles:
+        for _, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
                         ways[i, j] = walls[i] + walls[j]
-                    elif contact.nodes != contact.segments:
-                        ways[i, i] = 0.0
         return ways
+
+    @cached_property
+    def _has_parts(self) -> bool:
+        """Whether a pair is between two parts of one body, which looks do not tell apart."""
+        return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
+
+    @cached_property
+    def _unseen(self) -> Floats:
+        """By how much any two that touch may come nearer until there is a look, ``(g, g)`` [m]."""
+        # Two bodies need more to pass through each other, even if each is one cell thick.
+        cells = self.search.cells
+        return _UNSEEN * (cells[:, None] + cells)
 
     def start(self, x: Floats, t: float) -> None:
         """Look at a state that was set, and tell what overlaps.
@@ -149,17 +159,12 @@ class OverlapWatch:
 
     def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
-        thick, new = self.search.cells, []
-        overlaps, apart = self.search.find(x, part * float(thick.min()), t)
-        apart = np.maximum(apart, 0.0)
-        # Two bodies need more to pass through each other, even if each is one cell thick.
-        self._ways = apart + _UNSEEN * (thick[:, None] + thick)
+        new = []
+        overlaps, apart = self.search.find(x, part * self.search.smallest_cell, t)
+        self._ways = apart + self._unseen
         self._seen, self._moved, self._room = (x, t), False, float(self._ways.min())
-        np.fill_diagonal(apart, 0.0)
-        least = float((apart + self._way_through).min())
-        obstacles = self.search.obstacles
-        if least > 0 and all(obstacles.intersection(overlap.names) for overlap in overlaps):
-            self._clear(x, least)
+        if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
+            self._clear(x, float((apart + self._way_through).min()))
         for overlap in overlaps:
             names = frozenset(overlap.names)
             deepest = self.deepest.setdefault(names, overlap)
@@ -169,6 +174,9 @@ class OverlapWatch:
             if overlap.depth > depth + part * overlap.size or overlap.cells > 0 == cells:
                 new.append((overlap, names))
         return new
+
+    def _between_bodies(self, overlap: Overlap) -> bool:
+        return not self.search.obstacles.intersection(overlap.names)
 
     def _warn(self, text: str, overlap: Overlap, verdict: str) -> None:
         if self._bodies[0].V.mesh.comm.rank == 0:

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary, raised, wall_height, walls
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
@@ -96,36 +96,40 @@ class Insides:
         """
         if not len(points):
             return np.zeros(0)  # everywhere, as all ranks ask for the same
-        found = self._kernels.crossings(points, where, self._boxes)
-        count, at_an_edge = reductions.total(self._comm, found)
-        some = _numbers((count > 0) | (at_an_edge > 0))
-        distance = np.full(len(points), np.inf)
-        distance[some] = self._kernels.distance(points[some], where[some], least[some])
+        crossings = self._kernels.crossings(points, where, self._boxes)
+        crossings = reductions.total(self._comm, crossings)
+        distance = self._kernels.distance(points, where, least, crossings)
         distance = reductions.least(self._comm, distance)
-        inside = (count > 0) & (distance > least)
+        deep = distance > least
+        if not deep.any():
+            return np.zeros(len(points))
+        count, at_an_edge = crossings
+        inside = (count > 0) & deep
         # Rays from points on the boundary often hit edges, others hardly ever.
-        unsure = _numbers((at_an_edge > 0) & (distance > least))
+        unsure = np.flatnonzero((at_an_edge > 0) & deep).astype(np.int32)
         if len(unsure):
             winding = self._kernels.winding(points[unsure], where[unsure])
             inside[unsure] = reductions.total(self._comm, winding) > 0.5
         return np.where(inside, distance, 0.0)
 
-    def chords(self, ways: Floats, where: Ints) -> tuple[Floats, Ints]:
-        """Find the middles of those parts of straight ways that may be inside. Collective.
+    def points_on(self, ways: Floats, where: Ints, number: Ints) -> tuple[Floats, Ints]:
+        """Find the ways that are points, and the middles of parts that may be inside. Collective.
 
-        Boundaries cut ways into parts, and most cuts tell on which side the way goes on.
+        Boundaries cut straight ways into parts, and most cuts tell on which side a way goes on.
 
         Args:
             ways: Begin and end of each way, the same on all ranks, shape ``(w, 6)`` [m].
             where: Number of the boundary of interest for each way, shape ``(w,)``.
+            number: A number of each way, shape ``(w,)``.
 
         Returns:
-            Middles, the same on all ranks, shape ``(c, 3)`` [m], and the way of each, ``(c,)``.
-            Ways that meet no boundary have none.
+            First the ways that are points, then the middles of parts, the same on all ranks, shape
+            ``(m, 3)`` [m], and the number of the way of each, ``(m,)``. Other ways that meet no
+            boundary have none.
         """
         way, place = self._kernels.cuts(ways, where)
         way, place = joined(self._comm, way), joined(self._comm, place)
-        return _kernels.parts_of_ways(ways, way, place)
+        return _kernels.points_on_ways(ways, number, way, place)
 
     def _extremes(self, least: Floats) -> Floats:
         """Least and greatest values of all ranks, from those of a rank, greatest negative."""
@@ -135,8 +139,3 @@ class Insides:
     def _in_space(self, x: Floats) -> Floats:
         """Positions of the vertices of triangles, shape ``(l, 3)``, or of walls ``(2 l, 3)``."""
         return raised(x, self._height) if self._height else x
-
-
-def _numbers(flags: Flags) -> Ints:
-    """Numbers of the rows with a flag."""
-    return np.flatnonzero(flags).astype(np.int32)

@@ -4,7 +4,7 @@ Contact looks at nodes and segments of its pairs. This looks at whole closed bou
 nodes on one that are inside another, and at the edges of one that cross another.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,6 +71,7 @@ class OverlapSearch:
     Attributes:
         names: Names of the boundaries, as in an `Overlap`.
         cells: Length of the smallest cell within each boundary at rest, shape ``(g,)`` [m].
+        smallest_cell: The least of them [m].
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
@@ -83,13 +84,14 @@ class OverlapSearch:
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
-        self._nodes = [boundary.nodes[:, None] for boundary in self._boundaries]
+        self._nodes = [boundary.nodes for boundary in self._boundaries]
         self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
         X = V.tabulate_dof_coordinates()[:, : dimension(V)]
         lengths = [_kernels.cell_lengths(X, boundary.cells) for boundary in self._boundaries]
         cells = np.array([length.min(initial=np.inf) for length in lengths])
         self.cells: Floats = reductions.least(self._comm, cells)
+        self.smallest_cell = float(self.cells.min())
 
     @cached_property
     def walls(self) -> Floats:
@@ -149,14 +151,15 @@ class OverlapSearch:
         in_obstacles, clearance = self._with_obstacles(x, t, touching)
         self._insides.move(x)
         apart, pairs, depth, regions = self._insides.meetings(touching)
-        overlaps = self._between_bodies(x, pairs, depth, regions)
         np.fill_diagonal(apart, clearance)
-        return [*overlaps, *in_obstacles], apart
+        if not len(pairs):
+            return in_obstacles, apart
+        return [*self._between_bodies(x, pairs, depth, regions), *in_obstacles], apart
 
     def _between_bodies(
         self, x: Floats, pairs: Ints, touching: Floats, regions: Floats
-    ) -> Iterator[Overlap]:
-        """Overlaps of bodies whose boxes overlap.
+    ) -> list[Overlap]:
+        """Overlaps of bodies whose boxes overlap. Collective.
 
         Args:
             x: Positions [m].
@@ -166,26 +169,17 @@ class OverlapSearch:
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
         inner, outer = np.ascontiguousarray(pairs.T)
-
-        def joined_rows(rows: Sequence[Ints]) -> tuple[Floats, Ints]:
-            found, number = _kernels.rows_in(x, rows, inner, regions)
-            return joined(self._comm, found), joined(self._comm, number)
-
-        def depth(points: Floats, pair: Ints) -> Floats:
-            return self._insides.depth(points, outer[pair], touching[pair])
-
-        points, at_nodes = joined_rows([b.nodes[:, None] for b in self._boundaries])
-        ways, crossed = joined_rows(self._edges)
-        if not len(points) + len(ways):
-            return  # everywhere, as all ranks have the same
-        middles, way = self._insides.chords(ways, outer[crossed])
-        pair = np.concatenate([at_nodes, crossed[way]])
-        deep = depth(np.concatenate([points, middles]), pair)
+        ways, number = _kernels.ways_in(x, self._nodes, self._edges, inner, regions)
+        ways, number = joined(self._comm, ways), joined(self._comm, number)
+        points, pair = self._insides.points_on(ways, outer[number], number)
+        deep = self._insides.depth(points, outer[pair], touching[pair])
         if not deep.any():
-            return
+            return []  # everywhere, as all ranks have the same
         deepest = np.zeros(len(pairs))
         np.maximum.at(deepest, pair, deep)
-        num_nodes = np.bincount(at_nodes[deep[: len(at_nodes)] > 0], minlength=len(pairs))
+        at_nodes = np.count_nonzero((ways[:, :3] == ways[:, 3:]).all(axis=1))
+        deep_nodes = pair[:at_nodes][deep[:at_nodes] > 0]
+        num_nodes = np.bincount(deep_nodes, minlength=len(pairs))
         # Both orders of two boundaries between which there is an overlap.
         turned = np.lexsort((pairs[:, 0], pairs[:, 1]))
         both = np.column_stack([np.arange(len(pairs)), turned])
@@ -193,17 +187,22 @@ class OverlapSearch:
         centres = [self._centres(x, inner[i], regions[i]) for i in both.ravel()]
         number = np.repeat(both.ravel(), [len(some) for some in centres]).astype(np.int32)
         points, pair = joined(self._comm, np.concatenate(centres)), joined(self._comm, number)
-        num_cells = np.bincount(pair[depth(points, pair) > 0], minlength=len(pairs))
+        deep = self._insides.depth(points, outer[pair], touching[pair])
+        num_cells = np.bincount(pair[deep > 0], minlength=len(pairs))
+        overlaps = []
         for two in both:
             reverse, first = two[deepest[two].argsort()]
-            yield Overlap(
-                (self.names[inner[first]], self.names[outer[first]]),
-                float(deepest[first]),
-                float(deepest[reverse]),
-                int(num_nodes[two].sum()),
-                int(num_cells[two].sum()),
-                float(self._sizes[pairs[first]].min()),
+            overlaps.append(
+                Overlap(
+                    (self.names[inner[first]], self.names[outer[first]]),
+                    float(deepest[first]),
+                    float(deepest[reverse]),
+                    int(num_nodes[two].sum()),
+                    int(num_cells[two].sum()),
+                    float(self._sizes[pairs[first]].min()),
+                )
             )
+        return overlaps
 
     def _centres(self, x: Floats, boundary: int, region: Floats) -> Floats:
         """Centres in a region of the cells of this rank within a boundary, ``(c, 3)`` [m]."""
@@ -233,7 +232,7 @@ class OverlapSearch:
             names = self.names[j], name
             deepest_of_two = float(deepest[i, j])
             overlaps.append(Overlap(names, deepest_of_two, 0.0, nodes, cells, boundary.size))
-        return overlaps, -float(deepest.max(initial=-np.inf))
+        return overlaps, max(0.0, -float(deepest.max(initial=-np.inf)))
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:

@@ -29,6 +29,32 @@ auto corners(std::size_t n, BoxOf&& box_of)
   return least;
 }
 
+/// @brief Positions that are found one after another, each with a number.
+class Found
+{
+public:
+  void add(std::int32_t number, std::initializer_list<Vec3> positions)
+  {
+    _numbers.push_back(number);
+    for (const Vec3& position : positions)
+      std::ranges::copy(position, std::back_inserter(_positions));
+  }
+
+  /// @brief All positions (n, width), and all numbers (n).
+  auto arrays(std::size_t width) const
+  {
+    auto positions = create<double>({_numbers.size(), width});
+    auto numbers = create<std::int32_t>({_numbers.size()});
+    std::ranges::copy(_positions, positions.data());
+    std::ranges::copy(_numbers, numbers.data());
+    return std::tuple(positions, numbers);
+  }
+
+private:
+  std::vector<double> _positions;
+  std::vector<std::int32_t> _numbers;
+};
+
 /// @brief Boundaries that move, by arrays that are not copied, and a tree over
 /// each, which is made at the first positions and moved when it is asked.
 class MovingBoundaries
@@ -138,15 +164,23 @@ public:
     return values;
   }
 
-  auto distance(const Doubles& points, const Rows& where, const Doubles& least)
+  auto distance(const Doubles& points, const Rows& where, const Doubles& least,
+                const Rows& crossings)
   {
+    const std::size_t n = points.shape(0);
     check_points("points", points, 3, where);
-    check("least", least, {points.shape(0)});
-    auto values = create<double>({points.shape(0)});
-    for (std::size_t i = 0; i < points.shape(0); ++i)
+    check("least", least, {n});
+    check("crossings", crossings, {2, n});
+    auto values = create<double>({n});
+    for (std::size_t i = 0; i < n; ++i)
+    {
+      const bool outside
+          = crossings.data()[i] <= 0 && crossings.data()[n + i] == 0;
       values.data()[i]
-          = at(view(where)[i])
-                .distance(vector(view(points), i), least.data()[i]);
+          = outside ? 0.
+                    : at(view(where)[i])
+                          .distance(vector(view(points), i), least.data()[i]);
+    }
     return values;
   }
 
@@ -224,8 +258,8 @@ auto nearer(const Doubles& displacements)
 {
   check("displacements", displacements, {2, any, 3});
   const std::size_t n = displacements.shape(1);
-  const auto least = [&](std::size_t i)
-  { return vector(view(displacements), i); };
+  const auto least
+      = [&](std::size_t i) { return vector(view(displacements), i); };
   const auto negative_greatest
       = [&](std::size_t i) { return vector(view(displacements), n + i); };
   auto values = create<double>({n, n});
@@ -242,9 +276,13 @@ auto nearer(const Doubles& displacements)
   return values;
 }
 
-auto parts(const Doubles& ways, const Rows& way, const Doubles& s)
+/// @brief Points on ways, and a number of each way by which they are found
+/// again.
+auto points_on_ways(const Doubles& ways, const Rows& number, const Rows& way,
+                    const Doubles& s)
 {
   check("ways", ways, {any, 6});
+  check("number", number, {ways.shape(0)});
   check("way", way, {s.size(), 2});
   std::vector<WayCut> cuts(s.size());
   for (std::size_t i = 0; i < cuts.size(); ++i)
@@ -254,56 +292,36 @@ auto parts(const Doubles& ways, const Rows& way, const Doubles& s)
         || static_cast<std::size_t>(cuts[i].way) >= ways.shape(0))
       throw nb::value_error("way: expected rows of ways");
   }
-  std::vector<std::int32_t> numbers;
-  std::vector<Vec3> middles;
-  parts_of_ways(view(ways), std::move(cuts),
-                [&](std::int32_t number, const Vec3& middle)
-                {
-                  numbers.push_back(number);
-                  middles.push_back(middle);
-                });
-  auto middle = create<double>({middles.size(), 3});
-  auto number = create<std::int32_t>({numbers.size()});
-  for (std::size_t i = 0; i < middles.size(); ++i)
-    std::ranges::copy(middles[i], middle.data() + 3 * i);
-  std::ranges::copy(numbers, number.data());
-  return std::tuple(middle, number);
+  Found found;
+  points_of_ways(view(ways), std::move(cuts),
+                 [&](std::int32_t w, const Vec3& point)
+                 { found.add(number.data()[w], {point}); });
+  return found.arrays(3);
 }
 
-/// @brief Positions of rows of nodes whose boxes meet a region, for each
-/// region.
-auto rows_in(const Doubles& x, const std::vector<Rows>& rows, const Rows& which,
-             const Doubles& regions)
+/// @brief Nodes and edges in regions, as ways, and the number of the region.
+auto ways_in_regions(const Doubles& x, const std::vector<Rows>& nodes,
+                     const std::vector<Rows>& edges, const Rows& which,
+                     const Doubles& regions)
 {
   check("x", x, {any, 3});
   check("regions", regions, {which.size(), 2, 3});
-  check_rows("which: expected numbers of rows", which, rows.size());
-  const std::size_t k = rows.empty() ? 1 : rows.front().shape(1);
-  for (const Rows& some : rows)
-  {
-    check("rows", some, {any, k});
-    check_rows("rows: expected rows of x", some, x.shape(0));
-  }
-  std::vector<double> found;
-  std::vector<std::int32_t> numbers;
+  check_rows("which: expected numbers of boundaries", which,
+             std::min(nodes.size(), edges.size()));
+  Found found;
   for (std::size_t r = 0; r < which.size(); ++r)
   {
-    const Box region{vector(view(regions), 2 * r),
-                     vector(view(regions), 2 * r + 1)};
-    groups_in(view(x), view(rows[view(which)[r]]), k, region,
-              [&](std::span<const std::int32_t> row)
-              {
-                numbers.push_back(static_cast<std::int32_t>(r));
-                for (const std::int32_t node : row)
-                  std::ranges::copy(vector(view(x), node),
-                                    std::back_inserter(found));
-              });
+    const Rows &some = nodes[view(which)[r]], &others = edges[view(which)[r]];
+    check("nodes", some, {any});
+    check("edges", others, {any, 2});
+    for (const Rows& rows : {some, others})
+      check_rows("nodes, edges: expected rows of x", rows, x.shape(0));
+    ways_in(view(x), view(some), view(others),
+            {vector(view(regions), 2 * r), vector(view(regions), 2 * r + 1)},
+            [&](const Vec3& begin, const Vec3& end)
+            { found.add(static_cast<std::int32_t>(r), {begin, end}); });
   }
-  auto positions = create<double>({numbers.size(), 3 * k});
-  auto number = create<std::int32_t>({numbers.size()});
-  std::ranges::copy(found, positions.data());
-  std::ranges::copy(numbers, number.data());
-  return std::tuple(positions, number);
+  return found.arrays(6);
 }
 } // namespace
 
@@ -325,7 +343,8 @@ void boundary(nb::module_& m)
       .def("meetings", &MovingBoundaries::meetings, nb::arg("boxes"),
            nb::arg("touch"),
            "(2, g, 3) corners of boxes around the whole of each boundary, (g,) "
-           "-> distances of any two boxes (g, g), infinite on the diagonal; "
+           "-> distances of any two boxes (g, g), 0 where they overlap and "
+           "infinite on the diagonal; "
            "those two that overlap by more than a touch, in both orders "
            "(p, 2); that touch (p,); and boxes around all that may be deeper "
            "in the second (p, 2, 3)")
@@ -344,9 +363,10 @@ void boundary(nb::module_& m)
            "(n, 3), (n,) -> solid angle over 4 pi (n,), of all triangles 1 "
            "inside")
       .def("distance", &MovingBoundaries::distance, nb::arg("points"),
-           nb::arg("where"), nb::arg("least"),
-           "(n, 3), (n,), (n,) -> distance to the nearest triangle (n,), or to "
-           "another that is as near as the last argument")
+           nb::arg("where"), nb::arg("least"), nb::arg("crossings"),
+           "(n, 3), (n,), (n,), (2, n) sum over all parts of a boundary -> "
+           "distance to the nearest triangle (n,), or to another that is as "
+           "near as the third argument; 0 where crossings say outside")
       .def("cuts", &MovingBoundaries::cuts, nb::arg("ways"), nb::arg("where"),
            "(w, 6) begins and ends, (w,) -> where straight ways meet a "
            "triangle: which way, and 1 if it leaves the boundary there, -1 if "
@@ -356,14 +376,16 @@ void boundary(nb::module_& m)
         "(2, g, 3) as of Boundaries.displacements -> bound on how much each "
         "two boundaries have come nearer to each other, 0 on the diagonal "
         "(g, g)");
-  m.def("parts_of_ways", &parts, nb::arg("ways"), nb::arg("way"), nb::arg("s"),
-        "(w, 6), (c, 2), (c,) cuts as of Boundaries.cuts -> middles of the "
-        "parts of ways that are cut and not known to be outside (m, 3), and "
-        "the way of each (m,)");
-  m.def("rows_in", &rows_in, nb::arg("x"), nb::arg("rows"), nb::arg("which"),
-        nb::arg("regions"),
-        "(l, 3), arrays (n, k) of rows of x, (r,) one of them for each region, "
-        "(r, 2, 3) -> positions of those rows whose box meets the region "
-        "(m, 3 k), and number of the region (m,)");
+  m.def("points_on_ways", &points_on_ways, nb::arg("ways"), nb::arg("number"),
+        nb::arg("way"), nb::arg("s"),
+        "(w, 6), (w,), (c, 2), (c,) cuts as of Boundaries.cuts -> ways that "
+        "are points, then middles of the parts of ways that are cut and not "
+        "known to be outside (m, 3), and the number of the way of each (m,)");
+  m.def("ways_in", &ways_in_regions, nb::arg("x"), nb::arg("nodes"),
+        nb::arg("edges"), nb::arg("which"), nb::arg("regions"),
+        "(l, 3), for each boundary rows of x (n,) and (e, 2), (r,) the "
+        "boundary of each region, (r, 2, 3) -> begin and end of nodes, which "
+        "are the same, and of edges whose box meets the region (w, 6), and "
+        "number of the region (w,)");
 }
 } // namespace nts::bindings

@@ -217,5 +217,5 @@ def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, mon
     run(stepper, 0.75)
     # Cells are 0.2 and 0.25 thick, and there is one look at the end of the run, which is neither
     # near one of the others nor beyond the rim of the plate.
-    assert len(looks) == int(0.75 / (0.9 * 0.7 * 0.45)) + 1
+    assert len(looks) == int(0.75 / (0.85 * 0.7 * 0.45)) + 1
     assert not ways

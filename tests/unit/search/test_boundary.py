@@ -32,9 +32,10 @@ class Boundary:
     def winding(self, points):
         return self._kernels.winding(points, which(points))
 
-    def distance(self, points, least=None):
+    def distance(self, points, least=None, crossings=None):
         least = np.zeros(len(points)) if least is None else least
-        return self._kernels.distance(points, which(points), least)
+        crossings = np.ones((2, len(points)), np.int32) if crossings is None else crossings
+        return self._kernels.distance(points, which(points), least, crossings)
 
     def cuts(self, ways):
         return self._kernels.cuts(ways, which(ways))
@@ -151,22 +152,24 @@ def test_ways_are_cut_where_they_enter_and_leave_a_cube():
     order = np.lexsort((place, way[:, 0]))
     np.testing.assert_array_equal(way[order], [[0, -1], [0, 1], [1, 1]])
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
-    middles, number = _kernels.parts_of_ways(ways, way[order[::-1]], place[order[::-1]])
-    np.testing.assert_array_equal(number, [0, 1])
-    np.testing.assert_allclose(middles, [[0.3, 0.4, 0.5], [0.3, 0.4, 0.75]], atol=ROUNDING)
+    number = np.arange(10, 14, dtype=np.int32)
+    order = order[::-1]
+    points, number = _kernels.points_on_ways(ways, number, way[order], place[order])
+    np.testing.assert_array_equal(number, [10, 11])
+    np.testing.assert_allclose(points, [[0.3, 0.4, 0.5], [0.3, 0.4, 0.75]], atol=ROUNDING)
 
 
 def test_parts_of_ways_that_may_be_inside_are_known_by_their_ends():
-    """Between x = 0 and 1, with cuts through triangles and through edges of them."""
-    ways = np.array([[0.0, 0, 0, 1, 0, 0]] * 4)
+    """Between x = 0 and 1, with cuts through triangles and edges of them; and a point."""
+    ways = np.array([[0.0, 0, 0, 1, 0, 0]] * 4 + [[0.3] * 6])
     cuts = [(0, 1, 0.5), (1, -1, 0.5), (2, 0, 0.5), (3, 1, 0.2), (3, -1, 0.4), (3, 0, 0.8)]
     way, side, place = zip(*cuts, strict=True)
-    middles, number = _kernels.parts_of_ways(
-        ways, np.column_stack([way, side]).astype(np.int32), np.array(place)
-    )
-    np.testing.assert_array_equal(number, [0, 1, 2, 2, 3, 3, 3])
-    expected = [0.25, 0.75, 0.25, 0.75, 0.1, 0.6, 0.9]
-    np.testing.assert_allclose(middles[:, 0], expected, atol=ROUNDING)
+    way = np.column_stack([way, side]).astype(np.int32)
+    number = np.arange(5, dtype=np.int32)
+    points, number = _kernels.points_on_ways(ways, number, way, np.array(place))
+    np.testing.assert_array_equal(number, [4, 0, 1, 2, 2, 3, 3, 3])
+    expected = [0.3, 0.25, 0.75, 0.25, 0.75, 0.1, 0.6, 0.9]
+    np.testing.assert_allclose(points[:, 0], expected, atol=ROUNDING)
 
 
 def test_boundaries_come_nearer_by_the_difference_of_their_displacements(rng):
@@ -186,16 +189,23 @@ def test_only_distances_of_interest_are_exact(rng):
     found = boundary.distance(points, np.full(300, 0.2))
     np.testing.assert_array_equal(found[exact > 0.2], exact[exact > 0.2])
     assert np.all(found[exact <= 0.2] <= 0.2)
+    crossings = boundary._kernels.crossings(points, which(points), boundary.box)
+    inside = (points.clip(0, 1) == points).all(axis=1)
+    found = boundary.distance(points, crossings=crossings)
+    np.testing.assert_array_equal(found[inside], exact[inside])
+    assert inside.any() and not found[(crossings <= 0).all(axis=0)].any()
 
 
-def test_rows_whose_boxes_meet_a_box_are_found(rng):
-    x, rows = rng.uniform(size=(40, 3)), rng.integers(0, 40, (30, 2), dtype=np.int32)
+def test_nodes_and_edges_whose_boxes_meet_a_box_are_found(rng):
+    x, edges = rng.uniform(size=(40, 3)), rng.integers(0, 40, (30, 2), dtype=np.int32)
+    nodes = np.arange(0, 40, 3, dtype=np.int32)
     region = np.array([[0.2, 0.4, 0.3], [0.6, 0.7, 0.9]])
-    ends = x[rows]
+    ends = x[np.concatenate([np.column_stack([nodes, nodes]), edges])]
     meets = (ends.min(axis=1) <= region[1]) & (ends.max(axis=1) >= region[0])
     expected = ends[meets.all(axis=1)].reshape(-1, 6)
-    regions = np.array([region + 9, region])
-    found, number = _kernels.rows_in(x, [rows[:1], rows], np.array([0, 1], np.int32), regions)
+    which, regions = np.array([0, 1], np.int32), np.array([region + 9, region])
+    lists = [nodes[:1], nodes], [edges[:1], edges]
+    found, number = _kernels.ways_in(x, *lists, which, regions)
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(number, np.ones(len(expected)))
 

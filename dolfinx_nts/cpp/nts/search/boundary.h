@@ -16,15 +16,20 @@ struct WayCut
   std::int32_t side;
 };
 
-/// @brief Middles of those parts, into which cuts divide ways, that are not
-/// known to be outside.
+/// @brief Ways that are points, and middles of those parts, into which cuts
+/// divide the others, that are not known to be outside.
 /// @param[in] ways Begin and end of each way, (w, 6) [m].
 /// @param[in] cuts The cuts, in any order. Ways without any have no parts.
-/// @param[out] found Called with the number of the way and the middle.
-template <class OnPart>
-void parts_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
-                   OnPart&& found)
+/// @param[out] found Called with the number of the way and the point; ways that
+/// are points come first.
+template <class OnPoint>
+void points_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
+                    OnPoint&& found)
 {
+  for (std::size_t w = 0; w < ways.size() / 6; ++w)
+    if (const Vec3 point = vector(ways, 2 * w);
+        point == vector(ways, 2 * w + 1))
+      found(static_cast<std::int32_t>(w), point);
   std::ranges::sort(cuts, {},
                     [](const WayCut& c) { return std::pair(c.way, c.s); });
   for (std::size_t i = 0; i < cuts.size(); ++i)
@@ -59,23 +64,22 @@ public:
     bool at_an_edge = false; ///< the count may be wrong
   };
 
-  /// @param[in] x Positions, (l, 3) [m].
+  /// @param[in] x Positions, (l, 3) [m], which are not copied.
   /// @param[in] rows Vertices of the triangles in outward sense, (t, 3).
   Boundary(std::span<const double> x, std::span<const std::int32_t> rows)
-      : _rows(rows.size() / 3), _triangles(_rows.size()), _tree(boxes(x, rows))
+      : _x(x), _rows(rows.size() / 3), _tree(boxes(x, rows))
   {
     const std::vector<std::int32_t> number = _tree.renumber();
     for (std::size_t i = 0; i < _rows.size(); ++i)
-    {
       std::ranges::copy(rows.subspan(3 * number[i], 3), _rows[i].begin());
-      place(i, x);
-    }
   }
 
-  /// @brief Go on with other positions of the same vertices, (l, 3) [m].
+  /// @brief Go on with other positions of the same vertices, (l, 3) [m], which
+  /// are not copied.
   void move(std::span<const double> x)
   {
-    _tree.refit([&](std::size_t i) { return place(i, x); });
+    _x = x;
+    _tree.refit([&](std::size_t i) { return around(bounds(x, _rows[i])); });
   }
 
   /// @brief Crossings of a ray that begins at a point.
@@ -90,7 +94,7 @@ public:
     _tree.along(point, end,
                 [&](std::int32_t i) noexcept
                 {
-                  if (const auto c = cut(point, end, _triangles[i]);
+                  if (const auto c = cut(point, end, triangle(i));
                       c && c->s >= 0)
                   {
                     found.count += c->sign;
@@ -104,8 +108,8 @@ public:
   double winding(const Vec3& point) const noexcept
   {
     double sum = 0;
-    for (const Triangle& triangle : _triangles)
-      sum += nts::winding(point, triangle);
+    for (std::size_t i = 0; i < _rows.size(); ++i)
+      sum += nts::winding(point, triangle(i));
     return sum;
   }
 
@@ -121,7 +125,7 @@ public:
                   [&](std::int32_t i) noexcept
                   {
                     nearest = std::min(nearest, std::sqrt(squared_distance(
-                                                    point, _triangles[i])));
+                                                    point, triangle(i))));
                     return nearest > least ? nearest : 0;
                   });
     return nearest;
@@ -132,10 +136,12 @@ public:
   template <class OnCut>
   void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {
+    if (begin == end)
+      return;
     _tree.along(begin, end,
                 [&](std::int32_t i)
                 {
-                  const auto c = cut(begin, end, _triangles[i]);
+                  const auto c = cut(begin, end, triangle(i));
                   if (c && c->s >= 0 && c->s <= 1)
                     found(c->s, c->at_an_edge ? 0 : c->sign);
                 });
@@ -166,12 +172,10 @@ private:
     return end;
   }
 
-  /// @brief Read a triangle, and make a box around it.
-  Box place(std::size_t i, std::span<const double> x) noexcept
+  Triangle triangle(std::size_t i) const noexcept
   {
-    for (std::size_t v = 0; v < 3; ++v)
-      _triangles[i][v] = vector(x, _rows[i][v]);
-    return around(bounds(x, _rows[i]));
+    const auto& [a, b, c] = _rows[i];
+    return {vector(_x, a), vector(_x, b), vector(_x, c)};
   }
 
   /// @brief Box with a margin far above round-off.
@@ -192,8 +196,8 @@ private:
     return boxes;
   }
 
+  std::span<const double> _x;
   std::vector<std::array<std::int32_t, 3>> _rows;
-  std::vector<Triangle> _triangles;
   Tree _tree;
 };
 } // namespace nts

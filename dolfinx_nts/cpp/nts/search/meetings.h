@@ -18,8 +18,8 @@ struct Meeting
 /// @brief Boundaries whose boxes overlap by more than a touch, in both orders.
 /// @param[in] boxes Box around the whole of each boundary (g).
 /// @param[in] touch Depth of a touch of each; of two the lesser counts [m] (g).
-/// @param[out] apart Distances of any two boxes, infinite on the diagonal
-/// (g, g) [m].
+/// @param[out] apart Distances of any two boxes, 0 where they overlap and
+/// infinite on the diagonal (g, g) [m].
 inline std::vector<Meeting> meetings(std::span<const Box> boxes,
                                      std::span<const double> touch,
                                      std::span<double> apart)
@@ -31,7 +31,7 @@ inline std::vector<Meeting> meetings(std::span<const Box> boxes,
     {
       const double depth = std::min(touch[i], touch[j]);
       const double way = i == j ? INFINITY : distance(boxes[i], boxes[j]);
-      apart[n * i + j] = way;
+      apart[n * i + j] = std::max(way, 0.);
       // What is deep in the outer boundary is as deep in its box.
       if (way < -depth)
         found.push_back({static_cast<std::int32_t>(i),
@@ -41,18 +41,23 @@ inline std::vector<Meeting> meetings(std::span<const Box> boxes,
   return found;
 }
 
-/// @brief Visit groups of nodes whose box meets a region.
+/// @brief Visit nodes, and edges whose box meets a region, as ways.
 /// @param[in] x Positions, (l, 3) [m].
-/// @param[in] groups Rows of x, k of them in each group.
-/// @param[in] k Number of nodes in a group.
+/// @param[in] nodes Rows of x, (n).
+/// @param[in] edges Rows of x, (e, 2).
 /// @param[in] region The region.
-/// @param[out] found Called with the rows of each such group.
-template <class OnGroup>
-void groups_in(std::span<const double> x, std::span<const std::int32_t> groups,
-               std::size_t k, const Box& region, OnGroup&& found)
+/// @param[out] found Called with begin and end of each way, which are the same
+/// at nodes.
+template <class OnWay>
+void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
+             std::span<const std::int32_t> edges, const Box& region,
+             OnWay&& found)
 {
-  for (std::size_t i = 0; i < groups.size(); i += k)
-    if (const auto group = groups.subspan(i, k); bounds(x, group).meets(region))
-      found(group);
+  for (const std::int32_t node : nodes)
+    if (const Vec3 point = vector(x, node); region.meets(Box{point, point}))
+      found(point, point);
+  for (std::size_t i = 0; i < edges.size(); i += 2)
+    if (const auto edge = edges.subspan(i, 2); bounds(x, edge).meets(region))
+      found(vector(x, edge[0]), vector(x, edge[1]));
 }
 } // namespace nts

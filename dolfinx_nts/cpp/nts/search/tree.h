@@ -73,10 +73,8 @@ public:
   template <class BoxOf>
   void refit(BoxOf&& box_of)
   {
-    const auto boxes
-        = around([&](std::int32_t i) { return _boxes[i] = box_of(i); });
-    for (std::size_t i = 0; i < boxes.size(); ++i)
-      _branches[i].box = boxes[i];
+    gather([&](std::int32_t i) { return _boxes[i] = box_of(i); },
+           [&](std::int32_t b) -> Box& { return _branches[b].box; });
   }
 
   /// @brief Boxes around those of the segments of each branch.
@@ -85,17 +83,7 @@ public:
   std::vector<Box> around(BoxOf&& box_of) const
   {
     std::vector<Box> boxes(_branches.size());
-    // Children come after their branch.
-    for (std::size_t b = boxes.size(); b-- > 0;)
-    {
-      const Branch& branch = _branches[b];
-      if (branch.left < 0)
-        for (std::int32_t i = branch.begin; i < branch.end; ++i)
-          boxes[b].include(box_of(_order[i]));
-      else
-        for (const std::int32_t child : {branch.left, branch.right})
-          boxes[b].include(boxes[child]);
-    }
+    gather(box_of, [&](std::int32_t b) -> Box& { return boxes[b]; });
     return boxes;
   }
 
@@ -139,6 +127,26 @@ private:
     Box box = {};
     std::int32_t left = -1, right = -1;
   };
+
+  /// @brief Set the box of each branch, which box_at gives, from those of its
+  /// segments.
+  template <class BoxOf, class BoxAt>
+  void gather(BoxOf&& box_of, BoxAt&& box_at) const
+  {
+    // Children come after their branch.
+    for (std::size_t b = _branches.size(); b-- > 0;)
+    {
+      const Branch& branch = _branches[b];
+      Box box;
+      if (branch.left < 0)
+        for (std::int32_t i = branch.begin; i < branch.end; ++i)
+          box.include(box_of(_order[i]));
+      else
+        for (const std::int32_t child : {branch.left, branch.right})
+          box.include(box_at(child));
+      box_at(b) = box;
+    }
+  }
 
   std::int32_t build(std::int32_t begin, std::int32_t end)
   {
