@@ -59,7 +59,15 @@ def close_gaps(
     farthest: _Floats,
     x: _Floats,
 ) -> None: ...
-def drift(dt: float, v: _Floats, a: _Floats, rate: _Floats, u: _Floats, du: _Floats) -> float: ...
+def drift(
+    dt: float,
+    v: _Floats,
+    a: _Floats,
+    rate: _Floats,
+    u: _Floats,
+    du: _Floats,
+    about: _Floats,
+) -> tuple[float, float]: ...
 def kick(dt: float, mobility: _Floats, force: _Floats, a: _Floats, rate: _Floats) -> float: ...
 def cell_lengths(x: _Floats, cells: _Ints) -> _Floats: ...
 def penalty_forces(

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 
+import numpy as np
+
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
@@ -11,7 +13,9 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import shortest_passage_of
 from dolfinx_nts.contact.reverse_passage import ReversePassages
 from dolfinx_nts.contact.soft_springs import SoftSprings
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["ContactWatch"]
 
@@ -27,6 +31,8 @@ class ContactWatch:
         overlaps: Bodies that are inside each other, whatever the pairs are.
         vertices: Vertices of segments that go through the facets of the nodes.
         springs: Springs that are too soft.
+        velocity: About which the motions of nodes are measured, shape ``(d,)`` [m/s]. Any will
+            do; bounds on the motion of nodes to each other are closest about the middle one.
     """
 
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
@@ -35,8 +41,11 @@ class ContactWatch:
         self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
         self.springs = SoftSprings(contacts)
         self._contacts = tuple(contacts)
-        # Motion of steps of which the others were not told yet, and how much more there may be [m].
-        self._way = self._room = 0.0
+        self._comm = bodies[0].V.mesh.comm
+        self.velocity: Floats = np.zeros(dimension(bodies[0].V))
+        # By how much any two may come nearer until something has to be looked at, and what of it
+        # was left when vertices and overlaps were told last [m].
+        self._room = self._told = 0.0
 
     @cached_property
     def _passage(self) -> float:
@@ -45,13 +54,23 @@ class ContactWatch:
             return 0.0
         return min((shortest_passage_of(each.pair) for each in self._contacts), default=math.inf)
 
+    def measure_about(self, velocities: Floats) -> None:
+        """Choose the middle of the velocities of all nodes, ``(n, d)`` [m/s]. Collective."""
+        extremes = [
+            -velocities.min(axis=0, initial=np.inf),
+            velocities.max(axis=0, initial=-np.inf),
+        ]
+        negative_least, greatest = reductions.largest(self._comm, np.array(extremes))
+        self.velocity = (greatest - negative_least) / 2
+
     def free(self, moved: float) -> bool:
-        """Count a step if no node moves so far that anything has to be looked at. Local.
+        """Count a step if no node moves so far that anything has to be looked at. Collective.
 
         What would tell vertices and overlaps of each step would take longer than all looks.
 
         Args:
-            moved: Largest motion of any node in the step, the same on all ranks [m].
+            moved: Half of what any two nodes come nearer to each other in the step, or one to
+                what is at rest, at most; the same on all ranks [m].
 
         Returns:
             Whether that is so; otherwise the step is not counted.
@@ -59,22 +78,25 @@ class ContactWatch:
         way = 2 * moved
         if way >= self._passage:
             return False
+        left = self._room - way
         # The next step may be as long.
-        if self._room < 2 * way:
+        if left < way:
             self.settle()
-            self._room = min(self.vertices.room, self.overlaps.room)
-            if self._room < 2 * way:
+            room = min(self.vertices.room, self.overlaps.room)
+            left = room - way
+            if left < way:
                 return False
-        self._room -= way
-        self._way += way
+            self._told = room
+        self._room = left
         return True
 
     def settle(self) -> None:
         """Tell vertices and overlaps how far nodes have moved in steps that were free. Local."""
-        if self._way:
-            self.vertices.travel(self._way)
-            self.overlaps.travel(self._way)
-        self._way = self._room = 0.0
+        way = self._told - self._room if math.isfinite(self._told) else 0.0
+        if way > 0:
+            self.vertices.travel(way)
+            self.overlaps.travel(way)
+        self._room = self._told = 0.0
 
     def look(self, x: Floats, t: float) -> None:
         """Look for overlaps now, see `OverlapWatch.look`."""
@@ -87,6 +109,7 @@ class ContactWatch:
         self.vertices.forget()
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what is known of vertices."""
+        """Serialize what is known of vertices, and the velocity."""
         self.settle()
+        self.velocity = np.asarray(archive.same("velocity_of_watch", self.velocity))
         self.vertices.serialize(archive)

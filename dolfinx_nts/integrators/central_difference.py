@@ -254,8 +254,7 @@ class CentralDifference(Stepper):
         """Evaluate the forces at the present u. Collective.
 
         Args:
-            ways: Bound on the motion since the last evaluation for each pair, as of
-                `Search.way` [m].
+            ways: Bound on the motion since the last evaluation for each pair, as of `_ways` [m].
         """
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
@@ -293,13 +292,13 @@ class CentralDifference(Stepper):
             self._start()
         dt, bulk, forces, given, rigid = self.dt, self._bulk, self._forces, self._given, self._rigid
         _, _, v, rate, du = self._arrays
-        moved = self._move()
-        ways = self._ways(moved)
-        free = self.watch.free(moved)
+        moved, way = self._move()
+        ways = self._ways(moved, way)
+        free = self.watch.free(way)
         # What `Stepper.advance` counts.
         self._way = 0.0 if free else moved
         if not free:
-            self._check_passage(moved, ways)
+            self._check_passage(way, ways)
         before, power, at_start = forces.contact, forces.power, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
@@ -353,10 +352,16 @@ class CentralDifference(Stepper):
             reactions=reactions,
         )
 
-    def _move(self) -> float:
-        """Move to the end of the step; returns the greatest displacement [m]. Collective."""
+    def _move(self) -> tuple[float, float]:
+        """Move to the end of the step. Collective.
+
+        Returns:
+            Largest motion of any node, and a way such that no two nodes come nearer to each other,
+            and no node to what is at rest, by more than twice of it; the same on all ranks [m].
+        """
         u_n, u, v, rate, du = self._arrays
-        moved = _kernels.drift(self.dt, v, self._forces.acceleration, rate, u, du)
+        about, a = self.watch.velocity, self._forces.acceleration
+        moved, relative = _kernels.drift(self.dt, v, a, rate, u, du, about)
         rigid = self._rigid
         if rigid.exists:
             if reason := rigid.drift(u_n, v, self._bulk.total, self.dt, du):
@@ -368,14 +373,14 @@ class CentralDifference(Stepper):
             np.subtract(u, u_n, out=du)
             rate[self._given] = du[self._given] / self.dt
         if rigid.exists or self.supports.exist:
-            longest = np.linalg.norm(du, axis=1).max(initial=0.0)
-            moved = longest if math.isfinite(moved) else moved
+            longest = float(np.linalg.norm(du, axis=1).max(initial=0.0))
+            moved = relative = longest if math.isfinite(moved) else moved
         for ghosts in self._ghosts:
             ghosts.scatter_forward()
         # A maximum over ranks may ignore NaN, but not infinity.
         moved = moved if math.isfinite(moved) else math.inf
         try:
-            (moved,) = meet(self._comm, f"motion of {self._next()}", moved)
+            moved, relative = meet(self._comm, f"motion of {self._next()}", moved, relative)
         except ValueError:
             self._u[:] = self._u_n
             raise
@@ -383,12 +388,17 @@ class CentralDifference(Stepper):
             self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        return moved
+        return moved, min(moved, max(relative, moved / 2))
 
-    def _ways(self, moved: float) -> list[float]:
-        """Bounds on the motion of each pair where no node moves by more than given [m]."""
+    def _ways(self, moved: float, way: float) -> list[float]:
+        """Bounds on the motion of each pair, half of that of its sides to each other [m].
+
+        Args:
+            moved: Largest motion of any node [m].
+            way: The bound where nothing else moves [m].
+        """
         if not any(contact.search.frame.moves for contact in self.contacts):
-            return [moved] * len(self.contacts)
+            return [way] * len(self.contacts)
         x = self.x
         return [contact.search.way(x, moved) for contact in self.contacts]
 
@@ -396,7 +406,7 @@ class CentralDifference(Stepper):
         """Raise if nodes or vertices pass a surface.
 
         Args:
-            moved: Largest motion of any node [m].
+            moved: Bound on the motion of all nodes, half of that to each other [m].
             ways: Bounds on the motion of each pair [m].
         """
         fast = [
@@ -426,6 +436,7 @@ class CentralDifference(Stepper):
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""
         self.watch.springs.look()
+        self.watch.measure_about(v)
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:
             self._refuse("cells have become too small")

@@ -151,7 +151,8 @@ class OverlapSearch:
         in_obstacles, clearance = self._with_obstacles(x, t, touching)
         self._insides.move(x)
         apart, pairs, depth, regions = self._insides.meetings(touching)
-        np.fill_diagonal(apart, clearance)
+        if self._obstacles:
+            np.fill_diagonal(apart, clearance)
         if not len(pairs):
             return in_obstacles, apart
         return [*self._between_bodies(x, pairs, depth, regions), *in_obstacles], apart

@@ -2,12 +2,14 @@
 #include "array.h"
 #include "nts/geometry/cell_length.h"
 
+#include <nanobind/stl/pair.h>
+
 namespace nts::bindings
 {
 namespace
 {
-double drift_all(double dt, const Doubles& v, const Doubles& a,
-                 Out<double> rate, Out<double> u, Out<double> du)
+auto drift_all(double dt, const Doubles& v, const Doubles& a, Out<double> rate,
+               Out<double> u, Out<double> du, const Doubles& about)
 {
   const std::size_t n = rate.shape(0);
   const std::size_t d = rate.shape(1);
@@ -16,12 +18,15 @@ double drift_all(double dt, const Doubles& v, const Doubles& a,
   check("a", a, {n, d});
   check("u", u, {n, d});
   check("du", du, {n, d});
-  return dispatch_components(d,
-                             [&]<std::size_t D>()
-                             {
-                               return drift<D>(dt, view(v), view(a), view(rate),
-                                               view(u), view(du));
-                             });
+  check("about", about, {d});
+  const Motion motion
+      = dispatch_components(d,
+                            [&]<std::size_t D>()
+                            {
+                              return drift<D>(dt, view(v), view(a), view(rate),
+                                              view(u), view(du), view(about));
+                            });
+  return std::pair(motion.farthest, motion.relative);
 }
 
 double kick_all(double dt, const Doubles& mobility, const Doubles& force,
@@ -53,9 +58,9 @@ void leapfrog(nb::module_& m)
 {
   m.def("drift", &drift_all, nb::arg("dt"), nb::arg("v"), nb::arg("a"),
         nb::arg("rate").noconvert(), nb::arg("u").noconvert(),
-        nb::arg("du").noconvert(),
-        "-, (n, d), (n, d) -> longest row of du; sets rate (n, d), changes u "
-        "(n, d) by du (n, d)");
+        nb::arg("du").noconvert(), nb::arg("about"),
+        "-, (n, d), (n, d), -, -, -, (d,) a velocity -> longest row of du, and "
+        "of du - dt about; sets rate (n, d), changes u (n, d) by du (n, d)");
   m.def("kick", &kick_all, nb::arg("dt"), nb::arg("mobility"), nb::arg("force"),
         nb::arg("a").noconvert(), nb::arg("rate").noconvert(),
         "-, (n, d), (n, d) -> force . a; sets a (n, d), changes rate (n, d)");

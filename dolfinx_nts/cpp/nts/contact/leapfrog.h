@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -10,6 +11,13 @@
 /// @brief Both halves of a step of velocity Verlet, each in one pass.
 namespace nts
 {
+/// @brief How far nodes move in a step [m].
+struct Motion
+{
+  double farthest; ///< largest displacement, NaN if one is NaN
+  double relative; ///< the same relative to a given velocity
+};
+
 /// @brief Move all dofs, D of each node, by the velocity in the middle of the
 /// step.
 /// @param[in] dt Length of the step [s].
@@ -18,16 +26,21 @@ namespace nts
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
 /// @param[out] du Change of the displacement, (d,) [m].
-/// @return Largest displacement of a node, NaN if one is NaN [m].
+/// @param[in] about A velocity (D,) [m/s].
+/// @return Displacements, and those relative to the velocity.
 template <std::size_t D>
-double drift(double dt, std::span<const double> v, std::span<const double> a,
-             std::span<double> rate, std::span<double> u,
-             std::span<double> du) noexcept
+Motion drift(double dt, std::span<const double> v, std::span<const double> a,
+             std::span<double> rate, std::span<double> u, std::span<double> du,
+             std::span<const double> about) noexcept
 {
-  std::uint64_t most = 0; // as integers, NaN is above all numbers
+  std::array<double, D> way;
+  for (std::size_t i = 0; i < D; ++i)
+    way[i] = dt * about[i];
+  // As integers, NaN is above all numbers.
+  std::uint64_t most = 0, most_relative = 0;
   for (std::size_t node = 0; node < rate.size(); node += D)
   {
-    double square = 0;
+    double square = 0, relative = 0;
     for (std::size_t i = node; i < node + D; ++i)
     {
       const double start = u[i];
@@ -35,10 +48,15 @@ double drift(double dt, std::span<const double> v, std::span<const double> a,
       u[i] += dt * rate[i];
       du[i] = u[i] - start;
       square += du[i] * du[i];
+      const double other = du[i] - way[i - node];
+      relative += other * other;
     }
     most = std::max(most, std::bit_cast<std::uint64_t>(square));
+    most_relative
+        = std::max(most_relative, std::bit_cast<std::uint64_t>(relative));
   }
-  return std::sqrt(std::bit_cast<double>(most));
+  return {std::sqrt(std::bit_cast<double>(most)),
+          std::sqrt(std::bit_cast<double>(most_relative))};
 }
 
 /// @brief Accelerate all dofs to the end of the step.

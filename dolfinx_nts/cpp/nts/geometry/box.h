@@ -48,6 +48,15 @@ struct Box
     return true;
   }
 
+  /// @brief Sides beyond which a point lies, a bit for each of the six.
+  std::uint8_t sides_beyond(const Vec3& point) const noexcept
+  {
+    int sides = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+      sides |= (point[i] < lower[i]) << i | (point[i] > upper[i]) << (i + 3);
+    return static_cast<std::uint8_t>(sides);
+  }
+
   /// @brief Whether the way from one point to another meets the box.
   bool meets(const Vec3& begin, const Vec3& end) const noexcept
   {

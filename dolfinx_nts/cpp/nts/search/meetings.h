@@ -53,11 +53,21 @@ void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
              std::span<const std::int32_t> edges, const Box& region,
              OnWay&& found)
 {
+  // Edges have more ends than nodes.
+  constexpr std::uint8_t unknown = 0xff;
+  std::vector<std::uint8_t> sides(x.size() / 3, unknown);
+  const auto beyond = [&](std::int32_t node)
+  {
+    if (sides[node] == unknown)
+      sides[node] = region.sides_beyond(vector(x, node));
+    return sides[node];
+  };
   for (const std::int32_t node : nodes)
-    if (const Vec3 point = vector(x, node); region.meets(Box{point, point}))
-      found(point, point);
+    if (beyond(node) == 0)
+      found(vector(x, node), vector(x, node));
   for (std::size_t i = 0; i < edges.size(); i += 2)
-    if (const auto edge = edges.subspan(i, 2); bounds(x, edge).meets(region))
-      found(vector(x, edge[0]), vector(x, edge[1]));
+    if (const std::int32_t a = edges[i], b = edges[i + 1];
+        (beyond(a) & beyond(b)) == 0)
+      found(vector(x, a), vector(x, b));
 }
 } // namespace nts
