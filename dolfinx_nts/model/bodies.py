@@ -112,8 +112,8 @@ def bulk_form(
         bodies: Bodies of one space.
         integrand: Function ``integrand(material, parameters, rho)`` that returns UFL per
             reference volume; parameters by name and density are constants of UFL or 0.
-        remembered: Function ``remembered(material, parameters)`` of what viscous branches add to
-            the integrand, which has all points of the stress.
+        remembered: Function ``remembered(material, parameters)`` of what materials with a memory
+            add to the integrand, which has all points of the stress.
 
     Returns:
         The form.
@@ -139,7 +139,7 @@ def bulk_form(
         for number, (degree, law, without, rho) in enumerate(rules):
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
-            if number == 0 and remembered is not None and material.branches:
+            if number == 0 and remembered is not None and material.remembers:
                 value += remembered(material, parameters)
             if value != 0:
                 if degree == 1:
