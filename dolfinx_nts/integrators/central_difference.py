@@ -107,7 +107,7 @@ class CentralDifference(Stepper):
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, a pair is enforced
-            by multipliers, or a material has viscous branches.
+            by multipliers, or a material has viscous branches or plasticity.
 
     Example:
         >>> pair = nts.ContactPair(bottom, top, enforcement=nts.Penalty())

@@ -22,7 +22,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.cell_values import CellValues
@@ -79,6 +79,10 @@ class Dashpots(MaterialMemory):
         """Serialize the strains, see `MaterialMemory.serialize`."""
         self._strains.serialize(archive, name)
         self._describe()
+
+    def plastic_strain(self) -> tuple[Ints, Floats]:
+        """None, see `MaterialMemory.plastic_strain`."""
+        return self._strains.cells, np.zeros(len(self._strains.cells))
 
     def work(self, parameters: Any, eta: Any) -> Any:
         """Virtual work, see `MaterialMemory.work`."""

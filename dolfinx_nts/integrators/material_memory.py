@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, Ints
 
 __all__ = ["MaterialMemory"]
 
@@ -22,6 +23,10 @@ class MaterialMemory(ABC):
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the state at both ends of the last step."""
+
+    @abstractmethod
+    def plastic_strain(self) -> tuple[Ints, Floats]:
+        """Owned cells, and their mean equivalent plastic strain, both ``(c,)`` [-]. Local."""
 
     @abstractmethod
     def work(self, parameters: Any, eta: Any) -> Any:

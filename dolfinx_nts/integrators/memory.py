@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.integrators.dashpots import Dashpots
 from dolfinx_nts.integrators.material_memory import MaterialMemory
 from dolfinx_nts.integrators.plastic_flow import PlasticFlow
@@ -39,6 +40,8 @@ class Memory:
         scheme: Scheme,
     ) -> None:
         """Begin with what undeformed bodies remember."""
+        mesh = u.function_space.mesh
+        self._num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
         step, self._of = StepStrains(u_n, u, dt, scheme), dict[Hyperelastic, MaterialMemory]()
         for material in dict.fromkeys(body.material for body in bodies):
             if not material.remembers:
@@ -55,6 +58,14 @@ class Memory:
     def exists(self) -> bool:
         """Whether any material remembers anything. Local."""
         return bool(self._of)
+
+    def plastic_strain(self) -> Floats:
+        """Mean equivalent plastic strain of the owned cells, shape ``(c,)`` [-]. Local."""
+        strain = np.zeros(self._num_cells)
+        for each in self._of.values():
+            cells, values = each.plastic_strain()
+            strain[cells] = values
+        return strain
 
     def begin(self) -> None:
         """Begin a step with the state that was accepted last. Local."""

@@ -28,7 +28,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.integrators.cell_values import CellValues
@@ -64,7 +64,7 @@ class PlasticFlow(MaterialMemory):
         self._material, self._step, self._mesh = material, step, V.mesh
         self._hardening = _constants(V.mesh, material.hardening)
         self._state = PointValues(V, cells, _AT_REST)
-        self._of_cells = CellValues(V.mesh, cells, len(_AT_REST))
+        self._of_cells = CellValues(V.mesh, cells, 6)
         mu = fem.Constant(V.mesh, material.parameters["mu"])
         flow = self._flow(step.C, mu)
         alpha = self._state.start[_ALPHA] + flow.increment
@@ -91,6 +91,11 @@ class PlasticFlow(MaterialMemory):
         """Serialize the state, see `MaterialMemory.serialize`."""
         self._state.serialize(archive, name)
         self._describe()
+
+    def plastic_strain(self) -> tuple[Ints, Floats]:
+        """Mean plastic strain of cells, see `MaterialMemory.plastic_strain`."""
+        state = self._state
+        return state.cells, state.of(state.end)[..., _ALPHA].mean(axis=1)
 
     def work(self, parameters: Any, eta: Any) -> Any:
         """Virtual work, see `MaterialMemory.work`."""
@@ -141,8 +146,7 @@ class PlasticFlow(MaterialMemory):
         turned = np.linalg.solve(F[:, -1:], F[:, :-1])
         mean = np.einsum("cpij,cpjk,cplk->cil", turned, metrics, turned) / values.shape[1]
         rows, columns = np.triu_indices(3)
-        alpha = values[..., _ALPHA].mean(axis=1)
-        self._of_cells.set(np.column_stack([mean[:, rows, columns], alpha]))
+        self._of_cells.set(mean[:, rows, columns])
 
     def _flow(self, C: Any, mu: Any) -> RadialReturn:
         """Flow from the state at the start of the step to a deformation."""

@@ -49,7 +49,8 @@ class Body(Declaration):
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``material`` no material.
         ValueError: The space or the tag does not fit, the material has terms with one point
-            a cell and the degree is 2, or is `PlaneStress` and the mesh not of the plane.
+            a cell or is `J2Plasticity` and the degree is 2, or is `PlaneStress` and the mesh not
+            of the plane.
 
     Example:
         >>> body = nts.Body(V, cells, tag["lower"], rubber)
@@ -73,6 +74,11 @@ class Body(Declaration):
             raise ValueError(
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
+            )
+        if material.remembered_terms and V.ufl_element().degree > 1:
+            raise ValueError(
+                f"expected, for {type(material).__name__}, a space of degree 1, given one of "
+                f"degree {V.ufl_element().degree}: hexahedra of degree 1 do not lock"
             )
         if material.is_sheet and (V.mesh.geometry.dim != 2 or is_axisymmetric(V.mesh)):
             raise ValueError(
