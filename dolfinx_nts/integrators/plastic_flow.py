@@ -119,9 +119,12 @@ class PlasticFlow(MaterialMemory):
         if step.theta != 0.5:
             alpha = end[_ALPHA]
             return self._hardening.stress(alpha) * (alpha - start[_ALPHA])
-        t, before = self._factor(parameters), self.energy_at_start(parameters)
-        trial = self._energy(parameters, step.C, start)
-        return before + t * (trial - before) - self.energy(parameters)
+        # By differences, which are zero where nothing flows.
+        C_n, C = (ufl.det(each) ** (-1 / 3) * each for each in (step.C_n, step.C))
+        before, after = symmetric_tensor(start), symmetric_tensor(end)
+        lost = ufl.inner(C, before - after)
+        lost -= (1 - self._factor(parameters)) * ufl.inner(C - C_n, before)
+        return parameters["mu"] / 2 * lost
 
     def energy(self, parameters: Any) -> Any:
         """Elastic energy of shape, see `MaterialMemory.energy`."""

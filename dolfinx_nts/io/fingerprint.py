@@ -98,7 +98,7 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
         numbers |= {f"share_{number}": branch.share}
         numbers |= {f"relaxation_time_{number}": branch.relaxation_time}
     if isinstance(material, J2Plasticity):
-        numbers |= material.hardening._asdict()
+        numbers |= {f"hardening_{i}": x for i, x in enumerate(material.hardening, start=1)}
     return f"{_digest(form.signature())} with {_numbers(numbers)}"
 
 

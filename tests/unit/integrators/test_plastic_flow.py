@@ -24,7 +24,7 @@ def metal(rho=RHO, **numbers):
 
 
 def percent(error):
-    return f"{100 * error:.2g} %"
+    return f"{100 * error:.2g} %" if error > 1e-4 else "below 0.01 %"
 
 
 def alpha(bodies, **options):
@@ -169,7 +169,7 @@ def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
     )
     assert abs(loss / exact - 1) <= 5e-3
     assert abs(work / exact - 1) <= (5e-3 if scheme is nts.EnergyMomentum else 0.03)
-    assert max(s.damping_work for s in ledger.reports) <= 1e-14 * exact
+    assert max(s.damping_work for s in ledger.reports) <= 0
     assert ledger.error <= CLOSED
 
 
