@@ -84,7 +84,7 @@ class PlasticFlow(MaterialMemory):
         """Let the points flow, see `MaterialMemory.accept`."""
         state = self._state
         after = self._after.eval(self._mesh, state.cells)
-        state.set(state.end, after.reshape(len(state.cells), -1, len(_AT_REST)))
+        state.set(state.end, after.reshape(state.of(state.end).shape))
         self._describe()
 
     def serialize(self, archive: Archive, name: str) -> None:
@@ -142,7 +142,7 @@ class PlasticFlow(MaterialMemory):
     def _describe(self) -> None:
         """Find metrics that have the mean elastic strains of cells in their middles."""
         state, cells = self._state, self._state.cells
-        F = self._gradients.eval(self._mesh, cells).reshape(len(cells), -1, 3, 3)
+        F = self._gradients.eval(self._mesh, cells).reshape(len(cells), len(state.points) + 1, 3, 3)
         F /= np.cbrt(np.linalg.det(F))[..., None, None]
         values = state.of(state.end)
         metrics = values[..., _PLACES]
