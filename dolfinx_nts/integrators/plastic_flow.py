@@ -172,5 +172,7 @@ class PlasticFlow(MaterialMemory):
 
 def _constants(mesh: Mesh, hardening: Hardening) -> Hardening:
     """Numbers as constants; without saturation none of it, so that forms are short."""
-    numbers = [fem.Constant(mesh, number) for number in hardening]
-    return Hardening(*numbers) if hardening.saturates else Hardening(*numbers[:2], 0.0, 0.0)
+    stress, modulus, increase, rate = (fem.Constant(mesh, number) for number in hardening)
+    if hardening.saturates:
+        return Hardening(stress, modulus, increase, rate)
+    return hardening._replace(yield_stress=stress, modulus=modulus)
