@@ -15,6 +15,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.materials.hardening import Hardening
 from dolfinx_nts.materials.radial_return import RadialReturn
+from dolfinx_nts.materials.volumetric_split import parts
 
 pytestmark = pytest.mark.serial
 
@@ -137,6 +138,14 @@ def test_the_conserving_stress_with_a_metric_does_the_work_of_the_energy():
     change = material.psi(C, metric=G) - material.psi(C_n, metric=G)
     work = float((ufl.inner(S, C - C_n) / 2)(()))
     assert work == pytest.approx(float(change(())), rel=1e-11)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.2, 0.35])
+def test_changes_of_volume_have_one_point_whatever_the_poisson_ratio(nu):
+    # Flow keeps the volume, so that cells with all points would lock.
+    law = nts.J2Plasticity(1.0, nu, 1.0, yield_stress=0.1)
+    most, volumetric = parts(law, locks=True)
+    assert (most.left_out, volumetric.left_out) == ({"mu", "kappa"}, {"mu"})
 
 
 def test_what_is_told_and_refused():
