@@ -48,6 +48,7 @@ DEMOS = {
     "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
     "self_contact": ["self_contact.png"],
+    "taylor_bar": ["taylor_bar.png"],
     "tori": ["tori.png"],
 }
 # Runs side by side: title, scheme, law of impact, colour of the curve.

@@ -26,6 +26,7 @@ from dolfinx_nts.materials.fibres import HolzapfelGasserOgden
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
 from dolfinx_nts.materials.plane_stress import PlaneStress
+from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
@@ -68,6 +69,7 @@ __all__ = [
     "Guide",
     "HolzapfelGasserOgden",
     "Hyperelastic",
+    "J2Plasticity",
     "LagrangeMultiplier",
     "Load",
     "MeshData",

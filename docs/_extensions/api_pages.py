@@ -16,7 +16,7 @@ PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
-        "HolzapfelGasserOgden",
+        *("HolzapfelGasserOgden", "J2Plasticity"),
         *("PlaneStress", "RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [

@@ -82,6 +82,11 @@ class Fields:
         """Strain energy per reference volume in the cells [J/m^3]."""
         return self._of_cells("strain_energy_density", self._state().energy_density)
 
+    def plastic_strain(self) -> fem.Function:
+        """Equivalent plastic strain, the mean of each cell [-]; 0 where nothing is plastic."""
+        strain = self._stepper.memory.plastic_strain()
+        return self._of_cells("plastic_strain", strain[:, None])
+
     def _contact(self, name: str) -> fem.Function:
         return self._nodal.set(name, contact_field(self._stepper, name))
 

@@ -107,7 +107,7 @@ class CentralDifference(Stepper):
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, a pair is enforced
-            by multipliers, or a material has viscous branches.
+            by multipliers, or a material has viscous branches or plasticity.
 
     Example:
         >>> pair = nts.ContactPair(bottom, top, enforcement=nts.Penalty())
@@ -140,9 +140,10 @@ class CentralDifference(Stepper):
                 "expected pairs of method 'node-to-segment' with CentralDifference, given "
                 "'mortar', which the implicit steppers can do"
             )
-        if viscous := [body.name for body in instances(Body, bodies) if body.material.branches]:
+        if names := [body.name for body in instances(Body, bodies) if body.material.remembers]:
             raise ValueError(
-                f"expected materials without branches with CentralDifference, given {viscous}, "
+                f"expected materials without branches or plasticity with CentralDifference, given "
+                f"{names}, "
                 "which the implicit steppers can do"
             )
         first = 1.0 if dt is None else dt

@@ -363,8 +363,8 @@ class ImplicitStepper(Stepper):
         self._free_bodies.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions, constraints = self._reactions(steps, solution, du)
-        damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         self.memory.accept()
+        damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
         loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()

@@ -24,7 +24,7 @@ class StepForms:
         bodies: Bodies of one space.
         rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
-        memory: Memory of viscous branches; None where no material has any.
+        memory: Memory of materials; None where no material has any.
         inertia: Whether forms have the inertia, and with it damping.
     """
 
@@ -73,7 +73,7 @@ class StepForms:
             share = self._scheme.stress_share
             if self._acceleration is not None:
                 share += material.stiffness_damping / dt
-            P = share * F_n * material.linear_stress(ufl.sym(F_n.T * G), **parameters)
+            P = share * _nearby_stress(material, parameters, F_n, G)
             work = ufl.inner(P, gradient(eta))
             if self._acceleration is not None:
                 rate = ufl.derivative(self._acceleration, self._u, du)
@@ -92,11 +92,11 @@ class StepForms:
         return bulk_form(self._bodies, integrand, remembered)
 
     def dissipation(self) -> ufl.Form | None:
-        """Energy that damping and viscous branches take in the step [J]; None without both."""
+        """Energy that damping and materials with a memory take in the step [J], or None."""
         moves, memory = self._acceleration is not None, self._memory
         remembers = memory is not None
         laws = [(body, body.material) for body in self._bodies]
-        some = [b for b, law in laws if (moves and law.is_damped) or (remembers and law.branches)]
+        some = [b for b, law in laws if (moves and law.is_damped) or (remembers and law.remembers)]
         if not some:
             return None
 
@@ -120,3 +120,11 @@ class StepForms:
             P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
             work += beta / dt * ufl.inner(P, gradient(eta))
         return work
+
+
+def _nearby_stress(material: Hyperelastic, parameters: dict[str, Any], F: Any, G: Any) -> Any:
+    """Stress of a gradient G by the moduli at C = 1; of what flows those of space, as it is now."""
+    if not material.remembered_terms:
+        return F * material.linear_stress(ufl.sym(F.T * G), **parameters)
+    F_inv = ufl.inv(F)
+    return material.linear_stress(ufl.sym(G * F_inv), **parameters) * F_inv.T

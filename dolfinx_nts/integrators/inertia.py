@@ -66,7 +66,7 @@ class ConsistentInertia(Inertia):
         scheme: The scheme.
         bcs: Dirichlet conditions.
         loads: Virtual work of the loads.
-        memory: Memory of viscous branches.
+        memory: Memory of materials.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class SleepingBodies:
         self._groups = [
             tuple(group)
             for group in connected(bodies)
-            if not any(body.is_rigid or body.material.branches for body in group)
+            if not any(body.is_rigid or body.material.remembers for body in group)
         ]
         self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
         comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)

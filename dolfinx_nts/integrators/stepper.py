@@ -128,7 +128,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
-        super().__init__(V, dt, self.bodies, self.scheme.stress_share)
+        super().__init__(V, dt, self.bodies, self.scheme)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)

@@ -18,6 +18,7 @@ from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.integrators.step_loop import StepLoop
@@ -39,21 +40,21 @@ class TimeLoop(State):
     Args:
         V, dt: See `State`.
         bodies: The bodies.
-        share: Part of the end of a step in its stress, see `Memory` [-].
+        scheme: Gives the stress of a step.
 
     Attributes:
         contacts: What this stepper remembers of each contact pair.
-        memory: Strains in the viscous branches of materials.
+        memory: What materials remember, as strains in viscous branches.
     """
 
     contacts: tuple[PairState, ...]
 
     def __init__(
-        self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], share: float
+        self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
     ) -> None:
         """Begin at the time 0, with steps of the usual length."""
         super().__init__(V, dt)
-        self.memory = Memory(bodies, self.u_n, self.u, self._dt, share)
+        self.memory = Memory(bodies, self.u_n, self.u, self._dt, scheme)
         self._even, self._length = EvenSteps(), StepLength()
 
     @abstractmethod

@@ -18,6 +18,7 @@ from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.checksum import checksum
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -96,6 +97,8 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
     for number, branch in enumerate(material.branches, start=1):
         numbers |= {f"share_{number}": branch.share}
         numbers |= {f"relaxation_time_{number}": branch.relaxation_time}
+    if isinstance(material, J2Plasticity):
+        numbers |= {f"hardening_{i}": x for i, x in enumerate(material.hardening, start=1)}
     return f"{_digest(form.signature())} with {_numbers(numbers)}"
 
 

@@ -93,7 +93,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         )
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
     if stepper.memory.exists and not same_bodies:
-        dropped.append("memory of viscous branches, whose dashpots begin without strain")
+        dropped.append("memory of materials, whose dashpots and plastic flow begin without strain")
     names = pair_names(stepper.pairs)
     for i, name in enumerate(names):
         if i not in kept:

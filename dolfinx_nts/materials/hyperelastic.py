@@ -154,6 +154,11 @@ class Hyperelastic(StrainEnergy):
         """Whether the material has damping of either kind."""
         return self.mass_damping > 0 or self.stiffness_damping > 0
 
+    @property
+    def remembers(self) -> bool:
+        """Whether steppers keep a state of its points, as of viscous branches."""
+        return bool(self.branches)
+
     def stress(self, C: Any, **parameters: Any) -> Any:
         """Second Piola-Kirchhoff stress S = 2 d psi/d C.
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -35,7 +35,11 @@ class StrainEnergy(Declaration):
 
     Attributes:
         parameters: Numbers by name, read-only.
+        remembered_terms: Names of parameters whose terms depend on what steppers remember, and
+            are left to their memory.
     """
+
+    remembered_terms: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
         """Keep the function and its numbers."""

@@ -57,11 +57,12 @@ def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
         What is integrated with all points of a cell; and with one, None without such terms.
     """
     names = material.one_point if locks or not material.splits_volume else frozenset()
+    elsewhere = material.remembered_terms
     if names:
-        return Part(material, names), Part(material, material.parameters.keys() - names)
+        return Part(material, names | elsewhere), Part(material, material.parameters.keys() - names)
     if locks and material.splits_volume:
         return Part(_isochoric(material), ()), Part(_volumetric(material), ())
-    return Part(material, ()), None
+    return Part(material, elsewhere), None
 
 
 def _at_equal_volume(C: Any) -> Any:

@@ -49,7 +49,8 @@ class Body(Declaration):
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``material`` no material.
         ValueError: The space or the tag does not fit, the material has terms with one point
-            a cell and the degree is 2, or is `PlaneStress` and the mesh not of the plane.
+            a cell or is `J2Plasticity` and the degree is 2, or is `PlaneStress` and the mesh not
+            of the plane.
 
     Example:
         >>> body = nts.Body(V, cells, tag["lower"], rubber)
@@ -73,6 +74,11 @@ class Body(Declaration):
             raise ValueError(
                 "expected a material without one_point, which is for degree 1, in a space of "
                 f"degree {V.ufl_element().degree}"
+            )
+        if material.remembered_terms and V.ufl_element().degree > 1:
+            raise ValueError(
+                f"expected, for {type(material).__name__}, a space of degree 1, given one of "
+                f"degree {V.ufl_element().degree}: hexahedra of degree 1 do not lock"
             )
         if material.is_sheet and (V.mesh.geometry.dim != 2 or is_axisymmetric(V.mesh)):
             raise ValueError(
@@ -112,8 +118,8 @@ def bulk_form(
         bodies: Bodies of one space.
         integrand: Function ``integrand(material, parameters, rho)`` that returns UFL per
             reference volume; parameters by name and density are constants of UFL or 0.
-        remembered: Function ``remembered(material, parameters)`` of what viscous branches add to
-            the integrand, which has all points of the stress.
+        remembered: Function ``remembered(material, parameters)`` of what materials with a memory
+            add to the integrand, which has all points of the stress.
 
     Returns:
         The form.
@@ -139,7 +145,7 @@ def bulk_form(
         for number, (degree, law, without, rho) in enumerate(rules):
             some = parameters | dict.fromkeys(without, 0.0)
             value = ufl.as_ufl(integrand(law, some, rho))
-            if number == 0 and remembered is not None and material.branches:
+            if number == 0 and remembered is not None and material.remembers:
                 value += remembered(material, parameters)
             if value != 0:
                 if degree == 1:

@@ -47,7 +47,7 @@ class CellStress:
         u: The displacement [m].
         points: Points on the reference cell, shape ``(p, d)``.
         remembered: Function ``remembered(material, parameters, C)`` that returns the second
-            Piola-Kirchhoff stress of viscous branches [Pa] and their energy [J/m^3], UFL.
+            Piola-Kirchhoff stress [Pa] and the energy [J/m^3] that a memory adds, UFL.
     """
 
     def __init__(
@@ -68,10 +68,11 @@ class CellStress:
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
             J = ufl.det(F) * material.thickness_stretch(C, **parameters)
-            S, energy = material.stress(C, **parameters), material.psi(C, **parameters)
-            if material.branches:
-                of_branches, stored = remembered(material, parameters, C)
-                S, energy = S + of_branches, energy + stored
+            some = parameters | dict.fromkeys(material.remembered_terms, 0.0)
+            S, energy = material.stress(C, **some), material.psi(C, **some)
+            if material.remembers:
+                added, stored = remembered(material, parameters, C)
+                S, energy = S + added, energy + stored
             sigma = F * S * F.T / J
             parts = [sigma[i, j] for i in range(3) for j in range(3)]
             return compile_expression(ufl.as_vector([*parts, energy]), points)

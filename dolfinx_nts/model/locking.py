@@ -21,9 +21,10 @@ _LOCKED = {
 
 
 def warn_of_locking(bodies: Sequence[Body]) -> None:
-    """Warn of nearly incompressible bodies of tetrahedra or triangles of degree 1. Local.
+    """Warn of bodies of tetrahedra or triangles of degree 1 that keep their volume. Local.
 
-    No quadrature helps these: they have more cells than nodes, and each keeps its volume.
+    Those are nearly incompressible, or plastic. No quadrature helps these: they have more cells
+    than nodes, and each keeps its volume.
 
     Args:
         bodies: Bodies of one space.
@@ -34,7 +35,16 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
         return
     what, instead = _LOCKED[element.cell]
     deformable = [body for body in bodies if not body.is_rigid]
+    plastic = [body.name for body in deformable if body.material.remembered_terms]
     names = [b.name for b in deformable if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
+    if plastic:
+        _logger.warning(
+            "%s where metal flows, which keeps its volume, in %s: energies are right for the "
+            "mesh, but bodies resist as if they were far harder; take %s of degree 1",
+            what,
+            ", ".join(plastic),
+            instead.rpartition(" ")[2],
+        )
     if names:
         _logger.warning(
             "%s at Poisson's ratios of 0.45 and more, those of %s: "

@@ -41,6 +41,9 @@ _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 # The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
 # are to touch.
 _LONGEST_FALL = 0.2
+# Relative change of the residual [-] by which iterates two after each other differ in a cycle, as
+# where points at the yield stress flow in every other iterate: half of the way leads out of it.
+_CYCLE = 0.1
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -249,6 +252,8 @@ def solve(
             num_long += 1
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
                 du = longest / du_norm * du
+        elif not changed and _is_cycle(norms):
+            du = du / 2
         nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
         if du_norm <= longest and not changed:  # nodes that have just become active have far to go
@@ -258,6 +263,13 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _is_cycle(norms: Sequence[float]) -> bool:
+    """Whether residuals come back in every other iteration. Local."""
+    return len(norms) > 4 and all(
+        abs(norms[-i] - norms[-i - 2]) <= _CYCLE * norms[-i] for i in (1, 2)
+    )
 
 
 def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:

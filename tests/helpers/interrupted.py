@@ -42,6 +42,15 @@ def with_branches(scheme, bodies, pairs, dt):
     return scheme(bodies, pairs, dt=dt)
 
 
+def with_flow(scheme, bodies, pairs, dt):
+    """Return a stepper whose bodies are elastic-plastic."""
+    E, nu, rho = BLOCK_RUBBER
+    metal = nts.J2Plasticity(E, nu, rho, yield_stress=0.02 * E, hardening=0.1 * E)
+    for body in bodies:
+        vars(body)["material"] = metal
+    return scheme(bodies, pairs, dt=dt)
+
+
 RESOLVED = nts.LagrangeMultiplier("resolved")
 SCHEMES = {
     "multiplier": nts.EnergyMomentum,
@@ -55,6 +64,7 @@ SCHEMES = {
         with_law, nts.EnergyMomentum, RESOLVED, nts.Coulomb(0.3), method="mortar"
     ),
     "branches": partial(with_branches, nts.EnergyMomentum),
+    "plastic": partial(with_flow, nts.EnergyMomentum),
     "mortar": partial(with_law, nts.EnergyMomentum, None, nts.Coulomb(0.3), method="mortar"),
 }
 

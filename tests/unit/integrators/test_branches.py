@@ -164,5 +164,5 @@ def test_where_branches_are_refused_and_how_they_are_told(comm):
     with pytest.raises(ValueError, match="without branches in PlaneStress"):
         nts.PlaneStress(law)
     box = Box(comm, material=law)
-    with pytest.raises(ValueError, match="without branches with CentralDifference"):
+    with pytest.raises(ValueError, match="without branches or plasticity with CentralDifference"):
         nts.CentralDifference([box.body])

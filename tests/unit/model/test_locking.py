@@ -12,10 +12,10 @@ from helpers import scenes
 pytestmark = pytest.mark.at_most_two_ranks
 
 
-def body(comm, cell, degree, nu):
+def body(comm, cell, degree, nu, material=None):
     mesh, cells, _, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 3)], [(1.0,) * 3], cell))
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-    return nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e5, nu, 1e3))
+    return nts.Body(V, cells, tag["body 0"], material or nts.NeoHookean(1e5, nu, 1e3))
 
 
 @pytest.mark.parametrize(
@@ -36,3 +36,15 @@ def test_a_stepper_tells_of_tetrahedra_that_lock(comm, caplog):
         "stiffer; take degree 2, or hexahedra"
     )
     assert told == ([(logging.WARNING, text)] if comm.rank == 0 else [])
+
+
+def test_metal_of_tetrahedra_locks_whatever_its_poisson_ratio(comm, caplog):
+    metal = nts.J2Plasticity(1e5, 0.2, 1e3, yield_stress=1e2)
+    warn_of_locking([body(comm, "hexahedron", 1, 0.2, metal)])
+    assert not caplog.records
+    warn_of_locking([body(comm, "tetrahedron", 1, 0.2, metal)])
+    text = (
+        "in body 0: energies are right for the mesh, but bodies resist as if they were far harder"
+    )
+    assert (text in caplog.text) == (comm.rank == 0)
+    assert ("take hexahedra of degree 1" in caplog.text) == (comm.rank == 0)

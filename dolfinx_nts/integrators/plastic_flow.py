@@ -1,0 +1,178 @@
+r"""Plastic flow: metric and equivalent plastic strain at the points of the quadrature.
+
+The step changes the state by a radial return at its end, from the metric :math:`G_n`, see
+`radial_return`. The stress of the step is that which the scheme has for the elastic energy with
+:math:`G_n`, times the factor t of a radial return at
+:math:`(1 - \theta) C_n + \theta C_{n+1}`, with the part :math:`\theta` of the end of the step in
+the stress of the scheme. For the energy-momentum scheme its work is thus t times the change
+of the elastic energy W of a step without flow, :math:`t\, (W_{tr} - W_n)`, so that
+
+.. math:: D = t\, W_{tr} + (1 - t)\, W_n - W_{n+1}
+
+is dissipated, exactly. In small strains this is never negative: with the elastic deviators
+:math:`e_n`, :math:`e_{tr}`, their mean :math:`e_m` of the norm :math:`r/t`, and r the radius of
+the yield surface,
+
+.. math:: D/\mu \ge 4 r\, (|e_m| - e_m \cdot e_n/|e_m|) - r^2 + |e_n|^2
+   \ge (r - |e_n|)(3 r - |e_n|) \ge 0,
+
+and larger ones do not change that, see the tests. Schemes that do not conserve energy dissipate
+:math:`\sigma_y(\alpha_{n+1})\, \Delta\alpha`.
+"""
+
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import gradient
+from dolfinx_nts.fem.jit import compile_expression
+from dolfinx_nts.integrators.cell_values import CellValues
+from dolfinx_nts.integrators.material_memory import MaterialMemory
+from dolfinx_nts.integrators.point_values import PointValues
+from dolfinx_nts.integrators.step_strains import StepStrains, symmetric_entries, symmetric_tensor
+from dolfinx_nts.materials.hardening import Hardening
+from dolfinx_nts.materials.plasticity import J2Plasticity
+from dolfinx_nts.materials.radial_return import RadialReturn
+
+__all__ = ["PlasticFlow"]
+
+# Metric and plastic strain of what has not flown, and where the plastic strain lies.
+_AT_REST, _ALPHA = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0], 6
+# Where entries of the metric lie.
+_PLACES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+class PlasticFlow(MaterialMemory):
+    """State of one elastic-plastic material. Collective.
+
+    Args:
+        material: The material.
+        V: Space of the displacement.
+        cells: Owned cells of the material, sorted, shape ``(c,)``.
+        step: Strains of a step.
+    """
+
+    def __init__(
+        self, material: J2Plasticity, V: fem.FunctionSpace, cells: Ints, step: StepStrains
+    ) -> None:
+        """Begin with what has not flown."""
+        self._material, self._step, self._mesh = material, step, V.mesh
+        self._hardening = _constants(V.mesh, material.hardening)
+        self._state = PointValues(V, cells, _AT_REST)
+        self._of_cells = CellValues(V.mesh, cells, 6)
+        mu = fem.Constant(V.mesh, material.parameters["mu"])
+        flow = self._flow(step.C, mu)
+        alpha = self._state.start[_ALPHA] + flow.increment
+        parts = [*symmetric_entries(flow.metric), alpha]
+        self._after = compile_expression(ufl.as_vector(parts), self._state.points)
+        F = ufl.as_vector([step.F[i, j] for i in range(3) for j in range(3)])
+        middle = self._state.points.mean(axis=0, keepdims=True)
+        places = np.concatenate([self._state.points, middle])
+        self._gradients = compile_expression(F, places)
+        self._describe()
+
+    def begin(self) -> None:
+        """Begin a step, see `MaterialMemory.begin`."""
+        self._state.begin()
+
+    def accept(self) -> None:
+        """Let the points flow, see `MaterialMemory.accept`."""
+        state = self._state
+        after = self._after.eval(self._mesh, state.cells)
+        state.set(state.end, after.reshape(state.of(state.end).shape))
+        self._describe()
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize the state, see `MaterialMemory.serialize`."""
+        self._state.serialize(archive, name)
+        self._describe()
+
+    def plastic_strain(self) -> tuple[Ints, Floats]:
+        """Mean plastic strain of cells, see `MaterialMemory.plastic_strain`."""
+        state = self._state
+        return state.cells, state.of(state.end)[..., _ALPHA].mean(axis=1)
+
+    def work(self, parameters: Any, eta: Any) -> Any:
+        """Virtual work, see `MaterialMemory.work`."""
+        step, some = self._step, self._with_metric(parameters)
+        P = step.scheme.stress(self._material, some, step.F_n, step.F)
+        return self._factor(parameters) * ufl.inner(P, gradient(eta))
+
+    def stiffness(self, parameters: Any, rate: Any) -> Any:
+        """Elastic stress of a strain, see `MaterialMemory.stiffness`.
+
+        The moduli are those of the undeformed material in space, as plastic flow leaves the
+        elastic strains small.
+        """
+        F_inv = ufl.inv(self._step.F_n)
+        tau = 2 * parameters["mu"] * ufl.dev(F_inv.T * rate * F_inv)
+        return self._step.theta * F_inv * tau * F_inv.T
+
+    def dissipation(self, parameters: Any) -> Any:
+        """Energy that plastic flow takes in the step, see `MaterialMemory.dissipation`."""
+        step, start, end = self._step, self._state.start, self._state.end
+        if step.theta != 0.5:
+            alpha = end[_ALPHA]
+            return self._hardening.stress(alpha) * (alpha - start[_ALPHA])
+        # By differences, which are zero where nothing flows.
+        C_n, C = (ufl.det(each) ** (-1 / 3) * each for each in (step.C_n, step.C))
+        before, after = symmetric_tensor(start), symmetric_tensor(end)
+        lost = ufl.inner(C, before - after)
+        lost -= (1 - self._factor(parameters)) * ufl.inner(C - C_n, before)
+        return parameters["mu"] / 2 * lost
+
+    def energy(self, parameters: Any) -> Any:
+        """Elastic energy of shape, see `MaterialMemory.energy`."""
+        return self._energy(parameters, self._step.C, self._state.end)
+
+    def energy_at_start(self, parameters: Any) -> Any:
+        """The same at the start of the step."""
+        return self._energy(parameters, self._step.C_n, self._state.start)
+
+    def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
+        """Stress by mean elastic strains of cells, see `MaterialMemory.stress`."""
+        some = self._with_metric(parameters, self._of_cells.function)
+        return self._material.stress(C, **some), self._material.psi(C, **some)
+
+    def _describe(self) -> None:
+        """Find metrics that have the mean elastic strains of cells in their middles."""
+        state, cells = self._state, self._state.cells
+        F = self._gradients.eval(self._mesh, cells).reshape(len(cells), len(state.points) + 1, 3, 3)
+        F /= np.cbrt(np.linalg.det(F))[..., None, None]
+        values = state.of(state.end)
+        metrics = values[..., _PLACES]
+        turned = np.linalg.solve(F[:, -1:], F[:, :-1])
+        mean = np.einsum("cpij,cpjk,cplk->cil", turned, metrics, turned) / values.shape[1]
+        rows, columns = np.triu_indices(3)
+        self._of_cells.set(mean[:, rows, columns])
+
+    def _flow(self, C: Any, mu: Any) -> RadialReturn:
+        """Flow from the state at the start of the step to a deformation."""
+        start = self._state.start
+        return RadialReturn(C, symmetric_tensor(start), start[_ALPHA], mu, self._hardening)
+
+    def _factor(self, parameters: Any) -> Any:
+        """Part of the trial stress that the step has."""
+        step = self._step
+        return self._flow(step.mean(step.C_n, step.C), parameters["mu"]).factor
+
+    def _energy(self, parameters: Any, C: Any, state: fem.Function) -> Any:
+        return self._material.psi(C, **self._with_metric(parameters, state))
+
+    def _with_metric(self, parameters: Any, state: fem.Function | None = None) -> dict[str, Any]:
+        """Parameters of the elastic energy of shape; without a state that of the start."""
+        metric = symmetric_tensor(self._state.start if state is None else state)
+        return {**parameters, "kappa": 0.0, "metric": metric}
+
+
+def _constants(mesh: Mesh, hardening: Hardening) -> Hardening:
+    """Numbers as constants; without saturation none of it, so that forms are short."""
+    stress, modulus, increase, rate = (fem.Constant(mesh, number) for number in hardening)
+    if hardening.saturates:
+        return Hardening(stress, modulus, increase, rate)
+    return hardening._replace(yield_stress=stress, modulus=modulus)

@@ -1,0 +1,76 @@
+r"""Isotropic hardening: the yield stress as a function of the equivalent plastic strain."""
+
+from typing import Any, NamedTuple
+
+import ufl
+
+from dolfinx_nts.common.arguments import nonnegative, positive
+
+__all__ = ["Hardening", "checked_hardening"]
+
+
+class Hardening(NamedTuple):
+    r"""Linear hardening and saturation.
+
+    :math:`\sigma_y = \sigma_0 + H \alpha + \Delta\sigma\, (1 - e^{-\delta \alpha})`.
+
+    Attributes:
+        yield_stress: Yield stress without plastic strain [Pa].
+        modulus: Hardening modulus H [Pa].
+        increase: Yield stress that is gained by saturation [Pa].
+        rate: Exponent delta of saturation [-].
+    """
+
+    yield_stress: Any
+    modulus: Any
+    increase: Any
+    rate: Any
+
+    @property
+    def saturates(self) -> bool:
+        """Whether the equation of a point is not linear."""
+        return not isinstance(self.rate, float) or self.rate > 0
+
+    def stress(self, alpha: Any) -> Any:
+        """Yield stress at a plastic strain [Pa]."""
+        linear = self.yield_stress + self.modulus * alpha
+        if not self.saturates:
+            return linear
+        return linear + self.increase * (1 - ufl.exp(-self.rate * alpha))
+
+    def slope(self, alpha: Any) -> Any:
+        """Its derivative [Pa]."""
+        if not self.saturates:
+            return self.modulus
+        return self.modulus + self.increase * self.rate * ufl.exp(-self.rate * alpha)
+
+
+def checked_hardening(yield_stress: Any, modulus: Any, saturation: Any) -> Hardening:
+    """Check numbers that a user gives. Local.
+
+    Args:
+        yield_stress: Yield stress without plastic strain [Pa].
+        modulus: Hardening modulus [Pa].
+        saturation: Yield stress that is gained in the end [Pa] and exponent [-], or None.
+
+    Returns:
+        The hardening.
+
+    Raises:
+        TypeError: Something is no real number, or the saturation no pair of them.
+        ValueError: A number is not finite, or has the wrong sign.
+    """
+    positive("a yield stress", yield_stress)
+    nonnegative("a hardening modulus", modulus)
+    increase, rate = 0.0, 0.0
+    if saturation is not None:
+        try:
+            increase, rate = saturation
+        except (TypeError, ValueError):
+            raise TypeError(
+                "expected saturation as a pair (gain of yield stress [Pa], exponent [-]), "
+                f"given {saturation!r}"
+            ) from None
+        positive("the gain of a saturation", increase)
+        positive("the exponent of a saturation", rate)
+    return Hardening(float(yield_stress), float(modulus), float(increase), float(rate))

@@ -1,0 +1,238 @@
+"""J2 plasticity: ledger, momenta, tension, shear and cycles in closed form, rotated runs."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary
+from scipy.optimize import brentq
+
+import dolfinx_nts as nts
+from dolfinx_nts.common.archive import Snapshot
+from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
+from helpers.interrupted import SCHEMES, scene
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+YOUNG, NU, YIELD = 1.0e3, 0.3, 5.0
+SHEAR, BULK = YOUNG / (2 * (1 + NU)), YOUNG / (3 * (1 - 2 * NU))
+
+
+def metal(rho=RHO, **numbers):
+    return nts.J2Plasticity(YOUNG, NU, rho, **{"yield_stress": YIELD, "hardening": 20.0} | numbers)
+
+
+def percent(error):
+    return f"{100 * error:.2g} %" if error > 1e-4 else "below 0.01 %"
+
+
+def alpha(bodies, **options):
+    return nts.GeneralizedAlpha(bodies, rho_inf=0.5, **options)
+
+
+@pytest.mark.parametrize(
+    ("cell", "scheme"),
+    [("hexahedron", nts.EnergyMomentum), ("tetrahedron", nts.EnergyMomentum),
+     ("hexahedron", nts.Midpoint), ("hexahedron", alpha)],
+)  # fmt: skip
+def test_flow_only_takes_energy_and_all_of_it_is_accounted_for(comm, cell, scheme):
+    box = Box(comm, cell, metal())
+    stepper = scheme([box.body], dt=0.02)
+    stepper.set_velocity(box.body, swirl)
+    ledger = Ledger(stepper)
+    ledger.run(10)
+    works = [report.damping_work for report in ledger.reports]
+    assert max(works) < 0
+    assert sum(works) < -0.01 * ledger.start.kinetic_energy
+    assert ledger.error <= CLOSED
+    if scheme is not nts.EnergyMomentum:
+        return
+    # Nothing but the dissipation is lost.
+    assert abs(ledger.gained - sum(works)) <= 1e-10 * ledger.scale
+    start, end = ledger.start, ledger.diagnostics.balance()
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(start, name), getattr(end, name)
+        np.testing.assert_allclose(after, before, atol=1e-11 * np.linalg.norm(before))
+
+
+def test_impacts_of_plastic_blocks_lose_what_flows(comm):
+    stepper = scene(comm, SCHEMES["plastic"]).stepper
+    ledger = Ledger(stepper)
+    ledger.run(12)
+    lost, taken = -ledger.gained, -ledger.total("damping_work")
+    assert max(report.num_active for report in ledger.reports) > 0
+    assert taken > 1e-3 * ledger.scale
+    assert abs(lost - taken) <= 1e-10 * ledger.scale
+
+
+def face(box, axis, place):
+    """Degrees of freedom along an axis on a face of a box across it."""
+    facets = locate_entities_boundary(box.mesh, 2, lambda X: np.isclose(X[axis], place))
+    return fem.locate_dofs_topological(box.V.sub(axis), 2, facets)
+
+
+def pulled(box, scheme, stretch, dt):
+    """Stepper of a box whose length along x is given by time, with free sides."""
+    far = fem.Constant(box.mesh, 0.0)
+
+    def update(t):
+        far.value = stretch(t) - 1
+
+    bcs = [fem.dirichletbc(0.0, face(box, axis, 0.0), box.V.sub(axis)) for axis in range(3)]
+    bcs.append(fem.dirichletbc(far, face(box, 0, 1.0), box.V.sub(0)))
+    return scheme([box.body], dt=dt, bcs=bcs, update=update)
+
+
+def sheared(box, scheme, shear, dt):
+    """Stepper of a box that is sheared by given displacements of all nodes, by time."""
+    given, dofs = fem.Function(box.V), np.arange(len(box.V.tabulate_dof_coordinates()))
+
+    def update(t):
+        given.interpolate(lambda X: np.vstack([shear(t) * X[2], 0 * X[0], 0 * X[0]]))
+
+    bcs = [fem.dirichletbc(given, dofs.astype(np.int32))]
+    return scheme([box.body], dt=dt, bcs=bcs, update=update)
+
+
+def exact_tension(stretch, yield_stress):
+    """Force per reference area and plastic strain of a bar at a stretch.
+
+    By the Kirchhoff stress q, the volume of its pressure, and logarithmic strains that add up.
+    """
+    sign = np.sign(stretch - 1)
+
+    def of(q):
+        J = np.sqrt(1 + 2 * sign * q / 3 / BULK)
+        elastic = brentq(lambda a: SHEAR * (a**2 - 1 / a) - sign * q, 0.3, 3.0)
+        return sign * (np.log(stretch) - np.log(J) / 3 - np.log(elastic))
+
+    q = brentq(lambda q: q - yield_stress(of(q)), 1e-3, 10 * YIELD)
+    return sign * q / stretch, of(q)
+
+
+LAWS = {
+    "linear": ({}, lambda a: YIELD + 20 * a),
+    "saturating": (
+        {"hardening": 4.0, "saturation": (3.0, 16.0)},
+        lambda a: YIELD + 4 * a + 3 * (1 - np.exp(-16 * a)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("end", [1.5, 0.6])
+def test_tension_and_compression_are_those_of_the_closed_form(comm, told, name, end):
+    numbers, yield_stress = LAWS[name]
+    box = Box(comm, material=metal(**numbers), shape=(1, 1, 1))
+    num_steps = 50
+    stepper = pulled(box, nts.QuasiStatic, lambda t: end**t, 1 / num_steps)
+    errors = []
+    for step in stepper.run(until=1.0):
+        force, strain = exact_tension(end**step.t, yield_stress)
+        reaction = sum(each.force[0] for each in step.reactions if each.force[0] * force > 0)
+        errors.append(abs(reaction / force / 0.48 - 1))
+    fields = nts.Fields(stepper)
+    found = fields.plastic_strain().x.array
+    errors.append(np.abs(found / strain - 1).max(initial=0))
+    # Fields tell the Cauchy stress, of the volume that pressure changes.
+    q = abs(force) * end
+    J = np.sqrt(1 + 2 * np.sign(end - 1) * q / 3 / BULK)
+    errors.append(np.abs(fields.von_mises_stress().x.array * J / q - 1).max(initial=0))
+    error = comm.allreduce(max(errors), MPI.MAX)
+    kind = "tension" if end > 1 else "compression"
+    told(f"{kind} to a stretch of {end}, {name} hardening", "closed form", percent(error))
+    assert error <= 5e-3
+
+
+@pytest.mark.parametrize("scheme", [nts.QuasiStatic, nts.EnergyMomentum])
+def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
+    # Perfectly plastic, to four strains of yield and back, by steps of an eighth of that strain.
+    yields = YIELD / 100 / np.sqrt(3) / SHEAR
+    amplitude, num_steps = 4 * yields, 128
+    law = metal(1e-6, yield_stress=YIELD / 100, hardening=0.0)
+    box = Box(comm, material=law, shape=(1, 1, 1))
+
+    def shear(t):  # a triangle of period 1
+        return amplitude * (1 - 4 * abs((t + 0.25) % 1 - 0.5))
+
+    stepper = sheared(box, scheme, shear, 1 / num_steps)
+    ledger = Ledger(stepper)
+    ledger.run(2 * num_steps)
+    steps = ledger.reports[num_steps:]
+    loss, work = -sum(s.damping_work for s in steps), sum(s.support_work for s in steps)
+    exact = 4 * (amplitude - yields) * YIELD / 100 / np.sqrt(3) * VOLUME
+    told(
+        f"{scheme.__name__}: dissipation in a cycle of shear",
+        "area of the loop",
+        percent(abs(loss / exact - 1)),
+    )
+    assert abs(loss / exact - 1) <= 5e-3
+    assert abs(work / exact - 1) <= (5e-3 if scheme is nts.EnergyMomentum else 0.03)
+    assert max(s.damping_work for s in ledger.reports) <= 0
+    assert ledger.error <= CLOSED
+
+
+def test_large_shear_has_the_shear_stress_of_yield(comm, told):
+    shear, law = 0.5, metal(yield_stress=YIELD / 10, hardening=0.5)
+    box = Box(comm, material=law, shape=(1, 1, 1))
+    stepper = sheared(box, nts.QuasiStatic, lambda t: shear * t, 0.01)
+    list(stepper.run(until=1.0))
+    stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)[:, 0, 2]
+    # But for the elastic part of the shear.
+    q = brentq(lambda q: q - law.hardening.yield_stress - 0.5 * (shear - q / SHEAR / 3**0.5)
+               / 3**0.5, 0, YIELD)  # fmt: skip
+    error = comm.allreduce(np.abs(stress * np.sqrt(3) / q - 1).max(initial=0), MPI.MAX)
+    told("shear stress at a shear of 0.5", "closed form", percent(error))
+    assert error <= 5e-3
+
+
+def test_a_turned_run_is_the_same_run_turned(comm):
+    rng = np.random.default_rng(2)
+    Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    Q *= np.sign(np.linalg.det(Q))
+    ends = []
+    for turn in (np.eye(3), Q):
+        box = Box(comm, material=metal())
+        stepper = nts.EnergyMomentum([box.body], dt=0.02)
+        given = fem.Function(box.V)
+        given.interpolate(lambda X, turn=turn: turn @ X - X)
+        stepper.set_displacement(box.body, given)
+        stepper.set_velocity(box.body, lambda X, turn=turn: turn @ swirl(X))
+        works = [step.damping_work for step in stepper.run(until=0.2)]
+        ends.append((box.positions(stepper), works))
+    (x, works), (turned, same) = ends
+    assert min(works) < -1e-2
+    np.testing.assert_allclose(turned, x @ Q.T, atol=1e-9)
+    np.testing.assert_allclose(same, works, rtol=1e-8)
+
+
+def test_a_cut_step_forgets_what_it_tried(comm):
+    box = Box(comm, material=metal())
+    stepper = nts.EnergyMomentum([box.body], dt=0.02)
+    stepper.set_velocity(box.body, swirl)
+    stepper.advance()
+    before, fields = Snapshot(), nts.Fields(stepper)
+    stepper.serialize(before)
+    once = [stepper.advance().damping_work for _ in range(2)]
+    strain = fields.plastic_strain().x.array.copy()
+    stepper.serialize(before.rewind())
+    # But for the order in which solvers of several ranks sum.
+    again = [stepper.advance().damping_work for _ in range(2)]
+    assert again == (once if comm.size == 1 else pytest.approx(once, rel=1e-12))
+    np.testing.assert_allclose(fields.plastic_strain().x.array, strain, rtol=1e-11)
+
+
+@pytest.mark.serial
+def test_where_plasticity_is_refused(comm):
+    box = Box(comm, material=metal())
+    with pytest.raises(ValueError, match="without branches or plasticity with CentralDifference"):
+        nts.CentralDifference([box.body])
+    V = fem.functionspace(box.mesh, ("Lagrange", 2, (3,)))
+    with pytest.raises(ValueError, match=r"J2Plasticity, .* degree 1, .* degree 2"):
+        nts.Body(V, box.cells, box.tag["body 0"], metal())
+    surface = box.surface("bottom 0")
+    plane, law = nts.RigidPlane((0, 0, -0.1), (0, 0, 1)), nts.LagrangeMultiplier("resolved")
+    pair = nts.ContactPair(surface, plane, law)
+    with pytest.raises(ValueError, match="without damping, viscous branches or plasticity"):
+        nts.EnergyMomentum([box.body], [pair], dt=0.01)

@@ -1,0 +1,45 @@
+"""Taylor's bar: a copper rod strikes a rigid wall, with published final shapes.
+
+Length 32.4 mm, radius 3.2 mm, 227 m/s, E = 117 GPa, nu = 0.35, yield stress 0.4 GPa, hardening
+modulus 0.1 GPa; the foot slides on the wall without friction and does not lift off. The ranges are
+those of shapes after 80 us that other programs are known to give for these numbers.
+"""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary, meshtags
+
+import dolfinx_nts as nts
+
+pytestmark = pytest.mark.serial
+
+RADIUS, LENGTH, SPEED, END = 3.2e-3, 32.4e-3, 227.0, 80e-6  # m, m, m/s, s
+
+
+def test_final_shape_of_a_copper_rod_is_the_published_one(told):
+    corners = [(0, 0), (RADIUS, LENGTH)]
+    mesh = create_rectangle(MPI.COMM_SELF, corners, [6, 40], CellType.quadrilateral)
+    nts.axisymmetric(mesh)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    copper = nts.J2Plasticity(117e9, 0.35, 8930.0, yield_stress=0.4e9, hardening=0.1e9)
+    rod = nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, copper)
+    foot = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 0))
+    dofs = fem.locate_dofs_topological(V.sub(1), 1, foot)
+    wall = fem.dirichletbc(0.0, dofs, V.sub(1))
+    stepper = nts.EnergyMomentum([rod], dt=END / 200, bcs=[wall])
+    stepper.set_velocity(rod, lambda x: np.where(np.isclose(x[1], 0), 0.0, -SPEED) * [[0], [1]])
+    diagnostics = nts.Diagnostics(stepper)
+    start = diagnostics.balance().total_energy
+    works = [step.damping_work for step in stepper.run(until=END)]
+    lost = start - diagnostics.balance().total_energy
+    length, radius = 1e3 * stepper.x[:, 1].max(), 1e3 * stepper.x[:, 0].max()
+    told("length after 80 μs", "published: 21.4 to 21.5 mm", f"{length:.2f} mm")
+    told("radius of the foot", "published: 6.97 to 7.24 mm", f"{radius:.2f} mm")
+    assert max(works) <= 0
+    assert abs(lost + sum(works)) <= 1e-10 * start
+    assert 21.4 <= length <= 21.5
+    assert 6.97 <= radius <= 7.24
