@@ -25,6 +25,7 @@ from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.fibres import HolzapfelGasserOgden
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
+from dolfinx_nts.materials.ogden import Ogden
 from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
@@ -77,6 +78,7 @@ __all__ = [
     "Motion",
     "NeoHookean",
     "Obstacle",
+    "Ogden",
     "Overlap",
     "PairBalance",
     "Penalty",

@@ -15,8 +15,8 @@ __all__ = ["setup", "write"]
 PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
-        *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
-        "HolzapfelGasserOgden",
+        *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Ogden"),
+        *("Hyperelastic", "HolzapfelGasserOgden"),
         *("PlaneStress", "RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [
