@@ -52,7 +52,7 @@ class PrincipalStretches:
             ufl.variable,
             (ufl.inner(D, D) / (2 * q**2), ufl.det(D) / q**3, ufl.det(C) / q**3),
         )
-        self._C, self._q, self._D = C, q, D
+        self._C = C
         a, b = self._a, self._b
         # The largest |eta| is at most 2 sqrt(a/3).
         self._are_close = ufl.lt(a, 0.75 * _CLOSE**2)
@@ -100,7 +100,7 @@ class PrincipalStretches:
         Args:
             value: The function, UFL scalar.
         """
-        q, D, one = self._q, self._D, ufl.Identity(3)
+        q, D, one = ufl.tr(self._C) / 3, ufl.dev(self._C), ufl.Identity(3)
         a, b, volume = self._a, self._b, self._volume
         by_a = D / q**2 - 2 * a / (3 * q) * one
         by_b = D * D / q**3 - (2 * a / 3 + b) / q * one

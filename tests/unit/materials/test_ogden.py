@@ -168,16 +168,12 @@ def closed_form(stretch, pulled, kappa):
         return P
 
     without_volume = stretch ** (-pulled / (3 - pulled))
-    free = brentq(
-        lambda x: stress(x)[2], 0.95 * without_volume, 1.05 * without_volume, xtol=1e-15
-    )
+    free = brentq(lambda x: stress(x)[2], 0.95 * without_volume, 1.05 * without_volume, xtol=1e-15)
     return stress(free)[0]
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize(
-    ("pulled", "end"), [(1, 4.0), (2, 2.0)], ids=["uniaxial", "equibiaxial"]
-)
+@pytest.mark.parametrize(("pulled", "end"), [(1, 4.0), (2, 2.0)], ids=["uniaxial", "equibiaxial"])
 def test_a_block_of_treloars_rubber_is_pulled_with_the_force_of_the_closed_form(comm, pulled, end):
     mu = np.dot(*TRELOAR) / 2
     kappa = 2 * mu * 1.499 / (3 * 0.002)
