@@ -6,6 +6,7 @@ they declare, integrators that advance them, and what records and draws a run.
 
 from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
+from dolfinx_nts.contact.close_gaps import close_gaps
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
@@ -104,6 +105,7 @@ __all__ = [
     "all_pairs",
     "axisymmetric",
     "boundary_of",
+    "close_gaps",
     "load_state",
     "parts",
     "plotting",

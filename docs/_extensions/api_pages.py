@@ -25,7 +25,7 @@ PARTS = {
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        *("Tied", "Coulomb"),
+        *("Tied", "Coulomb", "close_gaps"),
     ],
     "Loads": [
         *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),
