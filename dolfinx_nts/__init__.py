@@ -6,6 +6,7 @@ they declare, integrators that advance them, and what records and draws a run.
 
 from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
+from dolfinx_nts.contact.close_gaps import close_gaps
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.pair import ContactPair
@@ -25,6 +26,7 @@ from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.materials.fibres import HolzapfelGasserOgden
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantKirchhoff, Yeoh
+from dolfinx_nts.materials.ogden import Ogden
 from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.meshing import parts
@@ -79,6 +81,7 @@ __all__ = [
     "Motion",
     "NeoHookean",
     "Obstacle",
+    "Ogden",
     "Overlap",
     "PairBalance",
     "Penalty",
@@ -104,6 +107,7 @@ __all__ = [
     "all_pairs",
     "axisymmetric",
     "boundary_of",
+    "close_gaps",
     "load_state",
     "parts",
     "plotting",

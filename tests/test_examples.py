@@ -7,6 +7,7 @@ in `names`; files that they may read are in `FILES`. Each runs in a folder of it
 import doctest
 import inspect
 import shutil
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
@@ -76,10 +77,13 @@ def constant_names() -> dict[str, Any]:
 
 
 @pytest.fixture
-def names(constant_names: dict[str, Any]) -> dict[str, Any]:
-    """The constant names, a stepper, and a contact pair that is in no stepper yet."""
+def names(constant_names: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The constant names, a stepper, and a pair of no stepper; the mesh is put back after."""
     pair = nts.ContactPair(constant_names["bottom"], constant_names["top"])
-    return constant_names | {"pair": pair, "stepper": falling_block(constant_names)}
+    x = constant_names["mesh"].geometry.x
+    before = x.copy()
+    yield constant_names | {"pair": pair, "stepper": falling_block(constant_names)}
+    x[:] = before
 
 
 def falling_block(names: dict[str, Any]) -> nts.EnergyMomentum:

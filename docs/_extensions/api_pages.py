@@ -15,8 +15,8 @@ __all__ = ["setup", "write"]
 PARTS = {
     "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
     "Bodies and materials": [
-        *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Hyperelastic"),
-        *("HolzapfelGasserOgden", "J2Plasticity"),
+        *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Ogden"),
+        *("Hyperelastic", "HolzapfelGasserOgden", "J2Plasticity"),
         *("PlaneStress", "RigidBody", "Guide"),
     ],
     "Surfaces and obstacles": [
@@ -25,7 +25,7 @@ PARTS = {
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        *("Tied", "Coulomb"),
+        *("Tied", "Coulomb", "close_gaps"),
     ],
     "Loads": [
         *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),

@@ -21,7 +21,7 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["AcceptedContact", "ContactPair"]
+__all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -214,6 +214,11 @@ class ContactPair(Declaration):
         if self.friction is not None:
             text += f", Coulomb friction with mu = {self.friction.mu:g}"
         return text
+
+
+def is_in_use(pair: ContactPair) -> bool:
+    """Whether a stepper has a pair. Local."""
+    return len(pair._states) > 0
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:

@@ -2,8 +2,8 @@
 
 A *node* (in the literature: slave, secondary, source) may touch a *segment* (master, primary,
 target). A surface offers both, and a contact pair decides which it uses. A facet of degree 1 is
-one segment, a facet of degree 2 four on its nodes. Positions are x = X + u; the mesh is never
-moved.
+one segment, a facet of degree 2 four on its nodes. Positions are x = X + u; no step
+moves the mesh.
 """
 
 import itertools

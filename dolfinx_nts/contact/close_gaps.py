@@ -1,0 +1,163 @@
+"""Initial adjustment: nodes that should touch are moved onto the segments that they face.
+
+Meshes of two bodies that touch seldom agree to the last digit. The mesh itself is moved, so that
+the new position is the undeformed one, without stress.
+"""
+
+import logging
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts import compat
+from dolfinx_nts.common.arguments import kind_of, positive
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.pair import ContactPair, is_in_use
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed
+from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.nodal_facets import NodalFacets
+from dolfinx_nts.search.points import NodalPoints
+
+__all__ = ["close_gaps"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Part of the least height of the cells behind the nodes [-] by which a mesh may be adjusted: what
+# is farther away is another shape, not another rounding of the same.
+_SHARE = 0.25
+# Part of a cell [-] that is round-off.
+_ROUND_OFF = 1e-14
+
+
+def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
+    """Move nodes of a pair onto the segments that they face, without stress. Collective.
+
+    Nodes whose gap is at most ``within``, open or inside, are moved along the normal of the
+    segment, in the mesh itself (``mesh.geometry.x``), so that the undeformed bodies touch there
+    from the first step on. Segments stay. Call it after the pair is made and before steppers are:
+    what knows positions already, as areas of surfaces that were asked for, does not follow. Heights
+    of cells that surfaces have found stay too. The log tells what is returned.
+
+    Args:
+        pair: Pair of two surfaces, which no stepper has yet, by either method.
+        within: Greatest gap that is closed [m], at most a quarter of the height of any cell
+            behind the nodes.
+
+    Returns:
+        Number of nodes that were moved; greatest distance [m].
+
+    Raises:
+        TypeError: ``pair`` is no pair, or ``within`` no number.
+        ValueError: ``within`` is not positive or too large; ``segments`` are an obstacle or the
+            surface of the nodes; the pair is in use; the space has degree 2, the mesh curved cells
+            or rings; or a cell would turn inside out. The mesh is then as it was.
+
+    Example:
+        >>> pair = nts.ContactPair(nodes=bottom, segments=top)
+        >>> moved, farthest = nts.close_gaps(pair, within=0.02)  # m
+        >>> moved, round(farthest, 3)
+        (4, 0.01)
+    """
+    reach = _checked(pair, within)
+    nodes, mesh = pair.nodes, pair.nodes.V.mesh
+    V, comm = nodes.V, mesh.comm
+    in_geometry = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int32)
+    in_geometry[V.dofmap.list] = compat.geometry_nodes(mesh)
+    node, shift = _shifts(pair, mesh.geometry.x[in_geometry], reach)
+    moves = la.vector(V.dofmap.index_map, 3)
+    moves.array.reshape(-1, 3)[node] = shift
+    moves.scatter_forward()
+    x = mesh.geometry.x.copy()
+    x[in_geometry] += moves.array.reshape(-1, 3)
+    with agreed(comm, "adjust the mesh of a contact pair"):
+        _check_cells(pair, x)
+    mesh.geometry.x[:] = x
+    distance = np.linalg.norm(shift, axis=1)
+    moved = int(reductions.total(comm, int(np.count_nonzero(distance > _ROUND_OFF * nodes.size))))
+    farthest = float(reductions.largest(comm, float(distance.max(initial=0.0))))
+    if comm.rank == 0:
+        _logger.info(
+            "%d nodes of %s were moved onto %s, by %.3g at most",
+            moved,
+            nodes.name,
+            pair.segments.name,
+            farthest,
+        )
+    return moved, farthest
+
+
+def _checked(pair: ContactPair, within: float) -> float:
+    """The distance, if the pair can be adjusted by it. Collective."""
+    if not isinstance(pair, ContactPair):
+        raise TypeError(f"expected a ContactPair, given {kind_of(pair)}")
+    positive("the distance within which gaps are closed", within)
+    comm = pair.nodes.V.mesh.comm
+    meet(comm, f"close the gaps between {pair.between} within {within!r} m")
+    if not isinstance(pair.segments, Surface) or pair.touches_itself:
+        raise ValueError(
+            f"expected a pair of two surfaces to close the gaps between, given {pair.between}"
+        )
+    if is_in_use(pair):
+        raise ValueError("expected a pair that no stepper has, to close its gaps before all steps")
+    V = pair.nodes.V
+    if (degree := Element.of(V).degree) > 1:
+        raise ValueError(
+            "expected displacements of degree 1 on straight cells, whose vertices alone are "
+            f"moved, given degree {degree}"
+        )
+    if is_axisymmetric(V.mesh):
+        raise ValueError("expected a mesh that is not axisymmetric to close gaps, given one")
+    height = reductions.least(comm, float(pair.nodes.thickness.min(initial=np.inf)))
+    if within > _SHARE * height:
+        raise ValueError(
+            f"expected a distance of at most {_SHARE * height:.4g}, a quarter of the height of the "
+            f"flattest cell behind {pair.nodes.name}, given {within:g}: mesh the bodies closer to "
+            "each other, or shift one as a whole"
+        )
+    return float(within)
+
+
+def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
+    """Owned nodes within reach of what they face, ``(m,)``, and their shifts [m]. Collective.
+
+    ``X`` are positions of the local nodes, shape ``(l, 3)`` [m]; shifts have shape ``(m, 3)``.
+    """
+    nodes, segments = pair.nodes, pair.segments
+    assert isinstance(segments, Surface)
+    candidates, _ = GlobalSearch(nodes, segments).update(X, reach)
+    x = candidates.scatter.forward(X)
+    none = np.full(len(nodes.nodes), -1, dtype=np.int32)
+    segment, gap = candidates.pair(NodalFacets(nodes).points(X), x, none, reach)
+    found = np.flatnonzero((segment >= 0) & (np.abs(gap) <= reach))
+    node, segment = nodes.nodes[found], segment[found]
+    points = NodalPoints(node)
+    gradient = candidates.contact("static", points, x, x, segment).gradient
+    # The gradient of the gap by the position of the node is the normal.
+    normal = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)[:, 0]
+    return node, -gap[found, None] * normal
+
+
+def _check_cells(pair: ContactPair, x: Floats) -> None:
+    """Raise if a cell would have no volume at one of its corners, for positions ``(g, 3)``."""
+    V = pair.nodes.V
+    mesh, element = V.mesh, Element.of(V)
+    cells = compat.geometry_nodes(mesh)
+    slopes = element.basix.tabulate(1, element.points)[1:, :, :, 0]
+    before, after = (
+        np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, at[cells][:, :, : len(slopes)]))
+        for at in (mesh.geometry.x, x)
+    )
+    # What has no volume before is refused elsewhere.
+    turned = np.flatnonzero(np.any((after * before <= 0) & (before != 0), axis=1))
+    if len(turned):
+        number = mesh.topology.original_cell_index[turned[0]]
+        raise ValueError(
+            f"expected cells that keep their volume as nodes of {pair.nodes.name} are moved, given "
+            f"{len(turned)} that do not, such as cell {number}: take a smaller distance, or "
+            "smooth the mesh"
+        )
