@@ -187,7 +187,10 @@ class Penalty(Declaration):
             length of steps, so that steps which resolve a cell are of second order in time. A
             node then sinks in by about as much as its cell is pressed together: in an impact by
             v/c of the height of the cell, speed over wave speed. Without inertia ten times that
-            stiffness.
+            stiffness. Where neither side deforms, it is half the mass of the lighter rigid body
+            over the square of the first step, so that what strikes at one point sinks in by
+            about its way in a step or two; without inertia ten times that of the stiffest node
+            that deforms.
 
     Attributes:
         eps_N: The argument.

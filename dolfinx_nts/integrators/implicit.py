@@ -38,7 +38,13 @@ from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rigid import contact_stiffness, redundant, rigid_motion
+from dolfinx_nts.integrators.rigid import (
+    check_statics,
+    contact_stiffness,
+    redundant,
+    rigid_motion,
+    spring_stiffness,
+)
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
@@ -96,6 +102,8 @@ class ImplicitStepper(Stepper):
         """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
+        if self._rates.acceleration is None:
+            check_statics(self.bodies)
         u_load = self.u if self.scheme.loads_at == "end" else self.u_n
         works = [load.form(u_load, self.u) for load in self.loads]
         massless = massless_nodes(self.bodies, self.pairs)
@@ -226,7 +234,9 @@ class ImplicitStepper(Stepper):
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
         share, is_static = self.scheme.stress_share, self._rates.acceleration is None
-        stiffness = cache(partial(static_stiffness, self._tangent, self._dt, share))
+        static = partial(static_stiffness, self._tangent, self._dt, share)
+        mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+        stiffness = cache(partial(spring_stiffness, static, self.bodies, mass, self._rates))
         for contact in self.contacts:
             contact.derive_penalty(stiffness, _STIFF if is_static else _RESOLVED)
 
