@@ -72,7 +72,7 @@ class SleepingBodies:
             if not any(body.is_rigid or body.material.branches for body in group)
         ]
         self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
-        comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
+        num_owned = bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[_Group, Ints] = {}
         for group in self._groups:
             nodes = np.unique(np.concatenate([body.nodes for body in group]))
