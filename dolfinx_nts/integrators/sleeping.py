@@ -98,12 +98,12 @@ class SleepingBodies:
         found = []
         for i, pair in enumerate(chain(*map(members, self.states))):
             sides = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
-            nodes = np.unique(np.concatenate([group_of[side.nodes] for side in sides]))
-            found += [(number, i) for number in nodes.tolist() if number >= 0]
+            numbers = np.unique(np.concatenate([group_of[side.nodes] for side in sides]))
+            found += [(int(number), i) for number in numbers if number >= 0]
         rows = np.array(found, dtype=np.int64).reshape(-1, 2)
         pairs: dict[_Group, list[int]] = {group: [] for group in self._groups}
-        for number, i in np.unique(joined(comm, rows), axis=0).tolist():
-            pairs[self._groups[number]].append(i)
+        for number, pair_number in np.unique(joined(comm, rows), axis=0):
+            pairs[self._groups[number]].append(int(pair_number))
         return pairs
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
