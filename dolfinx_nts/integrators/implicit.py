@@ -314,10 +314,17 @@ class ImplicitStepper(Stepper):
                 f"as Penalty(eps_N=), between {names} make them so"
             )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
-        if sunk or "contact holds" in advice:
-            springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
-            for contact in springs:
-                reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
+        yielding, springs = self.watch.springs.yielding, []
+        if sunk or yielding or "contact holds" in advice:
+            springs = [c for c in self.contacts if isinstance(c.pair.enforcement, Penalty)]
+        stiffer = [
+            f"stiffer springs between {contact.pair.between} may help ({contact})"
+            for contact in (yielding or springs)
+        ]
+        if yielding:  # whatever the steps, nodes sink in
+            advice = "; ".join(stiffer)
+        else:
+            reasons = "; ".join([reasons, *stiffer])
         for step, state in zip(steps, states, strict=True):
             node = prescribed_nodes(step, state)
             ends = np.searchsorted(node, bounds(step.state))

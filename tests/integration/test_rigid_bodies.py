@@ -106,14 +106,16 @@ def test_ledger_closes_with_every_law_of_contact(comm, case):
     check_balances(first, last, given)
 
 
-def falling(comm, tilt, friction, enforcement=None, dt=0.01, scheme=nts.EnergyMomentum):
+def falling(
+    comm, tilt, friction, enforcement=None, dt=0.01, scheme=nts.EnergyMomentum, target=None
+):
     """A rigid cube that slides while it falls on a floor."""
     data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
     data.X[:] = (data.X - 0.5) @ rotation([1, 0.7, 0.2], tilt).T + [0, 0, 0.75]
     mesh, cells, _, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     cube = nts.RigidBody(V, cells, tag["body 0"], RHO)
-    floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    floor = target or nts.RigidPlane((0, 0, 0), (0, 0, 1))
     pair = nts.ContactPair(nts.boundary_of(cube), floor, enforcement, friction)
     gravity = nts.Gravity([cube], (0, 0, -9.81))
     stepper = scheme([cube], [pair], dt=dt, loads=[gravity])
@@ -214,6 +216,19 @@ def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(com
 def test_statics_of_rigid_bodies_alone_is_refused(comm, refused):
     with refused(ValueError, r"a body that deforms in statics, given rigid ones alone \(body 0\)"):
         falling(comm, 0.0, None, scheme=nts.QuasiStatic)
+
+
+@pytest.mark.parametrize("what", ["a body", "an obstacle"])
+def test_soft_springs_are_named_as_the_cause_of_a_failure(comm, refused, what):
+    law = nts.Penalty(eps_N=2.0)
+    if what == "a body":
+        stepper = impact(comm, enforcement=law, both_rigid=True, dt=0.02).stepper
+    else:
+        floor = nts.RigidSphere((0.2, 0.0, -1.1), 1.0)
+        stepper = falling(comm, 0.0, None, law, target=floor)
+    with refused(nts.ConvergenceError, r"accepted step: stiffer springs .* eps_N = 2 N/m\)$"):
+        for _ in stepper.run(until=2.0):
+            pass
 
 
 @pytest.mark.serial
