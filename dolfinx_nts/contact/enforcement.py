@@ -93,6 +93,11 @@ class LagrangeMultiplier(Declaration):
         e = {"e": self.e} if self.impact == "restitution" else {}
         return as_call(self, impact=self.impact, **e)
 
+    @property
+    def part(self) -> float:
+        """Part of its way in a step that an active node goes nearer, (1 - e)/2 [-]. Local."""
+        return (1 - self.e) / 2
+
     def held(self, gap_n: Floats, way: Floats) -> Floats:
         """Gaps at the end of a step at which nodes are held, shape ``(m,)`` [m]. Local.
 
@@ -103,7 +108,7 @@ class LagrangeMultiplier(Declaration):
             gap_n: Gap at t_n, shape ``(m,)`` [m].
             way: Rate of the gap at t_n times the length of the step, shape ``(m,)`` [m].
         """
-        gap: Floats = gap_n + (1 - self.e) / 2 * np.minimum(way, 0.0)
+        gap: Floats = gap_n + self.part * np.minimum(way, 0.0)
         return gap
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
@@ -187,7 +192,10 @@ class Penalty(Declaration):
             length of steps, so that steps which resolve a cell are of second order in time. A
             node then sinks in by about as much as its cell is pressed together: in an impact by
             v/c of the height of the cell, speed over wave speed. Without inertia ten times that
-            stiffness.
+            stiffness. Where neither side deforms, it is half the mass of the lighter rigid body
+            over the square of the first step, so that what strikes at one point sinks in by
+            about its way in a step or two; without inertia ten times that of the stiffest node
+            that deforms.
 
     Attributes:
         eps_N: The argument.

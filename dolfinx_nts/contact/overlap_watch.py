@@ -1,7 +1,7 @@
 """Watch over overlaps in a run, which contact should prevent, whatever its pairs are."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import product
 
@@ -26,6 +26,8 @@ _AT_START, _IN_RUN = 0.02, 0.1
 # and part of such motion after which there is one, as the motion of all nodes would have to be
 # measured in each of the next steps.
 _UNSEEN, _USED = 0.7, 0.85
+# Number of overlaps of one kind that a message describes; it counts the others.
+_LISTED = 3
 
 
 class OverlapWatch:
@@ -110,9 +112,9 @@ class OverlapWatch:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             t: Time [s].
         """
-        for overlap, names in self._new(x, t, _AT_START):
-            self._known[names] = overlap.depth, overlap.cells
-            self._warn("%s starts up to %s inside %s%s: %s", overlap, self._at_start(overlap, x))
+        new = self._new(x, t, _AT_START)
+        self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
+        self._warn("", "starts ", {overlap: self._at_start(overlap, x) for overlap, _ in new})
 
     @property
     def room(self) -> float:
@@ -152,10 +154,9 @@ class OverlapWatch:
         """
         if not self._moved:
             return
-        for overlap, names in self._new(x, t, _IN_RUN):
-            self._known[names] = np.inf, np.inf
-            text = f"at t = {t:g} %s is up to %s inside %s%s: %s"
-            self._warn(text, overlap, self._in_run(overlap))
+        new = self._new(x, t, _IN_RUN)
+        self._known |= {names: (np.inf, np.inf) for _, names in new}
+        self._warn(f"at t = {t:g} ", "is ", {overlap: self._in_run(overlap) for overlap, _ in new})
 
     def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
@@ -178,14 +179,20 @@ class OverlapWatch:
     def _between_bodies(self, overlap: Overlap) -> bool:
         return not self.search.obstacles.intersection(overlap.names)
 
-    def _warn(self, text: str, overlap: Overlap, verdict: str) -> None:
-        if self._bodies[0].V.mesh.comm.rank == 0:
-            inner, outer = overlap.names
-            extent = (
-                f" ({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes "
-                f"of the surfaces and {overlap.cells} centres of cells are inside)"
-            )
-            _logger.warning(text, inner, f"{overlap.depth:.3g}", outer, extent, verdict)
+    def _warn(self, when: str, verb: str, verdicts: Mapping[Overlap, str]) -> None:
+        """Tell overlaps, those of one verdict in one message with the deepest first.
+
+        Verdicts may have ``{inner}`` and ``{outer}`` in the places of the two names.
+        """
+        if self._bodies[0].V.mesh.comm.rank:
+            return
+        for verdict in dict.fromkeys(verdicts.values()):
+            same = [overlap for overlap, each in verdicts.items() if each == verdict]
+            same.sort(key=lambda overlap: -round(overlap.depth / overlap.size, 6))
+            inner, outer = same[0].names if len(same) == 1 else ("the first", "the second")
+            text = "; ".join(_described(overlap, verb) for overlap in same[:_LISTED])
+            text += f"; {len(same) - _LISTED} more" * (len(same) > _LISTED)
+            _logger.warning("%s%s: %s", when, text, verdict.format(inner=inner, outer=outer))
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
         if verdict := self._forgotten(overlap):
@@ -225,7 +232,7 @@ class OverlapWatch:
         ]
         if not held:
             return (
-                f"their contact pair holds the nodes of {outer} only, and {inner} sinks in "
+                "their contact pair holds the nodes of {outer} only, and {inner} sinks in "
                 "between them; the finer or softer surface should give the nodes, or both "
                 "(two_half_passes)"
             )
@@ -250,6 +257,16 @@ class OverlapWatch:
             "no contact pair names the two, so that nothing keeps them apart; add one, for "
             "instance by all_pairs, unless it is meant"
         )
+
+
+def _described(overlap: Overlap, verb: str) -> str:
+    """Who is inside whom, and how far."""
+    inner, outer = overlap.names
+    return (
+        f"{inner} {verb}up to {overlap.depth:.3g} inside {outer} "
+        f"({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes of the "
+        f"surfaces and {overlap.cells} centres of cells are inside)"
+    )
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:

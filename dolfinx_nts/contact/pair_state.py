@@ -86,14 +86,17 @@ class PairState:
         """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
         self._history = history
 
-    def derive_penalty(self, stiffness: Callable[[], Floats], stiffer: float) -> None:
+    def derive_penalty(
+        self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
+    ) -> None:
         """Choose the stiffness of springs that the user left open, once. Collective.
 
         It is that of the softer side: a stiff node cannot press harder than soft segments.
 
         Args:
-            stiffness: Returns the static stiffness of all owned nodes of the space, shape
-                ``(n,)`` [N/m]; called only if a spring is open.
+            stiffness: Returns the static stiffness of all owned nodes of the space, infinite
+                where they do not deform, and what takes its place between nodes and segments
+                that both do not, shapes ``(n,)`` [N/m]; called only if a spring is open.
             stiffer: Stiffness of normal springs relative to that of their nodes [-].
         """
         if self._ranges is not None:
@@ -101,12 +104,21 @@ class PairState:
         pair = self.pair
         softer: Floats = np.ones(len(pair.nodes.nodes))
         if _leaves_springs_open(pair):
-            all_nodes = stiffness()
-            softer = all_nodes[pair.nodes.nodes]
-            if isinstance(pair.segments, Surface):
-                stiffest = float(all_nodes[pair.segments.nodes].max(initial=0.0))
-                softer = np.minimum(softer, reductions.largest(pair.nodes.V.mesh.comm, stiffest))
+            softer, in_place = map(self._softer_side, stiffness())
+            softer = np.where(np.isinf(softer), in_place, softer)
         self.choose_penalty(stiffer * softer, softer)
+
+    def _softer_side(self, of_all: Floats) -> Floats:
+        """Stiffness of each node, or of the stiffest vertex if less, ``(m,)``. Collective.
+
+        ``of_all`` has the stiffness of all owned nodes of the space, shape ``(n,)`` [N/m].
+        """
+        pair = self.pair
+        softer = of_all[pair.nodes.nodes]
+        if isinstance(pair.segments, Surface):
+            stiffest = float(of_all[pair.segments.nodes].max(initial=0.0))
+            softer = np.minimum(softer, reductions.largest(pair.nodes.V.mesh.comm, stiffest))
+        return softer
 
     def choose_penalty(self, normal: Floats, tangential: Floats) -> None:
         """Choose and log the stiffness of springs, once. Collective.

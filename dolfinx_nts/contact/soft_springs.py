@@ -25,10 +25,14 @@ class SoftSprings:
 
     Args:
         contacts: Contact of all pairs.
+
+    Attributes:
+        yielding: Contact of the pairs that were told.
     """
 
     def __init__(self, contacts: Sequence[PairState]) -> None:
         """Watch the pairs with springs."""
+        self.yielding: list[PairState] = []
         self._watched = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
 
     def look(self) -> None:
@@ -38,12 +42,11 @@ class SoftSprings:
         comm = self._watched[0].nodes.V.mesh.comm
         deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in self._watched]
         depths = reductions.largest(comm, np.array(deepest))
-        told = []
         for contact, depth in zip(self._watched, depths, strict=True):
             pair = contact.pair
             if depth <= _DEEP * pair.segment_size:
                 continue
-            told.append(contact)
+            self.yielding.append(contact)
             if comm.rank == 0:
                 _logger.warning(
                     "springs between %s let nodes sink in by %.3g (%.0f %% of a facet): energies "
@@ -54,4 +57,4 @@ class SoftSprings:
                     100 * depth / pair.segment_size,
                     contact,
                 )
-        self._watched = [contact for contact in self._watched if contact not in told]
+        self._watched = [each for each in self._watched if each not in self.yielding]

@@ -22,7 +22,7 @@ from dolfinx import fem
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
-from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -38,7 +38,13 @@ from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rigid import contact_stiffness, redundant, rigid_motion
+from dolfinx_nts.integrators.rigid import (
+    check_statics,
+    contact_stiffness,
+    redundant,
+    rigid_motion,
+    spring_stiffness,
+)
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.stepper import Stepper
@@ -96,6 +102,8 @@ class ImplicitStepper(Stepper):
         """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
+        if self._rates.acceleration is None:
+            check_statics(self.bodies)
         u_load = self.u if self.scheme.loads_at == "end" else self.u_n
         works = [load.form(u_load, self.u) for load in self.loads]
         massless = massless_nodes(self.bodies, self.pairs)
@@ -138,6 +146,10 @@ class ImplicitStepper(Stepper):
         damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
         self._last = _Forces()
+        # Statics has no impact.
+        laws = (pair.enforcement for pair in self.pairs if self._rates.acceleration is not None)
+        parts = {law.part for law in laws if isinstance(law, LagrangeMultiplier)}
+        self._held_parts = sorted(parts - {0.0})
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
@@ -200,14 +212,19 @@ class ImplicitStepper(Stepper):
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
         self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
-        starts = {name: self._start(u) for name, u in self._rates.starts().items()}
+        guesses = self._rates.starts()
+        starts = {name: self._start(u) for name, u in guesses.items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
+        on_the_way = {
+            part: self._X + self._in_space(self._start(guesses[self._rates.trial], part))
+            for part in self._held_parts
+        }
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
-            steps, solution = self._solve(start, x, force_scale)
+            steps, solution = self._solve(start, x, on_the_way, force_scale)
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(start, x, force_scale, all_awake=True)
+                steps, solution = self._solve(start, x, on_the_way, force_scale, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 way = _kernels.farthest(self.x, x[0])
@@ -226,17 +243,24 @@ class ImplicitStepper(Stepper):
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
         share, is_static = self.scheme.stress_share, self._rates.acceleration is None
-        stiffness = cache(partial(static_stiffness, self._tangent, self._dt, share))
+        static = partial(static_stiffness, self._tangent, self._dt, share)
+        mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+        stiffness = cache(partial(spring_stiffness, static, self.bodies, mass, self._rates))
         for contact in self.contacts:
             contact.derive_penalty(stiffness, _STIFF if is_static else _RESOLVED)
 
-    def _start(self, u: Floats) -> Floats:
-        """Displacements u of the local dofs [m] as supports and rigid bodies let them be."""
+    def _start(self, u: Floats, part: float = 1.0) -> Floats:
+        """Displacements u of the local dofs [m] as supports and rigid bodies let them be.
+
+        With a part of the step, displacements after that part of the way from those at its start.
+        """
+        u_n = self.u_n.x.array
         u = self.supports.applied(u)
+        if part < 1:
+            u = u_n + part * (u - u_n)
         if self._bulk.rigid.exists:
-            u_n, trial = self.u_n.x.array, self.u.x
-            du = self._owned(u - u_n)
-            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, leads=True)
+            trial, du = self.u.x, self._owned(u - u_n)
+            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, leads=part)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n
@@ -304,10 +328,17 @@ class ImplicitStepper(Stepper):
                 f"as Penalty(eps_N=), between {names} make them so"
             )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
-        if sunk or "contact holds" in advice:
-            springs = (c for c in self.contacts if isinstance(c.pair.enforcement, Penalty))
-            for contact in springs:
-                reasons += f"; stiffer springs between {contact.pair.between} may help ({contact})"
+        yielding, springs = self.watch.springs.yielding, []
+        if sunk or yielding or "contact holds" in advice:
+            springs = [c for c in self.contacts if isinstance(c.pair.enforcement, Penalty)]
+        stiffer = [
+            f"stiffer springs between {contact.pair.between} may help ({contact})"
+            for contact in (yielding or springs)
+        ]
+        if yielding:  # whatever the steps, nodes sink in
+            advice = "; ".join(stiffer)
+        else:
+            reasons = "; ".join([reasons, *stiffer])
         for step, state in zip(steps, states, strict=True):
             node = prescribed_nodes(step, state)
             ends = np.searchsorted(node, bounds(step.state))
@@ -396,9 +427,17 @@ class ImplicitStepper(Stepper):
         )
 
     def _solve(
-        self, start: Floats, x: tuple[Floats, Floats], force_scale: float, all_awake: bool = False
+        self,
+        start: Floats,
+        x: tuple[Floats, Floats],
+        on_the_way: Mapping[float, Floats],
+        force_scale: float,
+        all_awake: bool = False,
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step from a displacement; ``x`` are positions at its start and on trial."""
+        """Solve the step from a displacement; ``x`` are positions at its start and on trial.
+
+        ``on_the_way`` is that of `ContactStep`.
+        """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
             mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
@@ -409,7 +448,9 @@ class ImplicitStepper(Stepper):
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
             steps = [
-                ContactStep(contact, self.scheme.contact, *x, *of_nodes, is_static, rigid)
+                ContactStep(
+                    contact, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way
+                )
                 for contact in self._sleeping.states
             ]
         # Bodies that only contact holds go as far as it takes to touch others.

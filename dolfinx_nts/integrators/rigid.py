@@ -1,6 +1,6 @@
 """Rigid bodies of a stepper: what they may take part in, and their motion."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 from mpi4py import MPI
@@ -28,11 +28,13 @@ from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = [
     "check_rigid_bodies",
+    "check_statics",
     "contact_stiffness",
     "gives_rigid_nodes",
     "redundant",
     "rigid_leapfrog",
     "rigid_motion",
+    "spring_stiffness",
 ]
 
 # Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
@@ -75,6 +77,20 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
                 f"expected impact 'elastic' or 'plastic' beside rigid bodies ({names}), given "
                 f"'resolved' between {pair.between}"
             )
+
+
+def check_statics(bodies: Sequence[Body]) -> None:
+    """Raise where bodies have no stiffness that statics could find an equilibrium of. Local.
+
+    Raises:
+        ValueError: All bodies are rigid.
+    """
+    if all(body.is_rigid for body in bodies):
+        names = ", ".join(body.name for body in bodies)
+        raise ValueError(
+            f"expected a body that deforms in statics, given rigid ones alone ({names}): "
+            "EnergyMomentum moves them, and a stiff material can take the place of one"
+        )
 
 
 def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:
@@ -174,15 +190,55 @@ def contact_stiffness(
         mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
         rates: How velocities follow from displacements.
     """
-    rigid = [body.nodes[body.nodes < len(mass)] for body in bodies if body.is_rigid]
-    if not rigid:
-        return stiffness
-    comm: MPI.Comm = bodies[0].V.mesh.comm
-    masses = reductions.total(comm, np.array([mass[nodes].sum() for nodes in rigid]))
     of_nodes = stiffness.copy()
-    for nodes, share in zip(rigid, rates.inertia_share(_AT_A_POINT * masses), strict=True):
+    for nodes, share in _inertia(bodies, mass, rates):
         of_nodes[nodes] = np.maximum(stiffness[nodes], share)
     return of_nodes
+
+
+def spring_stiffness(
+    static: Callable[[], Floats], bodies: Sequence[Body], mass: Floats, rates: Rates
+) -> tuple[Floats, Floats]:
+    """Stiffness of the owned nodes from which springs that are left open get theirs. Collective.
+
+    Args:
+        static: Returns the static stiffness of the nodes, shape ``(n,)`` [N/m].
+        bodies: All bodies.
+        mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
+        rates: How velocities follow from displacements.
+
+    Returns:
+        The static stiffness, infinite at nodes of rigid bodies; and what springs between those
+        have in its place, infinite at all other nodes: the inertia of a body in a step, so that
+        what strikes at a point sinks in by about its way in a step, or, without inertia, the
+        greatest static stiffness of all. Both ``(n,)`` [N/m].
+    """
+    of_cells, in_place = static().copy(), np.full(len(mass), np.inf)
+    parts = _inertia(bodies, mass, rates)
+    for nodes, share in parts:
+        of_cells[nodes], in_place[nodes] = np.inf, share
+    if parts and rates.acceleration is None:
+        deforms = np.isfinite(of_cells)
+        greatest = float(of_cells[deforms].max(initial=0.0))
+        in_place[~deforms] = reductions.largest(bodies[0].V.mesh.comm, greatest)
+    return of_cells, in_place
+
+
+def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[Ints, float]]:
+    """Owned nodes of each rigid body, and what resists in a step who pushes one [N/m]. Collective.
+
+    A body that its guide holds or leads in all directions resists as all rigid bodies together.
+    """
+    rigid = [body for body in bodies if isinstance(body, RigidBody)]
+    if not rigid:
+        return []
+    comm: MPI.Comm = rigid[0].V.mesh.comm
+    nodes = [body.nodes[body.nodes < len(mass)] for body in rigid]
+    masses = reductions.total(comm, np.array([mass[each].sum() for each in nodes]))
+    dim = dimension(rigid[0].V)
+    led = [body.guide is not None and not len(body.guide.free(dim)) for body in rigid]
+    shares = rates.inertia_share(_AT_A_POINT * np.where(led, masses.sum(), masses))
+    return [(each, float(share)) for each, share in zip(nodes, shares, strict=True)]
 
 
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:

@@ -5,7 +5,7 @@ not move, and no contact can reach it. Bodies that share nodes sleep only togeth
 one of them moves the others at these nodes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain, pairwise
 
 import numpy as np
@@ -20,6 +20,7 @@ from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.tangent import Tangent
@@ -71,15 +72,11 @@ class SleepingBodies:
             if not any(body.is_rigid or body.material.remembers for body in group)
         ]
         self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
-        comm, num_owned = bulk.comm, bulk.num_owned // dimension(bulk.u.function_space)
+        num_owned = bulk.num_owned // dimension(bulk.u.function_space)
         self._nodes: dict[_Group, Ints] = {}
         for group in self._groups:
             nodes = np.unique(np.concatenate([body.nodes for body in group]))
             self._nodes[group] = nodes[nodes < num_owned]
-
-        def belongs(surface: Surface, group: _Group) -> bool:
-            inside = np.isin(surface.nodes, self._nodes[group])
-            return reductions.anywhere(comm, bool(inside.any()))
 
         # Lists, because all ranks must ask all loads: some answer collectively.
         self._loaded = {
@@ -87,18 +84,27 @@ class SleepingBodies:
             for group in self._groups
             if any([load.acts_on(body) for load in loads for body in group])
         }
-        self._pairs: Mapping[_Group, list[int]] = {
-            group: [
-                i
-                for i, pair in enumerate(chain(*map(members, states)))
-                for surface in (pair.nodes, pair.segments)
-                if isinstance(surface, Surface) and belongs(surface, group)
-            ]
-            for group in self._groups
-        }
+        self._pairs = self._pairs_of_groups()
         self._asleep: frozenset[_Group] = frozenset()
         self.bodies: frozenset[Body] = frozenset()
         self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
+
+    def _pairs_of_groups(self) -> dict[_Group, list[int]]:
+        """Numbers of the pairs that can act on each group of bodies."""
+        comm, u = self._bulk.comm, self._bulk.u
+        group_of = np.full(self._bulk.num_owned // dimension(u.function_space), -1)
+        for number, nodes in enumerate(self._nodes.values()):
+            group_of[nodes] = number
+        found = []
+        for i, pair in enumerate(chain(*map(members, self.states))):
+            sides = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
+            numbers = np.unique(np.concatenate([group_of[side.nodes] for side in sides]))
+            found += [(int(number), i) for number in numbers if number >= 0]
+        rows = np.array(found, dtype=np.int64).reshape(-1, 2)
+        pairs: dict[_Group, list[int]] = {group: [] for group in self._groups}
+        for number, pair_number in np.unique(joined(comm, rows), axis=0):
+            pairs[self._groups[number]].append(int(pair_number))
+        return pairs
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
         """Find the bodies that sleep in a step; the forms leave them out from now on.

@@ -184,11 +184,11 @@ class RigidMotion(RigidStates):
         sums = self._sums(r)
         return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
 
-    def moved(self, u: Floats, du: Floats, *, leads: bool = False) -> Floats:
+    def moved(self, u: Floats, du: Floats, *, leads: float = 0.0) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
 
         Increments of rigid bodies are taken as free motions at u. At the start of a step guides
-        lead the bodies in the others.
+        lead the bodies in the others, by the part ``leads`` of their way.
         """
         result: Floats = u + du
         if not self.exists:

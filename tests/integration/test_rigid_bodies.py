@@ -106,17 +106,19 @@ def test_ledger_closes_with_every_law_of_contact(comm, case):
     check_balances(first, last, given)
 
 
-def falling(comm, tilt, friction, enforcement=None):
+def falling(
+    comm, tilt, friction, enforcement=None, dt=0.01, scheme=nts.EnergyMomentum, target=None
+):
     """A rigid cube that slides while it falls on a floor."""
     data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
     data.X[:] = (data.X - 0.5) @ rotation([1, 0.7, 0.2], tilt).T + [0, 0, 0.75]
     mesh, cells, _, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     cube = nts.RigidBody(V, cells, tag["body 0"], RHO)
-    floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    floor = target or nts.RigidPlane((0, 0, 0), (0, 0, 1))
     pair = nts.ContactPair(nts.boundary_of(cube), floor, enforcement, friction)
     gravity = nts.Gravity([cube], (0, 0, -9.81))
-    stepper = nts.EnergyMomentum([cube], [pair], dt=0.01, loads=[gravity])
+    stepper = scheme([cube], [pair], dt=dt, loads=[gravity])
     stepper.set_velocity(cube, (0.5, 0.0, -1.0))
     return stepper
 
@@ -171,6 +173,62 @@ def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, 
     assert names == ("the boundary of body 0 and a RigidPlane" if told else "")
     scene = impact(comm, friction=STICK).stepper
     assert not redundant(scene.bodies, scene.pairs)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("dt", [0.01, 0.0025])
+@pytest.mark.parametrize("tilt", [0.3, 0.05], ids=["edge", "corner"])
+def test_springs_left_open_let_a_rigid_body_sink_in_by_its_way_in_a_step_or_two(comm, tilt, dt):
+    stepper = falling(comm, tilt, None, nts.Penalty(), dt)
+    diagnostics, speeds, depth = nts.Diagnostics(stepper), [], 0.0
+    for _ in stepper.run(until=0.5):
+        depth = max(depth, -stepper.x[:, 2].min())
+        speeds.append(diagnostics.balance().linear_momentum[2] / RHO)
+    (contact,) = stepper.contacts
+    assert contact.eps_N == pytest.approx(0.5 * RHO / dt**2, rel=1e-12)  # a cube of one metre
+    assert max(speeds) > 0.5  # it bounces
+    assert 0.2 * dt < depth / -min(speeds) < 2 * dt
+
+
+@pytest.mark.parametrize("rigid_nodes", [False, True])
+def test_springs_left_open_follow_the_lighter_of_two_rigid_bodies(comm, agree, rigid_nodes):
+    scene = impact(comm, enforcement=nts.Penalty(), rigid_nodes=rigid_nodes, both_rigid=True)
+    first, last, _, active = run(scene)
+    assert active > 0
+    energy = last.total_energy - first.total_energy
+    assert abs(energy) < 1e-11 * first.total_energy
+    (contact,) = scene.stepper.contacts
+    light = 10.0 * 0.5  # against 20 kg/m^3 in 0.63 m^3
+    assert agree(contact.eps_N == pytest.approx(0.5 * light / 0.01**2, rel=1e-12))
+
+
+def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(comm, agree):
+    stiffness = []
+    for rigid_nodes in (False, True):
+        scene = impact(comm, enforcement=nts.Penalty(), rigid_nodes=rigid_nodes)
+        scene.stepper.advance()
+        eps_N = comm.allgather(scene.stepper.contacts[0].eps_N)
+        stiffness.append(np.concatenate(eps_N))
+    # Each node of the soft one has its own; nodes of the rigid one that of its stiffest.
+    assert agree(stiffness[1] == pytest.approx(stiffness[0].max(), rel=1e-12))
+
+
+def test_statics_of_rigid_bodies_alone_is_refused(comm, refused):
+    with refused(ValueError, r"a body that deforms in statics, given rigid ones alone \(body 0\)"):
+        falling(comm, 0.0, None, scheme=nts.QuasiStatic)
+
+
+@pytest.mark.parametrize("what", ["a body", "an obstacle"])
+def test_soft_springs_are_named_as_the_cause_of_a_failure(comm, refused, what):
+    law = nts.Penalty(eps_N=2.0)
+    if what == "a body":
+        stepper = impact(comm, enforcement=law, both_rigid=True, dt=0.02).stepper
+    else:
+        floor = nts.RigidSphere((0.2, 0.0, -1.1), 1.0)
+        stepper = falling(comm, 0.0, None, law, target=floor)
+    with refused(nts.ConvergenceError, r"accepted step: stiffer springs .* eps_N = 2 N/m\)$"):
+        for _ in stepper.run(until=2.0):
+            pass
 
 
 @pytest.mark.serial

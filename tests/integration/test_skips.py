@@ -5,6 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.integrators import sleeping
 from helpers import scenes
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -47,6 +48,19 @@ def test_plate_is_left_out_until_the_ball_comes(comm, law, monkeypatch):
     assert resting[:3] == [1, 1, 1] and sum(resting) < 9 and max(active) > 0
     assert num_cells(scene) == 532
     assert all(not rests for rests, n in zip(resting, active, strict=True) if n)
+
+
+@pytest.mark.parametrize("num_bodies", [2, 3])
+def test_one_message_tells_which_pairs_can_wake_which_body(comm, agree, monkeypatch, num_bodies):
+    stepper = scenes.blocks(comm, num_bodies=num_bodies).stepper
+    messages, join = [], sleeping.joined
+    for name in ("anywhere", "everywhere", "total"):
+        monkeypatch.setattr(sleeping.reductions, name, lambda *_: messages.append("reduction"))
+    monkeypatch.setattr(sleeping, "joined", lambda *args: messages.append("rows") or join(*args))
+    pairs = stepper._sleeping._pairs_of_groups()
+    assert messages == ["rows"]
+    touch = [[0], [0, 1], [1]] if num_bodies == 3 else [[0], [0]]  # a tower
+    assert agree([pairs[(body,)] for body in stepper.bodies] == touch)
 
 
 def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):

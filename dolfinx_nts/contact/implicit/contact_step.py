@@ -4,7 +4,7 @@ A `ContactStep` never changes what the stepper remembers of the pairs. Evaluatin
 `ContactContribution`, from which residual and tangent are assembled.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -63,6 +63,8 @@ class ContactStep:
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
         rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
+        on_the_way: Positions like ``x_trial`` after some parts of the ballistic way, by the part
+            from 0 to 1, in which rigid bodies have not stretched; None: of no part.
 
     Attributes:
         state: The argument.
@@ -86,6 +88,7 @@ class ContactStep:
         free: Floats | None = None,
         is_static: bool = False,
         rigid: Ints = _NONE,
+        on_the_way: Mapping[float, Floats] | None = None,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -93,7 +96,7 @@ class ContactStep:
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
-        self.normal = _normal_contact(state, is_static, search, nodal_stiffness)
+        self.normal = _normal_contact(state, is_static, search, nodal_stiffness, on_the_way or {})
         self.friction = _friction(state, is_static, search, nodal_stiffness)
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
@@ -292,14 +295,18 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
 
 
 def _normal_contact(
-    state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
+    state: PairState | JointState,
+    is_static: bool,
+    search: LocalSearch,
+    stiffness: Floats,
+    on_the_way: Mapping[float, Floats],
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
     if isinstance(law, Tied):
-        return TiedContact(state, law, is_static, search, stiffness)
+        return TiedContact(state, law, is_static, search, stiffness, on_the_way)
     if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, is_static, search, stiffness)
+        return MultiplierContact(state, law, is_static, search, stiffness, on_the_way)
     return PenaltyContact(state, law, is_static, search)
 
 

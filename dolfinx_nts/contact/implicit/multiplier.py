@@ -1,5 +1,7 @@
 """Normal contact by multipliers, in one attempt at a step."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
@@ -28,6 +30,8 @@ class MultiplierContact(NormalContact):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        on_the_way: Positions of the local nodes after some parts of their ballistic ways, by
+            the part, see `ContactStep`.
     """
 
     def __init__(
@@ -37,6 +41,7 @@ class MultiplierContact(NormalContact):
         is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
+        on_the_way: Mapping[float, Floats],
     ) -> None:
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
@@ -46,6 +51,10 @@ class MultiplierContact(NormalContact):
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
         super().__init__(state, search)
+        # Nodes can be between two places, the frame of an obstacle is not.
+        self._on_the_way: Floats | None = None
+        if law.part in on_the_way and not state.search.frame.moves:
+            self._on_the_way = search.candidates.scatter.forward(on_the_way[law.part])
         if is_static:
             self._begin_in_touch()
         self._set = PairwiseActiveSets(state, law, search, stiffness)
@@ -85,8 +94,15 @@ class MultiplierContact(NormalContact):
         return np.where(self._stays[pairs.node], gap_n, 0.0)
 
     def _way(self, pairs: PairKinematics) -> Floats:
-        """Rates of the gaps at t_n times the length of the step, shape ``(m,)`` [m]."""
+        """Rates of the gaps at t_n times the length of the step, shape ``(m,)`` [m].
+
+        They are such that all gaps are held where bodies have gone a part of their ways: points
+        of a rigid body that turns could not be held at gaps that follow from other rates.
+        """
         search, x_n = self._search, self._search.x_n
+        if self._on_the_way is not None:
+            gap = search.pairing.gaps(self._on_the_way, pairs.node, pairs.segment)
+            return np.asarray((gap - pairs.contact.gap_n) / self._law.part)
         points = search.points.take(pairs.node)
         gradient = search.candidates.contact("static", points, x_n, x_n, pairs.segment).gradient
         dx = (search.approach.x - x_n).take(pairs.dofs, axis=0)

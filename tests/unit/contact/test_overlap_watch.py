@@ -78,6 +78,26 @@ def test_a_forgotten_pair_is_told_with_what_to_add(comm, told):
     assert "cube" in text and "plate" in text and FORGOTTEN in text and "all_pairs" in text
 
 
+def test_overlaps_of_one_kind_are_told_in_one_message_with_the_deepest_first(comm, told):
+    depths = [0.02, 0.05, 0.03, 0.06, 0.04]
+
+    def build(model):
+        parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(2, 1, 0.5), cells=(4, 2, 2))
+        for i, depth in enumerate(depths):
+            corner = (0.1 + 0.4 * i, 0.4, -depth)
+            parts.add_box(model, f"cube {i}", corner=corner, size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.Body(V, cells, tag[name], SOFT) for name in tag if name.count("_") == 0]
+    nts.EnergyMomentum(bodies, dt=0.02).advance()
+    (text,) = told()
+    listed = [f"cube {i} starts up to {depths[i]:g} inside plate" for i in (3, 1, 4)]
+    assert [text.find(part) for part in listed] == sorted(text.find(part) for part in listed)
+    assert text.find(listed[0]) == 0 and listed[-1] in text
+    assert f"; 2 more: {FORGOTTEN}" in text and text.count("inside plate") == 3
+
+
 def test_contact_that_works_is_not_told(comm, told):
     scene = Scene(comm)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top), dt=0.002)
