@@ -16,10 +16,18 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
-from dolfinx_nts.contact.method import KINDS, Method, check_dimension, check_method, check_tie
+from dolfinx_nts.contact.method import (
+    EDGES,
+    KINDS,
+    Method,
+    check_dimension,
+    check_method,
+    check_tie,
+)
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["AcceptedContact", "ContactPair"]
 
@@ -68,18 +76,22 @@ class ContactPair(Declaration):
             faces. ``"mortar"``: surface to surface, each node holds the mean distance of the
             facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
             a uniform pressure exactly, wherever nodes of the two surfaces lie. At degree 2 the
-            vertices hold it.
+            vertices hold it. ``"edge-to-edge"``: edges of the nodes' surface hold their distance
+            from edges of the other one that they cross, where both surfaces are convex and turn
+            by more than 30 degrees. It adds to a pair of the same surfaces by one of the other
+            methods, which do not see such edges.
 
     Attributes:
         nodes, segments, enforcement, method: The arguments.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
+        edges: Sharp edges of both surfaces with method ``"edge-to-edge"``, otherwise none.
 
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share some of their nodes;
             convective friction without what it needs; another ``method``, or one that does not
-            suit the other arguments.
+            suit the other arguments, as edge-to-edge contact of a surface without sharp edges.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -125,6 +137,7 @@ class ContactPair(Declaration):
         check_method(self)
         check_tie(self)
         check_dimension(self)
+        self.edges = _sharp_edges(nodes, segments) if method == EDGES else ()
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
@@ -214,6 +227,19 @@ class ContactPair(Declaration):
         if self.friction is not None:
             text += f", Coulomb friction with mu = {self.friction.mu:g}"
         return text
+
+
+def _sharp_edges(*surfaces: Surface) -> tuple[SharpEdges, ...]:
+    """Edges of both surfaces; raises where one has none. Collective."""
+    edges = tuple(map(SharpEdges, surfaces))
+    for surface, each in zip(surfaces, edges, strict=True):
+        if not each.total:
+            raise ValueError(
+                "expected surfaces with convex edges of more than 30 degrees with method "
+                f"{EDGES!r}, given {surface.name} without any: facets on both sides of an edge "
+                "must belong to the surface, as in boundary_of"
+            )
+    return edges
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
