@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts._kernels import DEEPEST
+from dolfinx_nts._kernels import DEEPEST, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -199,13 +199,14 @@ class EdgeCandidates(SegmentCandidates):
             (held, *self._held(x, current[held], slack)),
             (row[self._carrier[pair]], *self._met(x, pair)),
         ]
-        point, candidate, fits, places, signed, normals, depth = (
+        point, candidate, fits, places, signed, normals, depth, beyond = (
             np.concatenate(values) for values in zip(*found, strict=True)
         )
         fits &= (signed <= reach) & (signed >= -self._deepest[candidate // 2])
         some = np.flatnonzero(fits)
-        # The deepest first, of equal ones that with the lowest key.
-        some = some[np.lexsort((candidate[some], depth[some], point[some]))]
+        # The deepest first, of equal ones that with the lowest key; before those beyond an end.
+        order = candidate[some], depth[some], beyond[some], point[some]
+        some = some[np.lexsort(order)]
         where, first = np.unique(point[some], return_index=True)
         some = some[first]
         segment[where], xi[where], gap[where] = candidate[some], places[some], signed[some]
@@ -214,7 +215,7 @@ class EdgeCandidates(SegmentCandidates):
 
     def _held(
         self, x: Floats, candidate: Ints, slack: float
-    ) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats]:
+    ) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats, Flags]:
         """Present candidates and whether they may stay; see `_met`."""
         pair, sense = candidate // 2, self.orientation[candidate]
         crossing = self._crossing(x, pair)
@@ -227,27 +228,32 @@ class EdgeCandidates(SegmentCandidates):
         gap = sense * crossing.gap
         normal = sense[:, None] * crossing.normal
         depth = gap - _DEEPER * self.size[candidate]
-        return candidate, stays, crossing.places, gap, normal, depth
+        return candidate, stays, crossing.places, gap, normal, depth, np.zeros_like(stays)
 
-    def _met(self, x: Floats, pair: Ints) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats]:
+    def _met(
+        self, x: Floats, pair: Ints
+    ) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats, Flags]:
         """Pairs in the sense in which their edges face each other, and whether they cross.
 
         Returns:
-            Candidates, flags, places of the nearest points on both edges, gaps, normals, and
-            the gaps by which candidates are compared, all over the pairs.
+            Candidates, flags, places of the nearest points on both edges, gaps, normals,
+            the gaps by which candidates are compared, and whether places are beyond an end of the
+            other edge, all over the pairs.
         """
         crossing = self._crossing(x, pair)
         places = crossing.places
-        crosses = (crossing.sine > _CROSSING[0]) & np.all(places >= -_ROUNDING, axis=1)
-        # What crosses where two edges of one surface meet crosses the one that begins there;
-        # of two edges of the other surface the carrier chooses one.
-        crosses &= (places[:, 0] < 1 - _ROUNDING) & (places[:, 1] <= 1 + _ROUNDING)
+        # What crosses where two own edges meet crosses the one that begins there. Of the other
+        # edges the carrier chooses one, if need be beyond an end, where these make an angle.
+        crosses = (places[:, 0] >= -_ROUNDING) & (places[:, 0] < 1 - _ROUNDING)
+        outside = np.abs(places[:, 1] - 0.5) - 0.5
+        crosses &= (outside <= OVERHANG) & (crossing.sine > _CROSSING[0])
         angles = self._between(x, pair, crossing)
         sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
         crosses &= np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
         gap = sense * crossing.gap
-        candidate = 2 * pair + (sense > 0)
-        return candidate.astype(np.int32), crosses, places, gap, sense[:, None] * crossing.normal, gap
+        candidate = (2 * pair + (sense > 0)).astype(np.int32)
+        normal = sense[:, None] * crossing.normal
+        return candidate, crosses, places, gap, normal, gap, outside > _ROUNDING
 
     def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
         """How the edges of some pairs cross."""
