@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts._kernels import DEEPEST, OVERHANG
+from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -65,7 +65,7 @@ class Edges:
     def of(cls, rows: Ints, key: GlobalInts, thickness: Floats) -> "Edges":
         """Take rows of the ends and the vertices of both facets, shape ``(e, 2 + 2 k)``."""
         ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
-        return cls(ends, facets.reshape(len(rows), 2, -1), key, thickness)
+        return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
 
     def boxes(self, x: Floats) -> tuple[Floats, Floats]:
         """Least and greatest coordinates of each edge, both ``(e, 3)`` [m]."""
@@ -116,6 +116,26 @@ class _Crossing(NamedTuple):
         gap = -np.einsum("mi,mi->m", between, normal)
         sine = area / np.maximum(lengths, tiny)
         return cls(gap, normal, np.column_stack(places), sine)
+
+    def take(self, some: Ints | Flags) -> "_Crossing":
+        """Select some of the pairs."""
+        return _Crossing(*(values[some] for values in self))
+
+
+class _Found(NamedTuple):
+    """Candidates that carriers may choose.
+
+    Attributes:
+        candidate: Shape ``(m,)``.
+        gap: Shape ``(m,)`` [m].
+        beyond: Whether they cross beyond an end of the other edge, ``(m,)``.
+        depth: Gap by which they are compared, ``(m,)`` [m].
+    """
+
+    candidate: Ints
+    gap: Floats
+    beyond: Flags
+    depth: Floats
 
 
 class EdgeCandidates(SegmentCandidates):
@@ -176,92 +196,80 @@ class EdgeCandidates(SegmentCandidates):
         order = np.argsort(key)
         return cls(scatter, own, other, pairs[order], key[order], x)
 
-    def _choose(
-        self, points: ContactPoints, x: Floats, current: Ints, reach: float, slack: float
-    ) -> tuple[Ints, Floats, Floats, Floats]:
-        """Candidate, places on both edges, gap and normal of each carrier.
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose an edge that crosses one of each carrier, see `Candidates.pair`.
 
-        It is the deepest of those at which the edges cross; the present one stays if it is
-        hardly less deep, and within the iterations of a step (``slack`` is infinite) in any case.
+        It is the deepest; the present one stays if it is hardly less deep, and within the
+        iterations of a step (``slack`` is infinite) in any case.
         """
-        num_points = len(current)
-        segment = np.full(num_points, -1, dtype=np.int32)
-        xi, gap, normal = (np.full((num_points, *s), np.nan) for s in ((2,), (), (3,)))
-        if not len(self._pairs) or not num_points:
-            return segment, xi, gap, normal
-        held = np.flatnonzero(current >= 0)
+        segment, gap = np.full(len(current), -1, dtype=np.int32), np.full(len(current), np.nan)
+        if not len(self._pairs) or not len(current):
+            return segment, gap
         row = np.full(len(x), -1, dtype=np.int32)
-        row[points.nodes] = np.arange(num_points)
-        if np.isinf(slack):
-            row[points.nodes[held]] = -1
-        pair = np.flatnonzero(row[self._carrier] >= 0)
-        found = [
-            (held, *self._held(x, current[held], slack)),
-            (row[self._carrier[pair]], *self._met(x, pair)),
-        ]
-        point, candidate, fits, places, signed, normals, depth, beyond = (
-            np.concatenate(values) for values in zip(*found, strict=True)
-        )
-        fits &= (signed <= reach) & (signed >= -self._deepest[candidate // 2])
-        some = np.flatnonzero(fits)
-        # The deepest first, of equal ones that with the lowest key; before those beyond an end.
-        order = candidate[some], depth[some], beyond[some], point[some]
-        some = some[np.lexsort(order)]
-        where, first = np.unique(point[some], return_index=True)
-        some = some[first]
-        segment[where], xi[where], gap[where] = candidate[some], places[some], signed[some]
-        normal[where] = normals[some]
-        return segment, xi, gap, normal
+        row[points.nodes] = np.arange(len(current))
+        held = current[current >= 0]
+        looks = np.zeros(len(x), dtype=bool)
+        looks[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
+        met = np.flatnonzero(looks[self._carrier])
+        found = self._held(x, held, slack), self._met(x, met, reach)
+        candidate, gaps, beyond, depth = map(np.concatenate, zip(*found, strict=True))
+        fits = (gaps <= reach) & (gaps >= -self._deepest[candidate // 2])
+        candidate, gaps, beyond, depth = (some[fits] for some in (candidate, gaps, beyond, depth))
+        point = row[self._carrier[candidate // 2]]
+        # Those beyond an end last, then the deepest first, then that with the lowest key.
+        order = np.lexsort((candidate, depth, beyond, point))
+        where, first = np.unique(point[order], return_index=True)
+        segment[where], gap[where] = candidate[order[first]], gaps[order[first]]
+        return segment, gap
 
-    def _held(
-        self, x: Floats, candidate: Ints, slack: float
-    ) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats, Flags]:
-        """Present candidates and whether they may stay; see `_met`."""
-        pair, sense = candidate // 2, self.orientation[candidate]
-        crossing = self._crossing(x, pair)
-        stays = np.ones(len(pair), dtype=bool)
+    def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
+        """Those of present candidates that may stay."""
+        sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
         if np.isfinite(slack):
             stays = crossing.sine > _CROSSING[1]
             stays &= np.all((crossing.places >= -slack) & (crossing.places <= 1 + slack), axis=1)
-            angles = self._between(x, pair, crossing)
-            stays &= np.all(sense[:, None] * angles > _BETWEEN[1], axis=1)
+            angles = sense[:, None] * self._between(x, candidate // 2, crossing.normal)
+            stays &= np.all(angles > _BETWEEN[1], axis=1)
+            candidate, sense = candidate[stays], sense[stays]
+            crossing = crossing.take(stays)
         gap = sense * crossing.gap
-        normal = sense[:, None] * crossing.normal
-        depth = gap - _DEEPER * self.size[candidate]
-        return candidate, stays, crossing.places, gap, normal, depth, np.zeros_like(stays)
+        none = np.zeros(len(gap), dtype=bool)
+        return _Found(candidate, gap, none, gap - _DEEPER * self.size[candidate])
 
-    def _met(
-        self, x: Floats, pair: Ints
-    ) -> tuple[Ints, Flags, Floats, Floats, Floats, Floats, Flags]:
-        """Pairs in the sense in which their edges face each other, and whether they cross.
-
-        Returns:
-            Candidates, flags, places of the nearest points on both edges, gaps, normals,
-            the gaps by which candidates are compared, and whether places are beyond an end of the
-            other edge, all over the pairs.
-        """
+    def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
+        """Those of pairs that cross, in the sense in which their edges face each other."""
         crossing = self._crossing(x, pair)
-        places = crossing.places
+        own, other = crossing.places.T
         # What crosses where two own edges meet crosses the one that begins there. Of the other
         # edges the carrier chooses one, if need be beyond an end, where these make an angle.
-        crosses = (places[:, 0] >= -_ROUNDING) & (places[:, 0] < 1 - _ROUNDING)
-        outside = np.abs(places[:, 1] - 0.5) - 0.5
-        crosses &= (outside <= OVERHANG) & (crossing.sine > _CROSSING[0])
-        angles = self._between(x, pair, crossing)
+        beyond = np.abs(other - 0.5) - 0.5
+        some = np.flatnonzero(
+            (np.abs(crossing.gap) <= max(reach, self._deepest.max()))
+            & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
+            & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
+        )
+        pair, crossing, beyond = pair[some], crossing.take(some), beyond[some] > _ROUNDING
+        angles = self._between(x, pair, crossing.normal)
         sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
-        crosses &= np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
-        gap = sense * crossing.gap
-        candidate = (2 * pair + (sense > 0)).astype(np.int32)
-        normal = sense[:, None] * crossing.normal
-        return candidate, crosses, places, gap, normal, gap, outside > _ROUNDING
+        some = np.flatnonzero(np.all(sense[:, None] * angles > _BETWEEN[0], axis=1))
+        candidate = (2 * pair + (sense > 0)).astype(np.int32)[some]
+        gap = (sense * crossing.gap)[some]
+        return _Found(candidate, gap, beyond[some], gap)
 
     def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
         """How the edges of some pairs cross."""
         ends = (edges.ends[self._pairs[pair, i]] for i, edges in enumerate(self._edges))
         return _Crossing.of(*(x[rows] for rows in ends))
 
-    def _between(self, x: Floats, pair: Ints, crossing: _Crossing) -> Floats:
-        """Sines of the angles between normals of crossings and facets, ``(m, 4)``.
+    def _between(self, x: Floats, pair: Ints, normal: Floats) -> Floats:
+        """Sines of the angles between normals, ``(m, 3)``, and those of facets, ``(m, 4)``.
 
         All are positive where a normal points away from the other surface and into the own one,
         all negative where its reverse does so.
@@ -269,8 +277,8 @@ class EdgeCandidates(SegmentCandidates):
         own, other = (self._pairs[pair, i] for i in range(2))
         return np.hstack(
             [
-                self._edges[1].between(x, other, crossing.normal),
-                self._edges[0].between(x, own, -crossing.normal),
+                self._edges[1].between(x, other, normal),
+                self._edges[0].between(x, own, -normal),
             ]
         )
 

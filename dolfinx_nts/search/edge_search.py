@@ -3,10 +3,10 @@
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.edge_candidates import EdgeCandidates, Edges
 from dolfinx_nts.search.global_search import GlobalSearch
-from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["EdgeSearch"]
@@ -26,6 +26,8 @@ class EdgeSearch(GlobalSearch):
     """
 
     candidates: EdgeCandidates
+    # Each pair within reach is looked at in each step.
+    _margin = 1.5
 
     def __init__(
         self, nodes: Surface, segments: Surface, edges: tuple[SharpEdges, SharpEdges]
@@ -49,6 +51,15 @@ class EdgeSearch(GlobalSearch):
         assert isinstance(candidates, EdgeCandidates)
         return candidates, is_new
 
+    def _find(self, x: Floats, reach: float) -> SegmentCandidates:
+        """Let edges reach beyond their carriers, see `GlobalSearch`."""
+        return super()._find(x, reach + self._beyond(x))
+
+    def _beyond(self, x: Floats) -> float:
+        """Longest edge of a carrier of this rank [m]. Collective."""
+        first, second = self._own.ends(x)
+        return float(np.linalg.norm(second - first, axis=1).max(initial=0.0))
+
     def _offered(self, x: Floats) -> Floats:
         """Ends of the edges, see `GlobalSearch`."""
         return self._offers.ends(x)
@@ -59,5 +70,6 @@ class EdgeSearch(GlobalSearch):
         """Pair edges, see `GlobalSearch`."""
         own = Edges.of(others.reshape(self._shape), self._own.key, self._own.thickness)
         other = Edges.of(found.vertices, found.key, found.thickness)
+        reach -= self._beyond(x)
         x = found.scatter.forward(x)
         return EdgeCandidates.near(found.scatter, own, other, self._offers.total, x, reach)

@@ -20,10 +20,6 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 
 __all__ = ["GlobalSearch", "owners_of"]
 
-# Reach of a search relative to the one asked for [-]: the margin saves exchanges between
-# ranks and costs a few segments.
-_COVERED = 3
-
 
 class GlobalSearch(Search):
     """Finds the segments that nodes of another surface can reach, see `Search`. Collective.
@@ -34,6 +30,9 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
+    # Reach of a search relative to the one asked for [-]: the margin saves exchanges between
+    # ranks and costs a few segments.
+    _margin = 3.0
     # Global numbers and owners of nodes whose values are needed beside those of the segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
 
@@ -64,7 +63,7 @@ class GlobalSearch(Search):
             *before, covered = self._covered
             if np.isinf(covered) or self.approach(x, before) + reach <= covered:
                 return self.candidates, False
-        reach *= _COVERED
+        reach *= self._margin
         self.candidates = self._find(x, reach)
         self._covered = (*self.positions(x), reach)
         self.num_searches += 1

@@ -67,7 +67,8 @@ class SharpEdges:
     @property
     def offer(self) -> tuple[GlobalInts, Ints]:
         """Global numbers of all nodes of the edges, ``(e, 2 + 2 k)``, and their owners. Local."""
-        rows = np.column_stack([self.nodes, self.facets.reshape(len(self.nodes), -1)])
+        both = np.prod(self.facets.shape[1:])
+        rows = np.column_stack([self.nodes, self.facets.reshape(-1, both)])
         ids = self._scatter.index_map.local_to_global(rows.ravel()).reshape(rows.shape)
         return ids, owners_of(self._scatter.index_map)[rows]
 

@@ -6,7 +6,6 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pairing import NodePairing
-from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["CrossingEdges"]
@@ -53,8 +52,3 @@ class CrossingEdges(LocalSearch):
         self.pairing = EdgePairing(
             state.nodes, self.candidates, self.points, self.x_n, last
         )
-
-    @staticmethod
-    def _beyond(pair: ContactPair) -> float:
-        # Edges reach beyond their owned carriers, also when they are stretched.
-        return 2 * pair.nodes.size
