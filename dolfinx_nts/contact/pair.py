@@ -85,7 +85,6 @@ class ContactPair(Declaration):
         nodes, segments, enforcement, method: The arguments.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
-        edges: Sharp edges of both surfaces with method ``"edge-to-edge"``, otherwise none.
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -137,7 +136,8 @@ class ContactPair(Declaration):
         check_method(self)
         check_tie(self)
         check_dimension(self)
-        self.edges = _sharp_edges(nodes, segments) if method == EDGES else ()
+        if method == EDGES:
+            _check_edges(nodes, self.segments)
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
@@ -229,17 +229,16 @@ class ContactPair(Declaration):
         return text
 
 
-def _sharp_edges(*surfaces: Surface) -> tuple[SharpEdges, ...]:
-    """Edges of both surfaces; raises where one has none. Collective."""
-    edges = tuple(map(SharpEdges, surfaces))
-    for surface, each in zip(surfaces, edges, strict=True):
-        if not each.total:
+def _check_edges(*surfaces: Surface | Obstacle) -> None:
+    """Raise unless both surfaces have sharp edges. Collective."""
+    for surface in surfaces:
+        assert isinstance(surface, Surface)
+        if not SharpEdges.of(surface).total:
             raise ValueError(
                 "expected surfaces with convex edges of more than 30 degrees with method "
                 f"{EDGES!r}, given {surface.name} without any: facets on both sides of an edge "
                 "must belong to the surface, as in boundary_of"
             )
-    return edges
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:

@@ -12,7 +12,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
-from dolfinx_nts.contact.method import EDGES, NODES
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
@@ -256,6 +256,6 @@ def _search(pair: ContactPair) -> Search:
     if pair.touches_itself:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:
-        return EdgeSearch(pair.nodes, pair.segments, pair.edges)
+        return EdgeSearch(pair.nodes, pair.segments)
     search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
     return search(pair.nodes, pair.segments)

@@ -137,6 +137,10 @@ class _Found(NamedTuple):
     beyond: Flags
     depth: Floats
 
+    def joined(self, other: "_Found") -> "_Found":
+        """These and others."""
+        return _Found(*map(np.concatenate, zip(self, other, strict=True)))  # type: ignore[arg-type]
+
 
 class EdgeCandidates(SegmentCandidates):
     """Pairs of edges near each other, see `Candidates`.
@@ -181,7 +185,7 @@ class EdgeCandidates(SegmentCandidates):
         self.passage = np.full(len(size), np.inf)
 
     @classmethod
-    def near(
+    def paired(
         cls,
         scatter: NodalScatter,
         own: Edges,
@@ -217,14 +221,14 @@ class EdgeCandidates(SegmentCandidates):
         held = current[current >= 0]
         looks = np.zeros(len(x), dtype=bool)
         looks[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
-        met = np.flatnonzero(looks[self._carrier])
+        met = np.flatnonzero(looks[self._carrier]).astype(np.int32)
         found = self._held(x, held, slack), self._met(x, met, reach)
-        candidate, gaps, beyond, depth = map(np.concatenate, zip(*found, strict=True))
-        fits = (gaps <= reach) & (gaps >= -self._deepest[candidate // 2])
-        candidate, gaps, beyond, depth = (some[fits] for some in (candidate, gaps, beyond, depth))
+        candidate, gaps, beyond, depth = found[0].joined(found[1])
+        fits = np.flatnonzero((gaps <= reach) & (gaps >= -self._deepest[candidate // 2]))
         point = row[self._carrier[candidate // 2]]
         # Those beyond an end last, then the deepest first, then that with the lowest key.
-        order = np.lexsort((candidate, depth, beyond, point))
+        keys = candidate, depth, beyond, point
+        order = fits[np.lexsort([values[fits] for values in keys])]
         where, first = np.unique(point[order], return_index=True)
         segment[where], gap[where] = candidate[order[first]], gaps[order[first]]
         return segment, gap
@@ -254,14 +258,14 @@ class EdgeCandidates(SegmentCandidates):
             (np.abs(crossing.gap) <= max(reach, self._deepest.max()))
             & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
             & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
-        )
+        ).astype(np.int32)
         pair, crossing, beyond = pair[some], crossing.take(some), beyond[some] > _ROUNDING
         angles = self._between(x, pair, crossing.normal)
         sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
-        some = np.flatnonzero(np.all(sense[:, None] * angles > _BETWEEN[0], axis=1))
-        candidate = (2 * pair + (sense > 0)).astype(np.int32)[some]
-        gap = (sense * crossing.gap)[some]
-        return _Found(candidate, gap, beyond[some], gap)
+        faces: Flags = np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
+        candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
+        gap = (sense * crossing.gap)[faces]
+        return _Found(candidate, gap, beyond[faces], gap)
 
     def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
         """How the edges of some pairs cross."""
@@ -309,7 +313,7 @@ class EdgeCandidates(SegmentCandidates):
 
 def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
     """Boxes of two groups that are within reach [m] of each other, shape ``(c, 2)``."""
-    found = [np.empty((0, 2), dtype=np.int64)]
+    found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
     (lower, upper), (least, greatest) = first, second
     # Only what comes near the box around all of the other group.
     some = _near((lower, upper), (least, greatest), reach)
@@ -331,4 +335,5 @@ def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
     lower, upper = boxes
     least = others[0].min(axis=0, initial=np.inf) - reach
     greatest = others[1].max(axis=0, initial=-np.inf) + reach
-    return np.flatnonzero(((lower <= greatest) & (upper >= least)).all(axis=1))
+    near: Flags = ((lower <= greatest) & (upper >= least)).all(axis=1)
+    return np.flatnonzero(near).astype(np.int32)

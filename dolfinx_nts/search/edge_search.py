@@ -22,21 +22,18 @@ class EdgeSearch(GlobalSearch):
     Args:
         nodes: Surface whose nodes carry the multipliers.
         segments: The other surface.
-        edges: Sharp edges of both.
     """
 
     candidates: EdgeCandidates
     # Each pair within reach is looked at in each step.
     _margin = 1.5
 
-    def __init__(
-        self, nodes: Surface, segments: Surface, edges: tuple[SharpEdges, SharpEdges]
-    ) -> None:
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
         """Offer the edges of the other surface with the facets at them."""
         super().__init__(nodes, segments)
         # All owned nodes, also those whose facets belong to other ranks.
         self._vertices = np.union1d(self._vertices, segments.nodes).astype(np.int32)
-        self._own, self._offers = edges
+        self._own, self._offers = map(SharpEdges.of, (nodes, segments))
         ids, owners = self._offers.offer
         no_orientation = np.ones(len(ids))
         thickness = self._offers.thickness
@@ -64,12 +61,10 @@ class EdgeSearch(GlobalSearch):
         """Ends of the edges, see `GlobalSearch`."""
         return self._offers.ends(x)
 
-    def _make(
-        self, found: FoundSegments, others: Ints, x: Floats, reach: float
-    ) -> EdgeCandidates:
+    def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> EdgeCandidates:
         """Pair edges, see `GlobalSearch`."""
         own = Edges.of(others.reshape(self._shape), self._own.key, self._own.thickness)
         other = Edges.of(found.vertices, found.key, found.thickness)
         reach -= self._beyond(x)
         x = found.scatter.forward(x)
-        return EdgeCandidates.near(found.scatter, own, other, self._offers.total, x, reach)
+        return EdgeCandidates.paired(found.scatter, own, other, self._offers.total, x, reach)

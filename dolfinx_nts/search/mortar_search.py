@@ -59,9 +59,7 @@ class FacetSearch(GlobalSearch):
             owners = np.hstack([owners, owners_of(space)[wholes]])
             self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
-    def _make(
-        self, found: FoundSegments, others: Ints, x: Floats, reach: float
-    ) -> FacetCandidates:
+    def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
         """Tell segments and facets apart, see `GlobalSearch`."""
         return FacetCandidates(*self._parted(found))
 

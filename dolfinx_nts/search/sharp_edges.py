@@ -1,5 +1,9 @@
 """Sharp edges of a surface: convex ones between two facets, which can cross those of others."""
 
+from weakref import WeakKeyDictionary
+
+from mpi4py import MPI
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
@@ -7,7 +11,6 @@ from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rims import FACET_EDGES
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
@@ -60,9 +63,16 @@ class SharpEdges:
         self.facets: Ints = outward[facets[mine]]
         *_, thickness = near.of_segments
         self.thickness: Floats = thickness[facets[mine]].min(axis=1)
-        comm = V.mesh.comm
-        self.key: GlobalInts = _rank_among_all(joined(comm, ids[self.nodes]), ids[self.nodes])
+        comm: MPI.Comm = V.mesh.comm
+        self.key = _order_among_all(comm, ids[self.nodes])
         self.total = reductions.total(comm, len(self.key))
+
+    @classmethod
+    def of(cls, surface: Surface) -> "SharpEdges":
+        """Find the edges of a surface once for all its pairs. Collective."""
+        if surface not in _KNOWN:
+            _KNOWN[surface] = cls(surface)
+        return _KNOWN[surface]
 
     @property
     def offer(self) -> tuple[GlobalInts, Ints]:
@@ -79,6 +89,10 @@ class SharpEdges:
         """
         ends: Floats = self._scatter.forward(x)[self.nodes.T]
         return ends
+
+
+# Edges of surfaces that still exist.
+_KNOWN: WeakKeyDictionary[Surface, SharpEdges] = WeakKeyDictionary()
 
 
 def unit_normals(corners: Floats) -> Floats:
@@ -101,7 +115,7 @@ def _numbers(local: GlobalInts, near: SegmentCandidates) -> GlobalInts:
 def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]:
     """Edges that belong to two segments, the end with the lower number first, and these."""
     k = segments.shape[1]
-    ends = segments[:, FACET_EDGES[k]].reshape(-1, 2)
+    ends: Ints = segments[:, FACET_EDGES[k]].reshape(-1, 2)
     ends = np.take_along_axis(ends, np.argsort(ids[ends], axis=1), axis=1)
     facet = np.arange(len(ends), dtype=np.int32) // len(FACET_EDGES[k])
     order = np.lexsort((facet, *ids[ends].T[::-1]))
@@ -122,8 +136,11 @@ def _is_sharp(X: Floats, near: SegmentCandidates, edges: Ints, facets: Ints) -> 
     return flags
 
 
-def _rank_among_all(everywhere: GlobalInts, own: GlobalInts) -> GlobalInts:
-    """Place of rows of two numbers in the order of all rows, of which none comes twice."""
-    ordered = everywhere[np.lexsort(everywhere.T[::-1])]
-    place = {tuple(row): number for number, row in enumerate(ordered.tolist())}
-    return np.array([place[tuple(row)] for row in own.tolist()], dtype=np.int64)
+def _order_among_all(comm: MPI.Comm, own: GlobalInts) -> GlobalInts:
+    """Place of rows of two numbers in the order of the rows of all ranks. Collective."""
+    parts = comm.allgather(own)
+    order = np.lexsort(np.concatenate(parts).T[::-1])
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    first = sum(len(part) for part in parts[: comm.rank])
+    return place[first : first + len(own)]

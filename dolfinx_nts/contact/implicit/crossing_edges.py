@@ -49,6 +49,4 @@ class CrossingEdges(LocalSearch):
         """Pair carriers instead of nodes."""
         super().__init__(state, x_n, x_trial)
         last = state.history.key
-        self.pairing = EdgePairing(
-            state.nodes, self.candidates, self.points, self.x_n, last
-        )
+        self.pairing = EdgePairing(state.nodes, self.candidates, self.points, self.x_n, last)
