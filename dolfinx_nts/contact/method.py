@@ -88,7 +88,9 @@ def check_dimension(pair: Any) -> None:
         return
     _check_rings(pair)
     wrong = ""
-    if pair.is_convective:
+    if pair.method == EDGES:
+        wrong = f"another method, as edges cross in space only, given {EDGES!r}"
+    elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "resolved":
         wrong = "impact 'elastic' or 'plastic', given 'resolved'"
