@@ -15,6 +15,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.method import EDGES, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
@@ -118,6 +119,8 @@ def all_pairs(
         raise ValueError(
             f"expected self contact of bodies of the scene, given {len(others)} that are not"
         )
+    if edges and dimension(bodies[0].V) < 3:
+        raise ValueError("expected edges only of bodies in space, given a mesh of the plane")
     surface = cache(boundary_of)
     stiffness = {body: body.material.least_modulus for body in bodies}
     power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
@@ -137,9 +140,7 @@ def all_pairs(
     groups = sorted(connected(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
-    def add(
-        nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method = NODES
-    ) -> None:
+    def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method = NODES) -> None:
         target: Surface | Obstacle
         if isinstance(segments, Obstacle):
             target, text = segments, type(segments).__name__

@@ -41,14 +41,14 @@ def test_cubes_bounce_off_each_others_edges_with_exact_energy_in_any_position(co
     motion = Motion.random(np.random.default_rng(7))
     dt = 0.01 if is_rigid else 0.004
     scene = crossed(comm, is_rigid=is_rigid, motion=motion, dt=dt)
-    first, last, given, depth, touched = run(scene, 20 if is_rigid else 40)
+    first, last, given, depth, touched = run(scene, 20 if is_rigid else 55)
     check(first, last, given)
     assert abs(given) < 1e-11 * first.total_energy
     assert touched > 0
     assert depth < 1e-3
     # They part: neither reaches the other any more.
     edges = scene.stepper.contacts[-1]
-    assert not np.any(edges.gap(scene.stepper.x) < 0.02)
+    assert not np.any(edges.gap(scene.stepper.x) < 0.01)
     momentum = motion.Q.T @ (last.linear_momentum - first.linear_momentum)
     assert np.abs(momentum).max() < 1e-10
 
@@ -84,7 +84,7 @@ def test_ledger_closes_with_every_law(comm, law):
 
 @pytest.mark.serial
 def test_midpoint_keeps_momenta_and_nearly_the_energy(comm):
-    first, last, given, depth, touched = run(crossed(comm, scheme=nts.Midpoint), 30)
+    first, last, _, depth, touched = run(crossed(comm, scheme=nts.Midpoint), 30)
     check(first, last, 0.0, tol=1e-4)
     assert touched > 0 and depth < 0.01
 
@@ -94,7 +94,9 @@ def test_a_run_that_is_resumed_within_a_touch_is_the_whole_one_bit_for_bit(comm,
     path, friction = comm.bcast(tmp_path) / "run", nts.Coulomb(0.3)
     whole, part, rest = (crossed(comm, friction=friction, n=2).stepper for _ in range(3))
     for stepper, num_steps in ((part, 7), (rest, 12)):
-        with nts.Recorder(path, stepper, checkpoint_every=1, resume=True, fields=None) as recorder:
+        with nts.Recorder(
+            path, stepper, checkpoint_every=1, resume=True, fields="xdmf"
+        ) as recorder:
             for step in stepper.run(until=num_steps * stepper.dt):
                 recorder.write(step)
         assert comm.allreduce(int(stepper.contacts[-1].history.active.sum())) > 0
