@@ -13,12 +13,14 @@ from dolfinx.mesh import exterior_facet_indices
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
-from dolfinx_nts.contact.method import NODES, Method
+from dolfinx_nts.contact.method import EDGES, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, boundary_facets
+from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
@@ -74,6 +76,7 @@ def all_pairs(
     enforcement: LagrangeMultiplier | Penalty | None = None,
     friction: Coulomb | None = None,
     method: Method = "node-to-segment",
+    edges: bool = False,
 ) -> list[ContactPair]:
     """Make the contact pairs by which any body may touch any other. Collective.
 
@@ -93,13 +96,16 @@ def all_pairs(
         friction: Law of friction; None: none.
         method: Method of contact between bodies, as in `ContactPair`. Pairs with obstacles and
             of self contact are node-to-segment in any case.
+        edges: Whether bodies also touch where their sharp edges cross, by a second pair of
+            method ``"edge-to-edge"`` for each two groups of bodies that have such edges.
 
     Returns:
         The pairs.
 
     Raises:
         TypeError: Something is no body, or no obstacle.
-        ValueError: No bodies, several spaces, or self contact of a body that is not among them.
+        ValueError: No bodies, several spaces, or self contact of a body that is not among them;
+            edges in the plane, or as of `ContactPair`.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
@@ -113,6 +119,8 @@ def all_pairs(
         raise ValueError(
             f"expected self contact of bodies of the scene, given {len(others)} that are not"
         )
+    if edges and dimension(bodies[0].V) < 3:
+        raise ValueError("expected edges only of bodies in space, given a mesh of the plane")
     surface = cache(boundary_of)
     stiffness = {body: body.material.least_modulus for body in bodies}
     power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
@@ -132,26 +140,31 @@ def all_pairs(
     groups = sorted(connected(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
-    def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle) -> None:
+    def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method = NODES) -> None:
         target: Surface | Obstacle
-        by = NODES
         if isinstance(segments, Obstacle):
             target, text = segments, type(segments).__name__
         elif segments is nodes:
             target, text = surface(*segments), "their own segments"
         else:
-            target, text, by = surface(*segments), f"the segments of {names(segments)}", method
+            what = "edges" if by == EDGES else "segments"
+            target, text = surface(*segments), f"the {what} of {names(segments)}"
         pairs.append(ContactPair(surface(*nodes), target, enforcement, friction, by))
         if bodies[0].V.mesh.comm.rank == 0:
-            _logger.info("pair %d: nodes of %s against %s", len(pairs), names(nodes), text)
+            own = "edges" if by == EDGES else "nodes"
+            _logger.info("pair %d: %s of %s against %s", len(pairs), own, names(nodes), text)
 
     def names(some: Sequence[Body]) -> str:
         if len(some) == len(bodies) > 1:
             return "all bodies"
         return ", ".join(body.name for body in bodies if body in some)
 
-    for finer, coarser in _halves(groups):
-        add(list(chain(*finer)), list(chain(*coarser)))
+    halves = [(list(chain(*finer)), list(chain(*coarser))) for finer, coarser in _halves(groups)]
+    for finer, coarser in halves:
+        add(finer, coarser, method)
+    for two in halves if edges else []:
+        if all(SharpEdges.of(surface(*some)).total for some in two):
+            add(*two, EDGES)
     for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
     for group in groups:

@@ -9,13 +9,23 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["KINDS", "NODES", "Method", "check_dimension", "check_method", "check_tie"]
+__all__ = ["EDGES", "KINDS", "NODES", "Method", "check_dimension", "check_method", "check_tie"]
 
-Method = Literal["node-to-segment", "mortar"]
+Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
 NODES: Method = "node-to-segment"
+EDGES: Method = "edge-to-edge"
 
 # What texts call contact by each method.
-KINDS = {"node-to-segment": "contact", "mortar": "surface-to-surface contact"}
+KINDS = {
+    NODES: "contact",
+    "mortar": "surface-to-surface contact",
+    EDGES: "edge-to-edge contact",
+}
+# Laws of impact by method, where not all are possible; springs have none.
+_IMPACTS = {
+    "mortar": ("", "elastic", "plastic", "resolved"),
+    EDGES: ("", "elastic", "plastic"),
+}
 
 
 def check_method(pair: Any) -> None:
@@ -35,11 +45,13 @@ def check_method(pair: Any) -> None:
         wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
-    elif getattr(pair.enforcement, "impact", "") == "restitution":
+    elif getattr(pair.enforcement, "impact", "") not in _IMPACTS[pair.method]:
         wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
+    elif pair.method == EDGES and isinstance(pair.enforcement, Tied):
+        wrong = f"an enforcement by which edges can part, given {pair.enforcement!r}"
     if wrong:
         raise ValueError(
-            f"expected, with method 'mortar', {wrong}: method 'node-to-segment' can do this"
+            f"expected, with method {pair.method!r}, {wrong}: method 'node-to-segment' can do this"
         )
 
 
@@ -76,7 +88,9 @@ def check_dimension(pair: Any) -> None:
         return
     _check_rings(pair)
     wrong = ""
-    if pair.is_convective:
+    if pair.method == EDGES:
+        wrong = f"another method, as edges cross in space only, given {EDGES!r}"
+    elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif getattr(pair.enforcement, "impact", "") == "resolved":
         wrong = "impact 'elastic' or 'plastic', given 'resolved'"

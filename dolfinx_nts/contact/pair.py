@@ -16,10 +16,18 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.history import ContactHistory
-from dolfinx_nts.contact.method import KINDS, Method, check_dimension, check_method, check_tie
+from dolfinx_nts.contact.method import (
+    EDGES,
+    KINDS,
+    Method,
+    check_dimension,
+    check_method,
+    check_tie,
+)
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
 
@@ -68,7 +76,10 @@ class ContactPair(Declaration):
             faces. ``"mortar"``: surface to surface, each node holds the mean distance of the
             facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
             a uniform pressure exactly, wherever nodes of the two surfaces lie. At degree 2 the
-            vertices hold it.
+            vertices hold it. ``"edge-to-edge"``: edges of the nodes' surface hold their distance
+            from edges of the other one that they cross, where both surfaces are convex and turn
+            by more than 30 degrees. It adds to a pair of the same surfaces by one of the other
+            methods, which do not see such edges.
 
     Attributes:
         nodes, segments, enforcement, method: The arguments.
@@ -79,7 +90,7 @@ class ContactPair(Declaration):
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share some of their nodes;
             convective friction without what it needs; another ``method``, or one that does not
-            suit the other arguments.
+            suit the other arguments, as edge-to-edge contact of a surface without sharp edges.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -125,6 +136,8 @@ class ContactPair(Declaration):
         check_method(self)
         check_tie(self)
         check_dimension(self)
+        if method == EDGES:
+            _check_edges(nodes, self.segments)
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
@@ -219,6 +232,18 @@ class ContactPair(Declaration):
 def is_in_use(pair: ContactPair) -> bool:
     """Whether a stepper has a pair. Local."""
     return len(pair._states) > 0
+
+
+def _check_edges(*surfaces: Surface | Obstacle) -> None:
+    """Raise unless both surfaces have sharp edges. Collective."""
+    for surface in surfaces:
+        assert isinstance(surface, Surface)
+        if not SharpEdges.of(surface).total:
+            raise ValueError(
+                "expected surfaces with convex edges of more than 30 degrees with method "
+                f"{EDGES!r}, given {surface.name} without any: facets on both sides of an edge "
+                "must belong to the surface, as in boundary_of"
+            )
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:

@@ -12,13 +12,14 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
-from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
+from dolfinx_nts.search.edge_search import EdgeSearch
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
@@ -205,7 +206,7 @@ class PairState:
         if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
             return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
         gap, history = self.gap(x), self.history
-        if self.pair.method != NODES:  # multipliers hold mean gaps
+        if self.pair.method == "mortar":  # multipliers hold mean gaps
             gap = np.where(history.active, history.gap, gap)
         # A node deeper than that belongs to another side of the body.
         inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
@@ -266,5 +267,7 @@ def _search(pair: ContactPair) -> Search:
         return ObstacleSearch(pair.segments, pair.nodes)
     if pair.touches_itself:
         return SelfContactSearch(pair.nodes, pair.segments)
+    if pair.method == EDGES:
+        return EdgeSearch(pair.nodes, pair.segments)
     search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
     return search(pair.nodes, pair.segments)

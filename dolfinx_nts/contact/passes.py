@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Callable
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["Passes"]
@@ -50,4 +51,5 @@ class Passes:
             forces_on_segments()
             for other, forces_on_segments in passes
             if (other.nodes, other.segments) == (pair.segments, pair.nodes)
+            and other.method == pair.method != EDGES
         ]

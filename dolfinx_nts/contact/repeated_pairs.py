@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -26,6 +27,8 @@ def check_repeated(pairs: Sequence[ContactPair]) -> None:
     exact = [i for i, pair in enumerate(pairs) if isinstance(pair.enforcement, LagrangeMultiplier)]
     for i, j in combinations(exact, 2):
         first, second = pairs[i], pairs[j]
+        if EDGES in (first.method, second.method) and first.method != second.method:
+            continue  # edges are held beside nodes
         if _same(first.nodes, second.nodes) and _same(first.segments, second.segments):
             raise ValueError(
                 "expected each pair once, as multipliers hold a node on a segment only once, "

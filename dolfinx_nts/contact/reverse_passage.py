@@ -13,6 +13,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passage import passing_message, through_to_another_side
 from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
@@ -59,6 +60,7 @@ class ReversePassages:
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
         """Choose the pairs of two surfaces of which no other pair is the reverse."""
+        pairs = [pair for pair in pairs if pair.method != EDGES]  # of nodes and vertices
         both = {(pair.nodes, pair.segments) for pair in pairs}
         self._sweeps = [
             _Sweep(pair.segments, pair.nodes)

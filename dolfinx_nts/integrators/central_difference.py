@@ -135,10 +135,11 @@ class CentralDifference(Stepper):
         update: Callable[[float], None] | None = None,
     ) -> None:
         """Check the arguments, compile the forms, and estimate the stable step."""
-        if any(pair.method != "node-to-segment" for pair in instances(ContactPair, pairs)):
+        methods = {pair.method for pair in instances(ContactPair, pairs)}
+        if others := sorted(methods - {"node-to-segment"}):
             raise ValueError(
                 "expected pairs of method 'node-to-segment' with CentralDifference, given "
-                "'mortar', which the implicit steppers can do"
+                f"{' and '.join(map(repr, others))}, which the implicit steppers can do"
             )
         if names := [body.name for body in instances(Body, bodies) if body.material.remembers]:
             raise ValueError(

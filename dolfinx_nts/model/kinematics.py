@@ -91,6 +91,23 @@ class Slip:
         work: Floats = np.einsum("mi,mi->m", t, self.value)
         return work
 
+    def combined(self, weights: Floats) -> "Slip":
+        """The same by other nodes, of which those of the pairs are linear combinations.
+
+        ``weights`` are theirs in the nodes of the pairs, shape ``(k, j)``.
+        """
+        w, b = (values @ weights for values in self._second)
+        to_nodes = np.kron(weights, np.eye(3))
+        return Slip(
+            self.value,
+            self.force @ to_nodes,
+            self.gradient @ to_nodes,
+            *(w, b),
+            frame_n=self.frame_n,
+            frame=self.frame,
+            orientation=self._orientation,
+        )
+
     def hessian(self, t: Floats) -> Floats:
         """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
         w, b = self._second

@@ -5,11 +5,11 @@ from basix import CellType, topology
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["is_nearest_a_rim"]
+__all__ = ["FACET_EDGES", "is_nearest_a_rim"]
 
 # Vertices at the ends of each edge, by the number of vertices of a facet; those of an edge in the
 # plane are its ends.
-_EDGES = {
+FACET_EDGES = {
     len(topology(cell)[0]): topology(cell)[1]
     for cell in (CellType.triangle, CellType.quadrilateral)
 } | {2: [[0, 0], [1, 1]]}
@@ -27,7 +27,7 @@ def is_nearest_a_rim(points: Floats, x: Floats, facets: Ints, facet: Ints) -> Fl
     Returns:
         Flags, shape ``(m,)``.
     """
-    edges = facets[:, _EDGES[facets.shape[1]]]
+    edges = facets[:, FACET_EDGES[facets.shape[1]]]
     begin, end = np.moveaxis(x[edges[facet]], 2, 0)
     along, r = end - begin, points[:, None] - begin
     square = np.einsum("mei,mei->me", along, along)

@@ -20,10 +20,6 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 
 __all__ = ["GlobalSearch", "owners_of"]
 
-# Reach of a search relative to the one asked for [-]: the margin saves exchanges between
-# ranks and costs a few segments.
-_COVERED = 3
-
 
 class GlobalSearch(Search):
     """Finds the segments that nodes of another surface can reach, see `Search`. Collective.
@@ -34,6 +30,9 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
+    # Reach of a search relative to the one asked for [-]: the margin saves exchanges between
+    # ranks and costs a few segments.
+    _margin = 3.0
     # Global numbers and owners of nodes whose values are needed beside those of the segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
 
@@ -64,7 +63,7 @@ class GlobalSearch(Search):
             *before, covered = self._covered
             if np.isinf(covered) or self.approach(x, before) + reach <= covered:
                 return self.candidates, False
-        reach *= _COVERED
+        reach *= self._margin
         self.candidates = self._find(x, reach)
         self._covered = (*self.positions(x), reach)
         self.num_searches += 1
@@ -87,12 +86,12 @@ class GlobalSearch(Search):
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map
-        comm, vertices = self._comm, self._segments.segments
+        comm = self._comm
 
         box = _box(x[self._nodes.nodes], reach)
         # One rank has nobody to ask, and asking itself would take half of the time.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
-        x_vertex = x[vertices.T]  # reduced along the first axis, which is faster
+        x_vertex = self._offered(x)  # reduced along the first axis, which is faster
         lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
         size = diameters(x_vertex.swapaxes(0, 1))
@@ -121,10 +120,21 @@ class GlobalSearch(Search):
         )
         vertices, others = np.split(local.astype(np.int32), [len(local) - num_others])
         found = FoundSegments(scatter, vertices.reshape(shape), orientation, key, size, thickness)
-        return self._make(found, others)
+        return self._make(found, others, x, reach)
 
-    def _make(self, found: FoundSegments, others: Ints) -> SegmentCandidates:
-        """Make the candidates of the segments that were found; ``others`` are local numbers."""
+    def _offered(self, x: Floats) -> Floats:
+        """Positions of what this rank offers, vertex by vertex, ``(k, s, 3)`` [m]. Collective."""
+        vertices: Floats = x[self._segments.segments.T]
+        return vertices
+
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> SegmentCandidates:
+        """Make the candidates of the segments that were found. Collective.
+
+        ``others`` are local numbers of the nodes whose values are needed too; the segments were
+        found at positions x, as of `update`, within a reach [m].
+        """
         return SegmentCandidates(found)
 
 

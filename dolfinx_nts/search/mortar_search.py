@@ -59,7 +59,7 @@ class FacetSearch(GlobalSearch):
             owners = np.hstack([owners, owners_of(space)[wholes]])
             self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
-    def _make(self, found: FoundSegments, others: Ints) -> FacetCandidates:
+    def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
         """Tell segments and facets apart, see `GlobalSearch`."""
         return FacetCandidates(*self._parted(found))
 
@@ -120,7 +120,9 @@ class MortarSearch(FacetSearch):
         spread = self._around.spread(field)[self._nodes.nodes, : columns.shape[1]]
         return spread.reshape(force.shape)
 
-    def _make(self, found: FoundSegments, others: Ints) -> MortarCandidates:
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> MortarCandidates:
         """Add the facets, see `GlobalSearch`."""
         X = np.array(found.scatter.forward(self._X))
         vertices = others.reshape(self._shape)

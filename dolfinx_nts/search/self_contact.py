@@ -82,6 +82,8 @@ class SelfContactCandidates(SegmentCandidates):
 class SelfContactSearch(GlobalSearch):
     """Finds segments that nodes of the same surface can reach, see `GlobalSearch`. Collective."""
 
-    def _make(self, found: FoundSegments, others: Ints) -> SelfContactCandidates:
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> SelfContactCandidates:
         X = self._nodes.V.tabulate_dof_coordinates()[: found.scatter.index_map.size_local]
         return SelfContactCandidates(found, X)

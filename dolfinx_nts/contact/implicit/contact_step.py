@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
 from dolfinx_nts.contact.implicit.joint_search import JointSearch
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
@@ -43,6 +44,8 @@ _SEARCHES = {
     ("mortar", False): FrozenPoints,
     ("mortar", True): SettlingPoints,
     ("mortar", "tied"): TiedPoints,
+    ("edge-to-edge", False): CrossingEdges,
+    ("edge-to-edge", True): CrossingEdges,
 }
 
 

@@ -86,7 +86,7 @@ class NodePairing(Pairing):
         last: GlobalInts,
     ) -> None:
         """Take what does not change in the step."""
-        self.area = surface.area
+        self.area, self._surface = surface.area, surface
         self.reached = np.concatenate([points.nodes, candidates.segments.ravel()])
         self._candidates, self._points, self._x_n, self._last = candidates, points, x_n, last
 

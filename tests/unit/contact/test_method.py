@@ -1,11 +1,11 @@
-"""Which contact pairs the mortar method can do."""
+"""Which contact pairs the methods beside node-to-segment contact can do."""
 
 from mpi4py import MPI
 
 import pytest
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import plane, scenes
 
 pytestmark = pytest.mark.serial
 
@@ -17,7 +17,8 @@ def surfaces():
 
 
 def test_unknown_method_is_refused(surfaces):
-    with pytest.raises(ValueError, match="expected method 'node-to-segment' or 'mortar', given"):
+    known = "'node-to-segment' or 'mortar' or 'edge-to-edge'"
+    with pytest.raises(ValueError, match=f"expected method {known}, given"):
         nts.ContactPair(*surfaces, method="segment-to-segment")
 
 
@@ -55,3 +56,51 @@ def test_all_pairs_use_it_between_bodies_only():
     floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
     pairs = nts.all_pairs(bodies, obstacles=[floor], self_contact=bodies[:1], method="mortar")
     assert [pair.method for pair in pairs] == ["mortar", "node-to-segment", "node-to-segment"]
+
+
+@pytest.fixture(scope="module")
+def boundaries():
+    return [nts.boundary_of(body) for body in scenes.blocks(MPI.COMM_WORLD).stepper.bodies]
+
+
+LAWS = {
+    "impact 'elastic' or 'plastic', given": nts.LagrangeMultiplier("restitution", e=0.5),
+    "impact 'elastic' or 'plastic', given LagrangeMultiplier": nts.LagrangeMultiplier("resolved"),
+    "an enforcement by which edges can part": nts.Tied(),
+}
+
+
+@pytest.mark.parametrize("message", LAWS)
+def test_laws_that_edges_cannot_do_are_refused(boundaries, message):
+    with pytest.raises(ValueError, match=f"with method 'edge-to-edge', {message}"):
+        nts.ContactPair(*boundaries, LAWS[message], method="edge-to-edge")
+
+
+def test_what_has_no_edges_is_refused(surfaces, boundaries):
+    with pytest.raises(ValueError, match="convex edges of more than 30 degrees with"):
+        nts.ContactPair(*surfaces, method="edge-to-edge")
+    floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    with pytest.raises(ValueError, match="Surface as segments, given RigidPlane"):
+        nts.ContactPair(boundaries[0], floor, method="edge-to-edge")
+    with pytest.raises(ValueError, match="two surfaces, given one"):
+        nts.ContactPair(boundaries[0], boundaries[0], method="edge-to-edge")
+    square = plane.blocks()
+    with pytest.raises(ValueError, match="edges cross in space only"):
+        nts.ContactPair(square.nodes, square.segments, method="edge-to-edge")
+    with pytest.raises(
+        ValueError, match="edges only of bodies in space, given a mesh of the plane"
+    ):
+        nts.all_pairs([square.lower, square.upper], edges=True)
+    bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
+    with pytest.raises(ValueError, match="given 'edge-to-edge', which the implicit steppers"):
+        nts.CentralDifference(bodies, nts.all_pairs(bodies, edges=True)[1:])
+
+
+def test_edges_are_a_pair_beside_that_of_the_nodes_but_only_once(boundaries):
+    bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
+    pairs = nts.all_pairs(bodies, edges=True)
+    assert [pair.method for pair in pairs] == ["node-to-segment", "edge-to-edge"]
+    assert str(pairs[1]) == "edge-to-edge contact by LagrangeMultiplier"
+    nts.EnergyMomentum(bodies, pairs, dt=0.01)
+    with pytest.raises(ValueError, match="expected each pair once"):
+        nts.EnergyMomentum(bodies, [*pairs, pairs[1]], dt=0.01)

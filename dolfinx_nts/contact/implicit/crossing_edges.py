@@ -1,0 +1,52 @@
+"""Edges that cross in one attempt at a step: where they are looked for, and their forces."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.pairing import NodePairing
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["CrossingEdges"]
+
+# Share of a carrier in the place of a crossing [-] below which it cannot give up a displacement
+# for it.
+_LEAST_SHARE = 0.25
+# Place of the second end of the own edge among the nodes of a pair.
+_SECOND_END = 2
+
+
+class EdgePairing(NodePairing):
+    """Carriers and the edges that theirs cross, see `NodePairing`.
+
+    The force of a pair acts on both ends of the edge; the carrier gives up its displacement
+    only where its share of the force is not small.
+    """
+
+    def kinematics(
+        self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
+    ) -> PairKinematics:
+        """Evaluate each pair of edges, see `Pairing.kinematics`."""
+        pairs = super().kinematics(scheme, x, node, segment, free)
+        share = np.linalg.norm(pairs.contact.gradient[:, :3], axis=1)
+        pairs.fixed |= ~(share > _LEAST_SHARE)
+        return pairs
+
+    def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
+        """Add the forces on both ends of the edges, see `Pairing.on_nodes`."""
+        ends = [0, _SECOND_END]
+        scatter = self._candidates.scatter
+        total = np.zeros((scatter.index_map.size_local, 3))
+        scatter.add(total, pairs.dofs[:, ends], force.reshape(-1, 4, 3)[:, ends])
+        return total[self._surface.nodes]
+
+
+class CrossingEdges(LocalSearch):
+    """Edges of the nodes of a pair and those that they cross, see `LocalSearch`."""
+
+    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+        """Pair carriers instead of nodes."""
+        super().__init__(state, x_n, x_trial)
+        last = state.history.key
+        self.pairing = EdgePairing(state.nodes, self.candidates, self.points, self.x_n, last)

@@ -1,0 +1,339 @@
+"""Sharp edges that cross: an edge of the nodes' surface with an edge of another.
+
+Two edges are as far apart as the lines on which they lie. That distance is the one of a point
+from the plane of a triangle: with ends a_1, a_2 and b_1, b_2
+
+    g = (a_1 - b_1) . n,  n along (a_2 - a_1) x (b_2 - b_1)
+
+is that of a_1 from the triangle of b_1, b_1 + a_2 - a_1 and b_2. All of these are linear in the
+nodes, with weights of sum one, so that whatever the kernels of triangles conserve they conserve
+here: work, forces and moments carry over with the transposed weights.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.vectors import cross
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.search.scatter import NodalScatter
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.sharp_edges import unit_normals
+
+__all__ = ["EdgeCandidates", "Edges"]
+
+# Corners of the triangle and the point (rows) by the nodes of a pair: a_1, b_1, a_2, b_2.
+_WEIGHTS = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+# Sines of angles [-] above which edges that meet anew count as crossing: between the edges, and
+# between the normal of the crossing and the facets at the edges, which it must lie between. A pair
+# that is held stays until they are below the second ones.
+_CROSSING, _BETWEEN = (0.1, 0.05), (0.05, -0.05)
+# Part of an edge [-] by which a crossing is beyond its end but for round-off.
+_ROUNDING = 1e-9
+# By how much deeper another edge must be than the present one, in edges [-], to be taken for it.
+_DEEPER = 0.01
+# Most boxes of edges that are compared at once.
+_AT_ONCE = 1 << 20
+
+# Least and greatest coordinates, both ``(e, 3)`` [m].
+Boxes = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Sharp edges, see `SharpEdges`, by the nodes of a scatter's map.
+
+    Attributes:
+        ends: Both ends, shape ``(e, 2)``.
+        facets: Vertices of both facets, in outward sense, shape ``(e, 2, k)``.
+        key: Number of each edge, shape ``(e,)``.
+        thickness: Heights of the cells behind, ``(e,)`` [m].
+    """
+
+    ends: Ints
+    facets: Ints
+    key: GlobalInts
+    thickness: Floats
+
+    @classmethod
+    def of(cls, rows: Ints, key: GlobalInts, thickness: Floats) -> "Edges":
+        """Take rows of the ends and the vertices of both facets, shape ``(e, 2 + 2 k)``."""
+        ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
+        return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
+
+    def boxes(self, x: Floats) -> tuple[Floats, Floats]:
+        """Least and greatest coordinates of each edge, both ``(e, 3)`` [m]."""
+        ends = x[self.ends]
+        return ends.min(axis=1), ends.max(axis=1)
+
+    def between(self, x: Floats, edge: Ints, n: Floats) -> Floats:
+        """Sines of the angles of directions n, ``(m, 3)``, from both facets inward, ``(m, 2)``.
+
+        Both are positive where n lies between the normals of the facets at an edge.
+        """
+        first, second = np.moveaxis(unit_normals(x[self.facets[edge]]), 1, 0)
+        axis = cross(first, second)
+        axis /= np.maximum(np.linalg.norm(axis, axis=1), np.finfo(float).tiny)[:, None]
+        sides = (cross(first, n), cross(n, second))
+        return np.column_stack([np.einsum("mi,mi->m", side, axis) for side in sides])
+
+
+class _Crossing(NamedTuple):
+    """How edges cross: gap for the normal along their product, places, and angles.
+
+    Attributes:
+        gap: Shape ``(m,)`` [m].
+        normal: Unit vectors, shape ``(m, 3)``.
+        places: Where the nearest points are on both edges, from 0 to 1, ``(m, 2)``.
+        sine: Of the angle between the edges, shape ``(m,)``.
+    """
+
+    gap: Floats
+    normal: Floats
+    places: Floats
+    sine: Floats
+
+    @classmethod
+    def of(cls, a: Floats, b: Floats) -> "_Crossing":
+        """Cross edges by their ends, both ``(m, 2, 3)`` [m]."""
+        first, second, between = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0], b[:, 0] - a[:, 0]
+        product = cross(first, second)
+        area = np.linalg.norm(product, axis=1)
+        lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+        tiny = np.finfo(float).tiny
+        square = np.maximum(area**2, tiny)
+        places = [
+            np.einsum("mi,mi->m", cross(between, along), product) / square
+            for along in (second, first)
+        ]
+        normal = product / np.maximum(area, tiny)[:, None]
+        gap = -np.einsum("mi,mi->m", between, normal)
+        sine = area / np.maximum(lengths, tiny)
+        return cls(gap, normal, np.column_stack(places), sine)
+
+    def take(self, some: Ints | Flags) -> "_Crossing":
+        """Select some of the pairs."""
+        return _Crossing(*(values[some] for values in self))
+
+
+class _Found(NamedTuple):
+    """Candidates that carriers may choose.
+
+    Attributes:
+        candidate: Shape ``(m,)``.
+        gap: Shape ``(m,)`` [m].
+        beyond: Whether they cross beyond an end of the other edge, ``(m,)``.
+        depth: Gap by which they are compared, ``(m,)`` [m].
+    """
+
+    candidate: Ints
+    gap: Floats
+    beyond: Flags
+    depth: Floats
+
+    def joined(self, other: "_Found") -> "_Found":
+        """These and others."""
+        return _Found(*map(np.concatenate, zip(self, other, strict=True)))  # type: ignore[arg-type]
+
+
+class EdgeCandidates(SegmentCandidates):
+    """Pairs of edges near each other, see `Candidates`.
+
+    A candidate is an edge of the nodes' surface with an edge of the other and a sense of the
+    normal; only its carrier, the first end, can choose it. Its *vertices* are the first end of
+    the other edge, the second end of the carrier's own, and the second one of the other.
+
+    Args:
+        scatter: Map of the nodes.
+        own: Edges of the nodes' surface.
+        other: Those of the other one.
+        pairs: Which of them make pairs, ordered by their keys, shape ``(c, 2)``.
+        key: Number of each pair, the same on any partition, ascending, ``(c,)``.
+        x: Positions of the nodes of the map, shape ``(l, 3)`` [m].
+    """
+
+    def __init__(
+        self,
+        scatter: NodalScatter,
+        own: Edges,
+        other: Edges,
+        pairs: Ints,
+        key: GlobalInts,
+        x: Floats,
+    ) -> None:
+        """Make two candidates of each pair, one for each sense of the normal."""
+        self._edges, self._pairs = (own, other), pairs
+        a, b = own.ends[pairs[:, 0]], other.ends[pairs[:, 1]]
+        self._carrier = a[:, 0]
+        lengths = [np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1) for ends in (a, b)]
+        size = np.minimum(*lengths)
+        thickness = np.minimum(own.thickness[pairs[:, 0]], other.thickness[pairs[:, 1]])
+        self._deepest = np.minimum(DEEPEST * size, thickness)
+        vertices = np.column_stack([b[:, 0], a[:, 1], b[:, 1]]).astype(np.int32)
+        senses = np.tile([-1.0, 1.0], len(pairs))
+        keys = np.repeat(2 * key, 2) + (senses > 0)
+        twice = (np.repeat(values, 2, axis=0) for values in (vertices, size, thickness))
+        vertices, size, thickness = twice
+        super().__init__(FoundSegments(scatter, vertices, senses, keys, size, thickness))
+        # Edges are not followed on their ways.
+        self.passage = np.full(len(size), np.inf)
+
+    @classmethod
+    def paired(
+        cls,
+        scatter: NodalScatter,
+        own: Edges,
+        other: Edges,
+        num_others: int,
+        x: Floats,
+        reach: float,
+    ) -> "EdgeCandidates":
+        """Pair the edges whose boxes are within reach [m]; ``num_others`` are on all ranks."""
+        pairs = _boxes_within(own.boxes(x), other.boxes(x), reach)
+        key = num_others * own.key[pairs[:, 0]] + other.key[pairs[:, 1]]
+        order = np.argsort(key)
+        return cls(scatter, own, other, pairs[order], key[order], x)
+
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose an edge that crosses one of each carrier, see `Candidates.pair`.
+
+        It is the deepest; the present one stays if it is hardly less deep, and within the
+        iterations of a step (``slack`` is infinite) in any case.
+        """
+        segment, gap = np.full(len(current), -1, dtype=np.int32), np.full(len(current), np.nan)
+        if not len(self._pairs) or not len(current):
+            return segment, gap
+        row = np.full(len(x), -1, dtype=np.int32)
+        row[points.nodes] = np.arange(len(current))
+        held = current[current >= 0]
+        looks = np.zeros(len(x), dtype=bool)
+        looks[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
+        met = np.flatnonzero(looks[self._carrier]).astype(np.int32)
+        found = self._held(x, held, slack), self._met(x, met, reach)
+        candidate, gaps, beyond, depth = found[0].joined(found[1])
+        fits = np.flatnonzero((gaps <= reach) & (gaps >= -self._deepest[candidate // 2]))
+        point = row[self._carrier[candidate // 2]]
+        # Those beyond an end last, then the deepest first, then that with the lowest key.
+        keys = candidate, depth, beyond, point
+        order = fits[np.lexsort([values[fits] for values in keys])]
+        where, first = np.unique(point[order], return_index=True)
+        segment[where], gap[where] = candidate[order[first]], gaps[order[first]]
+        return segment, gap
+
+    def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
+        """Those of present candidates that may stay."""
+        sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
+        if np.isfinite(slack):
+            stays = crossing.sine > _CROSSING[1]
+            stays &= np.all((crossing.places >= -slack) & (crossing.places <= 1 + slack), axis=1)
+            angles = sense[:, None] * self._between(x, candidate // 2, crossing.normal)
+            stays &= np.all(angles > _BETWEEN[1], axis=1)
+            candidate, sense = candidate[stays], sense[stays]
+            crossing = crossing.take(stays)
+        gap = sense * crossing.gap
+        none = np.zeros(len(gap), dtype=bool)
+        return _Found(candidate, gap, none, gap - _DEEPER * self.size[candidate])
+
+    def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
+        """Those of pairs that cross, in the sense in which their edges face each other."""
+        crossing = self._crossing(x, pair)
+        own, other = crossing.places.T
+        # What crosses where two own edges meet crosses the one that begins there. Of the other
+        # edges the carrier chooses one, if need be beyond an end, where these make an angle.
+        beyond = np.abs(other - 0.5) - 0.5
+        some = np.flatnonzero(
+            (np.abs(crossing.gap) <= max(reach, self._deepest.max()))
+            & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
+            & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
+        ).astype(np.int32)
+        pair, crossing, beyond = pair[some], crossing.take(some), beyond[some] > _ROUNDING
+        angles = self._between(x, pair, crossing.normal)
+        sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
+        faces: Flags = np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
+        candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
+        gap = (sense * crossing.gap)[faces]
+        return _Found(candidate, gap, beyond[faces], gap)
+
+    def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
+        """How the edges of some pairs cross."""
+        ends = (edges.ends[self._pairs[pair, i]] for i, edges in enumerate(self._edges))
+        return _Crossing.of(*(x[rows] for rows in ends))
+
+    def _between(self, x: Floats, pair: Ints, normal: Floats) -> Floats:
+        """Sines of the angles between normals, ``(m, 3)``, and those of facets, ``(m, 4)``.
+
+        All are positive where a normal points away from the other surface and into the own one,
+        all negative where its reverse does so.
+        """
+        own, other = (self._pairs[pair, i] for i in range(2))
+        return np.hstack(
+            [
+                self._edges[1].between(x, other, normal),
+                self._edges[0].between(x, own, -normal),
+            ]
+        )
+
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        return _WEIGHTS @ super().pairs(points, x, segment)
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
+        found = super().contact(scheme, points, x_n, x, segment)
+        to_nodes = np.kron(_WEIGHTS, np.eye(3))
+        return found._replace(
+            force=found.force @ to_nodes,
+            gradient=found.gradient @ to_nodes,
+            tangent=to_nodes.T @ found.tangent @ to_nodes,
+        )
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
+        return super().slip(law, points, x_n, x, segment).combined(_WEIGHTS)
+
+    def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """All may leave: beyond an end another edge or a facet goes on."""
+        return np.ones(len(segment), dtype=bool)
+
+
+def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
+    """Boxes of two groups that are within reach [m] of each other, shape ``(c, 2)``."""
+    found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
+    (lower, upper), (least, greatest) = first, second
+    # Only what comes near the box around all of the other group.
+    some = _near((lower, upper), (least, greatest), reach)
+    others = _near((least, greatest), (lower, upper), reach)
+    step = max(1, _AT_ONCE // max(1, len(others)))
+    for start in range(0, len(some), step):
+        part = some[start : start + step]
+        meets = np.ones((len(part), len(others)), dtype=bool)
+        for i in range(3):
+            meets &= lower[part, i, None] <= greatest[others, i] + reach
+            meets &= least[others, i] <= upper[part, i, None] + reach
+        row, column = np.nonzero(meets)
+        found.append(np.column_stack([part[row], others[column]]))
+    return np.concatenate(found)
+
+
+def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
+    """Numbers of the boxes within reach of the box around all others."""
+    lower, upper = boxes
+    least = others[0].min(axis=0, initial=np.inf) - reach
+    greatest = others[1].max(axis=0, initial=-np.inf) + reach
+    near: Flags = ((lower <= greatest) & (upper >= least)).all(axis=1)
+    return np.flatnonzero(near).astype(np.int32)

@@ -1,0 +1,70 @@
+"""Global search of edge-to-edge contact: edges of one surface near those of another."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.edge_candidates import EdgeCandidates, Edges
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.sharp_edges import SharpEdges
+
+__all__ = ["EdgeSearch"]
+
+# Distance, in longest facets of both surfaces [-], up to which edges are looked for where any
+# distance is asked for: crossings further away have no meaning.
+_FARTHEST = 4.0
+
+
+class EdgeSearch(GlobalSearch):
+    """Finds sharp edges that those of another surface can reach, see `GlobalSearch`. Collective.
+
+    Args:
+        nodes: Surface whose nodes carry the multipliers.
+        segments: The other surface.
+    """
+
+    candidates: EdgeCandidates
+    # Each pair within reach is looked at in each step.
+    _margin = 1.5
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Offer the edges of the other surface with the facets at them."""
+        super().__init__(nodes, segments)
+        # All owned nodes, also those whose facets belong to other ranks.
+        self._vertices = np.union1d(self._vertices, segments.nodes).astype(np.int32)
+        self._own, self._offers = map(SharpEdges.of, (nodes, segments))
+        ids, owners = self._offers.offer
+        no_orientation = np.ones(len(ids))
+        thickness = self._offers.thickness
+        self._offer = ids, owners, no_orientation, self._offers.key, thickness
+        ids, owners = self._own.offer
+        self._shape, self._others = ids.shape, (ids.ravel(), owners.ravel())
+        self._farthest = _FARTHEST * (nodes.size + segments.size)
+
+    def update(self, x: Floats, reach: float) -> tuple[EdgeCandidates, bool]:
+        """Find what is within reach, but not at any distance, see `Search.update`."""
+        candidates, is_new = super().update(x, min(reach, self._farthest))
+        assert isinstance(candidates, EdgeCandidates)
+        return candidates, is_new
+
+    def _find(self, x: Floats, reach: float) -> SegmentCandidates:
+        """Let edges reach beyond their carriers, see `GlobalSearch`."""
+        return super()._find(x, reach + self._beyond(x))
+
+    def _beyond(self, x: Floats) -> float:
+        """Longest edge of a carrier of this rank [m]. Collective."""
+        first, second = self._own.ends(x)
+        return float(np.linalg.norm(second - first, axis=1).max(initial=0.0))
+
+    def _offered(self, x: Floats) -> Floats:
+        """Ends of the edges, see `GlobalSearch`."""
+        return self._offers.ends(x)
+
+    def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> EdgeCandidates:
+        """Pair edges, see `GlobalSearch`."""
+        own = Edges.of(others.reshape(self._shape), self._own.key, self._own.thickness)
+        other = Edges.of(found.vertices, found.key, found.thickness)
+        reach -= self._beyond(x)
+        x = found.scatter.forward(x)
+        return EdgeCandidates.paired(found.scatter, own, other, self._offers.total, x, reach)

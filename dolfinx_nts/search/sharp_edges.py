@@ -1,0 +1,146 @@
+"""Sharp edges of a surface: convex ones between two facets, which can cross those of others."""
+
+from weakref import WeakKeyDictionary
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.model.rims import FACET_EDGES
+from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.global_search import GlobalSearch, owners_of
+from dolfinx_nts.search.segment_candidates import SegmentCandidates
+
+__all__ = ["SharpEdges", "unit_normals"]
+
+# Cosine of the angle [-] by which the facets of a sharp edge turn at least: 30 degrees.
+_SHARP = np.cos(np.pi / 6)
+# Reach of the search for the facets around a node, relative to the longest facet [-]: they are
+# at no distance but for round-off.
+_AROUND = 1e-6
+# A number of a node, of up to 62 bits, in two parts that floating-point numbers hold exactly.
+_HALF = 1 << 31
+# Order of the vertices of a facet that reverses its normal, by their number.
+_REVERSED = {3: [0, 2, 1], 4: [0, 2, 1, 3]}
+
+
+class SharpEdges:
+    """Convex edges at which the normal of a surface turns by more than 30 degrees. Collective.
+
+    What is sharp is decided in the reference configuration. Each edge belongs to the rank that
+    owns its *carrier*, the end with the lower number in the mesh. Edges on the rim of a surface,
+    which belong to one of its facets only, are none: nothing is known of what is beyond.
+
+    Args:
+        surface: The surface, of a mesh in space.
+
+    Attributes:
+        nodes: Carrier and other end of the ``e`` edges of this rank, in the map of the facets
+            around its nodes, shape ``(e, 2)``.
+        facets: Vertices of both facets at each edge, those in outward sense, shape ``(e, 2, k)``.
+        key: Number of each edge, the same on any partition, shape ``(e,)``.
+        thickness: Height of the lower one of the cells behind an edge, ``(e,)`` [m, reference].
+        total: Number of edges on all ranks.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        """Find the edges of the facets around the owned nodes."""
+        V = surface.V
+        X = V.tabulate_dof_coordinates()
+        near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)
+        self._scatter = near.scatter
+        ids = _numbers(input_ids(V), near)
+        edges, facets = _edges_with_two_facets(near.segments, ids)
+        is_sharp = _is_sharp(near.scatter.forward(X), near, edges, facets)
+        mine = is_sharp & (edges[:, 0] < near.scatter.index_map.size_local)
+        self.nodes: Ints = np.ascontiguousarray(edges[mine])
+        outward, k = near.segments.copy(), near.segments.shape[1]
+        inward = near.orientation < 0
+        outward[inward] = outward[inward][:, _REVERSED[k]]
+        self.facets: Ints = outward[facets[mine]]
+        *_, thickness = near.of_segments
+        self.thickness: Floats = thickness[facets[mine]].min(axis=1)
+        comm: MPI.Comm = V.mesh.comm
+        self.key = _order_among_all(comm, ids[self.nodes])
+        self.total = reductions.total(comm, len(self.key))
+
+    @classmethod
+    def of(cls, surface: Surface) -> "SharpEdges":
+        """Find the edges of a surface once for all its pairs. Collective."""
+        if surface not in _KNOWN:
+            _KNOWN[surface] = cls(surface)
+        return _KNOWN[surface]
+
+    @property
+    def offer(self) -> tuple[GlobalInts, Ints]:
+        """Global numbers of all nodes of the edges, ``(e, 2 + 2 k)``, and their owners. Local."""
+        both = np.prod(self.facets.shape[1:])
+        rows = np.column_stack([self.nodes, self.facets.reshape(-1, both)])
+        ids = self._scatter.index_map.local_to_global(rows.ravel()).reshape(rows.shape)
+        return ids, owners_of(self._scatter.index_map)[rows]
+
+    def ends(self, x: Floats) -> Floats:
+        """Positions of the ends, shape ``(2, e, 3)`` [m]. Collective.
+
+        ``x`` are positions of the local nodes of the space, owned and ghost, shape ``(l, 3)``.
+        """
+        ends: Floats = self._scatter.forward(x)[self.nodes.T]
+        return ends
+
+
+# Edges of surfaces that still exist.
+_KNOWN: WeakKeyDictionary[Surface, SharpEdges] = WeakKeyDictionary()
+
+
+def unit_normals(corners: Floats) -> Floats:
+    """Outward unit normals of facets with outward sense, ``(..., k, 3)``; 0 without one. Local."""
+    vectors = area_vectors(corners.reshape(-1, *corners.shape[-2:]), np.ones(1))
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit: Floats = vectors / np.where(length > 0, length, 1.0)
+    return unit.reshape(*corners.shape[:-2], 3)
+
+
+def _numbers(local: GlobalInts, near: SegmentCandidates) -> GlobalInts:
+    """Numbers in the mesh of all nodes of the candidates' map. Collective."""
+    halves = np.zeros((len(local), 3))
+    halves[:, 0], halves[:, 1] = np.divmod(local, _HALF)
+    first, second, _ = near.scatter.forward(halves).astype(np.int64).T
+    numbers: GlobalInts = _HALF * first + second
+    return numbers
+
+
+def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]:
+    """Edges that belong to two segments, the end with the lower number first, and these."""
+    k = segments.shape[1]
+    ends: Ints = segments[:, FACET_EDGES[k]].reshape(-1, 2)
+    ends = np.take_along_axis(ends, np.argsort(ids[ends], axis=1), axis=1)
+    facet = np.arange(len(ends), dtype=np.int32) // len(FACET_EDGES[k])
+    order = np.lexsort((facet, *ids[ends].T[::-1]))
+    ends, facet = ends[order], facet[order]
+    follows = np.concatenate([[False], (ends[1:] == ends[:-1]).all(axis=1), [False]])
+    # The first of exactly two equal ones.
+    first = np.flatnonzero(~follows[:-2] & follows[1:-1] & ~follows[2:])
+    return ends[first], np.column_stack([facet[first], facet[first + 1]])
+
+
+def _is_sharp(X: Floats, near: SegmentCandidates, edges: Ints, facets: Ints) -> Flags:
+    """Whether the surface is convex at edges, and turns there by more than some angle."""
+    corners = X[near.segments[facets]]  # (e, 2, k, 3)
+    normals = unit_normals(corners) * near.orientation[facets][..., None]
+    cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
+    beyond = corners[:, 1].mean(axis=1) - X[edges].mean(axis=1)
+    flags: Flags = (cosine < _SHARP) & (np.einsum("ei,ei->e", normals[:, 0], beyond) < 0)
+    return flags
+
+
+def _order_among_all(comm: MPI.Comm, own: GlobalInts) -> GlobalInts:
+    """Place of rows of two numbers in the order of the rows of all ranks. Collective."""
+    parts = comm.allgather(own)
+    order = np.lexsort(np.concatenate(parts).T[::-1])
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    first = sum(len(part) for part in parts[: comm.rank])
+    return place[first : first + len(own)]

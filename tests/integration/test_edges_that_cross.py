@@ -1,0 +1,155 @@
+"""Contact of edges that cross, of rigid and of deformable cubes."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from helpers.crossing import crossed, deepest
+from helpers.scenes import Motion, gathered
+
+
+def run(scene, num_steps=40):
+    """Balances at both ends, work of contact, deepest overlap, and steps with edges in touch."""
+    stepper = scene.stepper
+    diagnostics, given, depth, touched = nts.Diagnostics(stepper), 0.0, 0.0, 0
+    first = diagnostics.balance()
+    for _ in range(num_steps):
+        report = stepper.advance()
+        given += sum(report.contact_work)
+        depth = max(depth, deepest(diagnostics))
+        edges = [c for c in stepper.contacts if c.pair.method == "edge-to-edge"]
+        active = sum(np.count_nonzero(c.history.active) for c in edges)
+        touched += stepper.u.function_space.mesh.comm.allreduce(active) > 0
+    return first, diagnostics.balance(), given, depth, touched
+
+
+def check(first, last, given, tol=1e-11):
+    """Energy less what contact gave, and both momenta, are those of the start."""
+    energy = last.total_energy - last.contact_energy
+    assert abs(energy - first.total_energy - given) < tol * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
+
+
+@pytest.mark.parametrize("is_rigid", [True, False], ids=["rigid", "deformable"])
+def test_cubes_bounce_off_each_others_edges_with_exact_energy_in_any_position(comm, is_rigid):
+    motion = Motion.random(np.random.default_rng(7))
+    dt = 0.01 if is_rigid else 0.004
+    scene = crossed(comm, is_rigid=is_rigid, motion=motion, dt=dt)
+    first, last, given, depth, touched = run(scene, 20 if is_rigid else 55)
+    check(first, last, given)
+    assert abs(given) < 1e-11 * first.total_energy
+    assert touched > 0
+    assert depth < 1e-3
+    # They part: neither reaches the other any more.
+    edges = scene.stepper.contacts[-1]
+    assert not np.any(edges.gap(scene.stepper.x) < 0.01)
+    momentum = motion.Q.T @ (last.linear_momentum - first.linear_momentum)
+    assert np.abs(momentum).max() < 1e-10
+
+
+@pytest.mark.serial
+def test_without_edges_they_go_into_each_other(comm):
+    _, _, _, depth, _ = run(crossed(comm, is_rigid=True, edges=False, dt=0.01), 20)
+    assert depth > 0.09
+
+
+LAWS = {
+    "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "springs": {"enforcement": nts.Penalty()},
+    "friction": {"friction": nts.Coulomb(0.3)},
+    "springs and friction": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
+    "tetrahedra": {"cell": "tetrahedron"},
+    "degree 2": {"degree": 2, "n": 1},
+    "rigid, plastic": {"is_rigid": True, "enforcement": nts.LagrangeMultiplier("plastic")},
+    "rigid, springs": {"is_rigid": True, "enforcement": nts.Penalty(2.0e4)},
+}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("law", LAWS)
+def test_ledger_closes_with_every_law(comm, law):
+    first, last, given, depth, touched = run(crossed(comm, **LAWS[law]), 30)
+    check(first, last, given)
+    assert touched > 0
+    assert depth < (0.04 if "springs" in law else 0.01)
+    if "friction" in LAWS[law]:
+        assert given < 0
+
+
+@pytest.mark.serial
+def test_midpoint_keeps_momenta_and_nearly_the_energy(comm):
+    first, last, _, depth, touched = run(crossed(comm, scheme=nts.Midpoint), 30)
+    check(first, last, 0.0, tol=1e-4)
+    assert touched > 0 and depth < 0.01
+
+
+@pytest.mark.at_most_two_ranks
+def test_a_run_that_is_resumed_within_a_touch_is_the_whole_one_bit_for_bit(comm, tmp_path):
+    path, friction = comm.bcast(tmp_path) / "run", nts.Coulomb(0.3)
+    whole, part, rest = (crossed(comm, friction=friction, n=2).stepper for _ in range(3))
+    for stepper, num_steps in ((part, 7), (rest, 12)):
+        with nts.Recorder(
+            path, stepper, checkpoint_every=1, resume=True, fields="xdmf"
+        ) as recorder:
+            for step in stepper.run(until=num_steps * stepper.dt):
+                recorder.write(step)
+        assert comm.allreduce(int(stepper.contacts[-1].history.active.sum())) > 0
+    for _ in whole.run(until=12 * whole.dt):
+        pass
+    assert np.array_equal(rest.x, whole.x)
+
+
+def test_any_number_of_ranks_finds_the_same(comm):
+    everywhere = crossed(comm, friction=nts.Coulomb(0.3))
+    alone = crossed(MPI.COMM_SELF, friction=nts.Coulomb(0.3))
+    for scene in (everywhere, alone):
+        for _ in range(10):
+            scene.stepper.advance()
+    places = [gathered(s.stepper.u.function_space, s.stepper.x) for s in (everywhere, alone)]
+    assert np.abs(places[0] - places[1]).max() < 1e-9
+
+
+@pytest.mark.serial
+def test_edges_out_of_reach_are_not_looked_at(comm, monkeypatch):
+    scene = crossed(comm, is_rigid=True)
+    scene.stepper.set_displacement(scene.bodies["upper"], (0.0, 0.0, 5.0))
+    looks = []
+    crossing = EdgeCandidates._crossing
+    monkeypatch.setattr(
+        EdgeCandidates, "_crossing", lambda *args: looks.append(1) or crossing(*args)
+    )
+    for _ in range(5):
+        scene.stepper.advance()
+    assert not looks
+    assert scene.stepper.contacts[-1].search.num_searches == 1
+
+
+@pytest.mark.serial
+def test_edges_that_are_pressed_together_carry_the_force_in_equilibrium(comm):
+    scene = crossed(comm, n=2)
+    V = scene.stepper.u.function_space
+    moved = fem.Function(V)
+
+    def update(t):
+        moved.interpolate(lambda x: np.array([0 * x[0], 0 * x[0], 0 * x[0] - t]))
+
+    low, high = (
+        fem.locate_dofs_geometrical(V, lambda x, side=side: side * (x[2] - 0.7) > 0.69)
+        for side in (-1, 1)
+    )
+    bcs = [fem.dirichletbc(np.zeros(3), low, V), fem.dirichletbc(moved, high)]
+    pairs = scene.stepper.pairs
+    stepper = nts.QuasiStatic(scene.stepper.bodies, pairs, dt=0.02, bcs=bcs, update=update)
+    for _ in range(3):
+        stepper.advance()
+    nodes, edges = stepper.contacts
+    force = edges.history.force.sum(axis=0)
+    assert force[2] * (1 if edges.nodes is scene.stepper.pairs[0].segments else -1) > 50
+    assert not nodes.history.active.any()
+    assert deepest(nts.Diagnostics(stepper)) < 1e-6
