@@ -220,5 +220,4 @@ class PointBlocks(PairBlocks):
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
     gap_n, gap, force, gradient, turn = at_nodes(points, contact)
-    status = np.isnan(turn).astype(np.int8)
-    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn, status)
+    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)
