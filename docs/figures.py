@@ -219,8 +219,8 @@ def methods() -> None:
 
 
 def hertz(method: Any, swapped: bool) -> tuple[Any, Any]:
-    """Press a paraboloid of radius 4 m on a block, a quarter of both; radii and pressures."""
-    E, nu, radius, depth = 1.0, 0.3, 4.0, 0.02
+    """Press a paraboloid of radius 40 m on a block, a quarter of both; radii and pressures."""
+    E, nu, radius, depth = 1.0, 0.3, 40.0, 0.002
 
     def build(model: Any) -> None:
         for name, z, n in (("lower", -1.0, 12), ("upper", 1.0, 16)):

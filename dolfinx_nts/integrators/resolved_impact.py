@@ -38,7 +38,6 @@ from dolfinx_nts.model.extrapolation import extrapolate, group_of_nodes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedBulk,
@@ -46,6 +45,7 @@ from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedTangent,
 )
 from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
+from dolfinx_nts.solvers.surface_forces import SurfaceForces
 
 __all__ = ["ResolvedImpact"]
 
@@ -109,8 +109,9 @@ class ResolvedImpact(Inertia):
             residual, u, bcs, loads, self.forms.nearby_tangent(), mass, rates.dt, factor
         )
         self._stiffness = self._undeformed_stiffness(scheme.stress_share)
-        surface = Bulk(residual, u, bcs)
-        self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, massless, scheme.stress_share)
+        fixed = self.bulk.supports.fixed
+        surface = SurfaceForces(residual, u, massless, fixed)
+        self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, scheme.stress_share)
         self._volume_ratio = VolumeRatio(u)
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
@@ -120,7 +121,6 @@ class ResolvedImpact(Inertia):
         numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
         self._group_of = np.searchsorted(numbers, group)
-        fixed = self.bulk.supports.fixed
         self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, fixed, n)
         self._owed: Floats = np.zeros(len(numbers))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
@@ -145,7 +145,7 @@ class ResolvedImpact(Inertia):
         In a chain of springs k between masses m it crosses sqrt(k/m) of them, and the last one,
         which has the mass m/2, has the stiffness k.
         """
-        massless = self._equilibrium.massless
+        massless = self._equilibrium.nodes
         ratio = self._stiffness[massless] / (2 * lumped[massless])
         return float(np.sqrt(reductions.largest(self._comm, ratio.max(initial=0.0))))
 
@@ -180,7 +180,7 @@ class ResolvedImpact(Inertia):
 
     def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
         """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
-        rates, massless = self._rates, self._equilibrium.massless
+        rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(-1, 3) for f in (rates.u, rates.v))
         # Nodes without mass have no part in these.
@@ -206,7 +206,8 @@ class ResolvedImpact(Inertia):
         of each group, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
-        before = u.array.copy()
+        massless, dx = self._equilibrium.nodes, np.zeros_like(self._X)
+        before, group = u.array.copy(), self._group_of[massless]
         held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
         if any(step.num_active for step in steps):
             self._tell()
@@ -216,11 +217,12 @@ class ResolvedImpact(Inertia):
             for step, some in held:
                 mine, rest = np.split(rest, [len(some.node)])
                 holds.append(_held(step, some, mine))
-            dx = self._equilibrium.find(holds, self._stiffness)
-            u.array[: self.bulk.num_owned] += dx.ravel()
+            dx[massless] = self._equilibrium.find(holds, self._stiffness[massless])
+            u.array[: dx.size] += dx.ravel()
             u.scatter_forward()
-            work = self._equilibrium.work(before)
-            cost = reductions.total(self._comm, np.array([work[g].sum() for g in self._groups]))
+            cost = np.zeros(len(self._groups))
+            np.add.at(cost, group, self._equilibrium.work(before))
+            cost = reductions.total(self._comm, cost)
             if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
                 return cost, self._remember(held, dx)
             u.array[:] = before

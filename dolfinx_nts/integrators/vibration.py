@@ -17,6 +17,8 @@ _NO_MOTION = 1e-12
 # Part of the energy of vibration that may be taken in a step, and how many times its own size
 # may be added [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
+# Velocities of unit vectors, the rows, in turns about each axis.
+_TURNS: Floats = np.cross(np.eye(3)[:, None], np.eye(3)).astype(np.float64)
 
 
 class Vibration(NamedTuple):
@@ -82,6 +84,7 @@ class VibrationAnalysis:
         self._m = mass.times(np.ones((num_owned, 3)))[:, :1]
         self._free: Floats = np.ones((num_owned, 3))
         self._free.ravel()[fixed] = 0
+        self._held = [np.flatnonzero(self._free[g].ravel() == 0) for g in groups]
 
     def of(self, x: Floats, v: Floats) -> Vibration:
         """Split velocities, ``(n, 3)`` [m/s], at positions, ``(n, 3)`` [m]. Collective."""
@@ -91,13 +94,14 @@ class VibrationAnalysis:
         first = reductions.total(self._comm, first.reshape(-1, 4))
         motions, M_motions = [], []
         products = np.zeros((len(self._groups), 6, 13))
-        for g, sums, product in zip(self._groups, first, products, strict=True):
+        parts = zip(self._groups, self._held, first, products, strict=True)
+        for g, given, sums, product in parts:
             centre = sums[1:] / sums[0]
             Z = _rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(6, -1)
             MZ = _rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(6, -1)
             motions.append(Z)
             M_motions.append(MZ)
-            held = Z * (1 - self._free[g].ravel())
+            held = Z[:, given]
             product[:, :6], product[:, 6], product[:, 7:] = (
                 Z @ MZ.T,
                 Z @ Mw[g].ravel(),
@@ -106,8 +110,9 @@ class VibrationAnalysis:
         products = reductions.total(self._comm, products)
         sums = np.zeros((len(self._groups), 2))
         vibration = np.zeros_like(v)
-        parts = zip(self._groups, motions, M_motions, products, sums, strict=True)
-        for g, Z, MZ, product, both in parts:
+        for g, Z, MZ, product, both in zip(
+            self._groups, motions, M_motions, products, sums, strict=True
+        ):
             amount = _amounts(product[:, :6], product[:, 6], product[:, 7:])
             rigid = (amount @ Z).reshape(-1, 3)
             vibration[g] = w[g] - rigid
@@ -120,8 +125,7 @@ class VibrationAnalysis:
 
 def _rigid_motions(arms: Floats, one: Floats) -> Floats:
     """Translations and rotations, or the mass times them, shape ``(6, n, 3)``."""
-    units = np.eye(3)[:, None]
-    return np.concatenate([units * one, np.cross(units, arms)])
+    return np.concatenate([np.eye(3)[:, None] * one, arms @ _TURNS])
 
 
 def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.vectors import cross
 
 __all__ = ["ContactKinematics", "ConvectiveSlip", "Slip"]
@@ -27,7 +27,6 @@ class ContactKinematics(NamedTuple):
         tangent: Derivative of ``force``, shape ``(m, d, d)`` [1/m].
         turn: Cosine of the angle by which the normal turns, ``(m,)``; NaN where the pair cannot
             be evaluated.
-        status: 0 where the pair could be evaluated, shape ``(m,)``.
     """
 
     gap_n: Floats
@@ -36,7 +35,6 @@ class ContactKinematics(NamedTuple):
     gradient: Floats
     tangent: Floats
     turn: Floats
-    status: Array
 
 
 class Slip:

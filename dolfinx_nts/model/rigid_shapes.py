@@ -49,9 +49,8 @@ class _Exact(Obstacle):
         gap, normal = self.distance(x)
         force, tangent = self._force(scheme, x_n, x)
         turn = np.einsum("mi,mi->m", normal_n, normal)
-        valid = np.isfinite(gap_n + gap + turn)
-        turn, status = np.where(valid, turn, np.nan), np.where(valid, 0, 1).astype(np.int8)
-        return ContactKinematics(gap_n, gap, force, normal, tangent, turn, status)
+        turn = np.where(np.isfinite(gap_n + gap + turn), turn, np.nan)
+        return ContactKinematics(gap_n, gap, force, normal, tangent, turn)
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""

@@ -43,15 +43,43 @@ class Holds(NamedTuple):
     way: Floats
 
 
+class _SomeNodes:
+    """Carries values of some owned nodes to where the rows of a pair need them.
+
+    Args:
+        scatter: Brings values of nodes to this rank.
+        nodes: The owned nodes, shape ``(n,)``.
+    """
+
+    def __init__(self, scatter: NodalScatter, nodes: Ints) -> None:
+        self._scatter, self._nodes = scatter, nodes
+        self._all: Floats = np.zeros((scatter.index_map.size_local, 3))
+
+    def forward(self, values: Floats) -> Floats:
+        """Values at all nodes of the scatter's map, 0 at others; until the next call."""
+        self._all[self._nodes] = values
+        return self._scatter.forward(self._all)
+
+    def add(self, total: Floats, dofs: Ints, values: Floats) -> None:
+        """Add values of nodes of the scatter's map, ``(*dofs.shape, 3)``, to those of the nodes."""
+        sums = np.zeros_like(self._all)
+        self._scatter.add(sums, dofs, values)
+        total += sums[self._nodes]
+
+
 class _Rows(NamedTuple):
     """Those of one pair on nodes that are free, by scaled nodal vectors; gradients have length 1.
 
     Attributes:
-        hold: What they are.
+        nodes: Carries the vectors.
+        which: Their positions among the rows of all pairs.
+        dofs: Nodes that matter, shape ``(m, k)``.
         gradient, force: Shape ``(m, k, 3)``.
     """
 
-    hold: Holds
+    nodes: _SomeNodes
+    which: slice
+    dofs: Ints
     gradient: Floats
     force: Floats
 
@@ -64,8 +92,9 @@ class HeldGaps:
     Args:
         comm: Communicator.
         holds: The gaps of each pair.
-        free: 1 where an owned node may move, otherwise 0, shape ``(n, 3)``.
-        stiffness: That of the owned nodes, which makes nodal vectors orthogonal, shape
+        nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors are of these.
+        free: 1 where they may, otherwise 0, shape ``(n, 3)``.
+        stiffness: That of the nodes, which makes nodal vectors orthogonal, shape
             ``(n, 1)`` [N/m].
 
     Attributes:
@@ -73,23 +102,37 @@ class HeldGaps:
     """
 
     def __init__(
-        self, comm: MPI.Comm, holds: Sequence[Holds], free: Floats, stiffness: Floats
+        self, comm: MPI.Comm, holds: Sequence[Holds], nodes: Ints, free: Floats, stiffness: Floats
     ) -> None:
         """Scale all gradients to unit length."""
         self._comm, self._root = comm, np.sqrt(stiffness)
         weight = free / self._root
         self._rows: list[_Rows] = []
-        ways, slides = [np.empty(0)], False
+        ways, slides, end = [np.empty(0)], False, 0
         for hold in holds:
             shape = (*hold.dofs.shape, 3)
             gradient, force = hold.gradient.reshape(shape), hold.force.reshape(shape)
             slides |= not np.array_equal(gradient, force)
-            left = gradient * hold.scatter.forward(free)[hold.dofs]
-            weights = hold.scatter.forward(weight)[hold.dofs]
+            some = _SomeNodes(hold.scatter, nodes)
+            left = gradient * some.forward(free)[hold.dofs]
+            weights = some.forward(weight)[hold.dofs]
             is_free = _length(left) > _NO_FREEDOM * _length(gradient)
             length = np.where(is_free, _length(weights * gradient), np.inf)
             scaled = weights / length[:, None, None]
-            self._rows.append(_Rows(hold, scaled * gradient, scaled * force))
+            # Most nodes of a row lie on the other body, and do not move.
+            moves = scaled.any(axis=2)
+            first = np.argsort(~moves, axis=1, kind="stable")
+            first = first[:, : moves.sum(axis=1).max(initial=0)]
+            begin, end = end, end + len(hold.dofs)
+            self._rows.append(
+                _Rows(
+                    some,
+                    slice(begin, end),
+                    np.take_along_axis(hold.dofs, first, axis=1),
+                    np.take_along_axis(scaled * gradient, first[:, :, None], axis=1),
+                    np.take_along_axis(scaled * force, first[:, :, None], axis=1),
+                )
+            )
             ways.append(hold.way / length)
         self._way = np.concatenate(ways)
         self.slides = reductions.anywhere(comm, slides)
@@ -100,7 +143,8 @@ class HeldGaps:
         """Shortest x that meets them, as far as any does, shape ``(n, 3)`` [m]."""
         if not reductions.anywhere(self._comm, bool(self._way.any())):
             return np.zeros((len(self._root), 3))
-        x: Floats = self._least_squares(self._times, self._transposed, self._way) / self._root
+        x, _ = self._least_squares(self._times, self._transposed, self._way)
+        x /= self._root
         return x
 
     def project(self, forces: Floats) -> Floats:
@@ -109,28 +153,30 @@ class HeldGaps:
         # Friction is nearly orthogonal to all gradients: what it leaves becomes less each time.
         for _ in range(self._passes):
             scaled = forces / self._root
-            multipliers = self._least_squares(self._transposed, self._times, scaled)
-            forces -= self._root * self._sum(columns, multipliers)
+            multipliers, left = self._least_squares(self._transposed, self._times, scaled)
+            if self.slides:
+                forces -= self._root * self._sum(columns, multipliers)
+            else:
+                np.multiply(self._root, left, out=forces)
         return forces
 
     def _times(self, x: Floats) -> Floats:
         """Multiply the gradients by nodal values, ``(n, 3)``; shape ``(m,)``."""
-        products = (
-            np.einsum("mki,mki->m", rows.gradient, rows.hold.scatter.forward(x)[rows.hold.dofs])
-            for rows in self._rows
-        )
-        return np.concatenate([np.empty(0), *products])
+        products = np.empty(len(self._way))
+        for rows in self._rows:
+            values = rows.nodes.forward(x)[rows.dofs]
+            np.einsum("mki,mki->m", rows.gradient, values, out=products[rows.which])
+        return products
 
     def _transposed(self, multipliers: Floats) -> Floats:
-        """Sum of gradients times multipliers, ``(m,)``, at the owned nodes, ``(n, 3)``."""
+        """Sum of gradients times multipliers, ``(m,)``, at the nodes, ``(n, 3)``."""
         return self._sum([rows.gradient for rows in self._rows], multipliers)
 
     def _sum(self, vectors: Sequence[Floats], multipliers: Floats) -> Floats:
-        """Sum of vectors of all pairs times multipliers, ``(m,)``, at the owned nodes."""
-        total, rest = np.zeros((len(self._root), 3)), multipliers
-        for (hold, *_), some in zip(self._rows, vectors, strict=True):
-            mine, rest = np.split(rest, [len(some)])
-            hold.scatter.add(total, hold.dofs, mine[:, None, None] * some)
+        """Sum of vectors of all pairs times multipliers, ``(m,)``, at the nodes, ``(n, 3)``."""
+        total: Floats = np.zeros((len(self._root), 3))
+        for rows, some in zip(self._rows, vectors, strict=True):
+            rows.nodes.add(total, rows.dofs, multipliers[rows.which, None, None] * some)
         return total
 
     def _least_squares(
@@ -138,8 +184,8 @@ class HeldGaps:
         times: Callable[[Floats], Floats],
         transposed: Callable[[Floats], Floats],
         b: Floats,
-    ) -> Floats:
-        """Solve by conjugate gradients; the shortest solution, of the shape of A^T b."""
+    ) -> tuple[Floats, Floats]:
+        """Solve A x = b by conjugate gradients; the shortest x, and b - A x."""
         r = b.copy()
         s = transposed(r)
         x, p, old = np.zeros_like(s), s, self._dot(s, s)
@@ -155,7 +201,7 @@ class HeldGaps:
             s = transposed(r)
             new = self._dot(s, s)
             p, old = s + new / old * p, new
-        return x
+        return x, r
 
     def _dot(self, a: Floats, b: Floats) -> float:
         return reductions.total(self._comm, float(np.vdot(a, b)))

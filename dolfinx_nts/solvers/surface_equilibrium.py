@@ -8,17 +8,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
 from dolfinx_nts.solvers.shells import shell_matrix, use_shell
+from dolfinx_nts.solvers.surface_forces import SurfaceForces
 
 __all__ = ["SurfaceEquilibrium"]
 
@@ -35,31 +34,21 @@ class SurfaceEquilibrium:
     """Finds the displacement of nodes without mass. Collective, as are its methods.
 
     Args:
-        bulk: Forces between u_n and u of bodies without inertia, conserving ones, used by nobody
-            else. With u_n = u they are those of statics.
+        forces: Forces between u_n and u of bodies without inertia at the m nodes without mass,
+            conserving ones. With u_n = u they are those of statics.
         u_n: Displacement at the start of a step.
-        massless: The owned nodes, shape ``(m,)``.
         share: Derivative of the forces by u, as a part of that of statics [-].
+
+    Attributes:
+        nodes: Those without mass.
     """
 
-    def __init__(self, bulk: Bulk, u_n: fem.Function, massless: Ints, share: float) -> None:
-        """Leave out all cells but those at the nodes."""
-        V = u_n.function_space
-        index_map = V.dofmap.index_map
-        self._bulk, self._u, self._u_n, self._share = bulk, bulk.u.x, u_n.x.array, share
-        self._comm: MPI.Comm = bulk.comm
-        self.massless = massless
-        marker = la.vector(index_map)
-        marker.array[massless] = 1
-        marker.scatter_forward()
-        owned = V.mesh.topology.index_map(3).size_local
-        beside = (marker.array[V.dofmap.list[:owned]] == 0).all(axis=1)
-        others = np.setdiff1d(np.arange(index_map.size_local, dtype=np.int32), massless)
-        bulk.leave_out(np.flatnonzero(beside).astype(np.int32), others)
-        n = bulk.num_owned
-        self._free: Floats = np.ones((n // 3, 3))
-        self._free.ravel()[bulk.given] = 0
-        self._stiffness: Floats = np.ones((n // 3, 1))
+    def __init__(self, forces: SurfaceForces, u_n: fem.Function, share: float) -> None:
+        """Make Krylov methods on the nodes."""
+        self._forces, self._u, self._u_n = forces, forces.u.x, u_n.x.array
+        self._comm, self.nodes, self._share = forces.comm, forces.nodes, share
+        n = forces.free.size
+        self._stiffness: Floats = np.ones((len(forces.nodes), 1))
         matrix = shell_matrix(self._comm, (n, None), self)
         matrix.setUp()
         self._krylov = {name: self._solver(matrix, name) for name in ("cg", "gmres")}
@@ -77,23 +66,17 @@ class SurfaceEquilibrium:
         return ksp
 
     def find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
-        """Solve for increments of all owned nodes, shape ``(n, 3)`` [m].
+        """Solve for increments of the nodes without mass, shape ``(m, 3)`` [m].
 
         It is one step of Newton's method from u. Nodes that nothing holds are free; where the
         surface is about to buckle it is a step towards less energy.
 
         Args:
             holds: What the nodes keep, pair by pair.
-            stiffness: That of the owned nodes, for the preconditioner, shape ``(n,)`` [N/m].
+            stiffness: That of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
         """
         with self._start(self._u.array):
             return self._find(holds, stiffness[:, None])
-
-    def _residual(self) -> Floats:
-        """Residual of the bodies on the owned dofs, 0 where u is given [N]."""
-        R = self._bulk.forces()
-        R[self._bulk.given] = 0
-        return R
 
     def work(self, u_before: Floats) -> Floats:
         """Strain energy that increments from a displacement to u gave, node by node.
@@ -102,13 +85,12 @@ class SurfaceEquilibrium:
             u_before: Displacement of the local dofs before them, shape ``(3 l,)`` [m].
 
         Returns:
-            Parts whose sum is the change of energy, shape ``(n,)`` [J].
+            Parts whose sum is the change of energy, shape ``(m,)`` [J].
         """
-        n = self._bulk.num_owned
         with self._start(u_before):
-            forces = self._residual()
-        du = self._u.array[:n] - u_before[:n]
-        work: Floats = (forces * du).reshape(-1, 3).sum(axis=1)
+            forces = self._forces.at_nodes()
+        u, before = (values.reshape(-1, 3)[self.nodes] for values in (self._u.array, u_before))
+        work: Floats = (forces * (u - before)).sum(axis=1)
         return work
 
     @contextmanager
@@ -122,13 +104,13 @@ class SurfaceEquilibrium:
             self._u_n[:] = u_n
 
     def _find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
-        r: Floats = -self._residual().reshape(-1, 3)
-        self._held = HeldGaps(self._comm, holds, self._free, stiffness)
+        r = -self._forces.at_nodes()
+        self._held = HeldGaps(self._comm, holds, self.nodes, self._forces.free, stiffness)
         self._stiffness, x = stiffness, self._held.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
             r -= self._times(x)
         size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
-        floor = _ROUND_OFF * size * stiffness[self.massless]
+        floor = _ROUND_OFF * size * stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()
         # Friction that scales with normal forces is not symmetric.
@@ -148,8 +130,7 @@ class SurfaceEquilibrium:
         z.array[:] = (r.array_r.reshape(-1, 3) / self._stiffness).ravel()
 
     def _times(self, x: Floats) -> Floats:
-        """Stiffness of statics times increments that are zero at all other nodes."""
-        y = self._bulk.action(x)
+        """Stiffness of statics times increments."""
+        y = self._forces.along(x)
         y /= self._share
-        y.ravel()[self._bulk.given] = 0
         return y

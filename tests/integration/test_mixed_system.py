@@ -102,10 +102,10 @@ def solve_condensed(bulk, contacts, x_n, x_start):
     multipliers = np.zeros(len(contacts.pairs))
     dofs = (3 * contacts.pairs[:, :, None] + np.arange(3)).reshape(len(contacts.pairs), -1)
     for _ in range(40):
-        _, gap, force, gradient, tangent, _, status = _kernels.contact_conserving(
+        _, gap, force, gradient, tangent, turn = _kernels.contact_conserving(
             x_n[contacts.pairs], x[contacts.pairs], contacts.orientation
         )
-        assert not status.any()
+        assert not np.isnan(turn).any()
         excess = gap - contacts.slack_reference
         active = np.flatnonzero(-multipliers - contacts.scale * excess > 0)
         multipliers[np.setdiff1d(np.arange(len(multipliers)), active)] = 0

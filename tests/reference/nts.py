@@ -273,14 +273,15 @@ def contact_conserving(x_pair_n: Array, x_pair: Array, orientation: float) -> tu
 
     Returns:
         gap_n, gap, force F (nq,), gap gradient at n+1 (nq,), tangent
-        dF/dq at n+1 (nq, nq), cosine between the two normals, status.
+        dF/dq at n+1 (nq, nq), cosine between the two normals; NaN where
+        a projection fails.
     """
     xi_n, gap_n, normal_n, status_n = project(x_pair_n, orientation)
     xi, gap, normal, status = project(x_pair, orientation)
     nq = x_pair.size
     if status_n or status:
         nan = np.full(nq, np.nan)
-        return gap_n, gap, nan, nan, np.full((nq, nq), np.nan), np.nan, 1
+        return gap_n, gap, nan, nan, np.full((nq, nq), np.nan), np.nan
     z_n = np.concatenate((x_pair_n.ravel(), normal_n, xi_n, [gap_n]))
     z = np.concatenate((x_pair.ravel(), normal, xi, [gap]))
     pi_n = invariants(x_pair_n, normal_n, xi_n, gap_n)
@@ -302,7 +303,7 @@ def contact_conserving(x_pair_n: Array, x_pair: Array, orientation: float) -> tu
     Z = np.vstack((np.eye(nq), dy_dq, np.zeros((1, nq))))
     tangent = (T[q] - rows[1:, q].T @ np.linalg.solve(B, T[y])) @ Z
     gradient = rows_end[0, q] + rows_end[0, y] @ dy_dq
-    return gap_n, gap, force, gradient, tangent, float(normal_n @ normal), 0
+    return gap_n, gap, force, gradient, tangent, float(normal_n @ normal)
 
 
 def contact_midpoint(x_pair_n: Array, x_pair: Array, orientation: float) -> tuple:
@@ -313,8 +314,8 @@ def contact_midpoint(x_pair_n: Array, x_pair: Array, orientation: float) -> tupl
     status_mid = project(x_mid, orientation)[-1]
     force, tangent = gap_gradient(x_mid, orientation), gap_hessian(x_mid, orientation) / 2
     gradient = gap_gradient(x_pair, orientation)
-    failed = int(bool(status_n or status or status_mid))
-    return gap_n, gap, force, gradient, tangent, float(normal_n @ normal), failed
+    failed = status_n or status or status_mid
+    return gap_n, gap, force, gradient, tangent, np.nan if failed else float(normal_n @ normal)
 
 
 def _batch(function: Callable) -> Callable:

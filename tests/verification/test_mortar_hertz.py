@@ -1,8 +1,9 @@
 """Nodal pressure below a paraboloid on a block, against Hertz.
 
 A quarter of the scene: hexahedra, graded towards the contact, that do not match. Half-space
-theory is that of the force (Johnson, Contact Mechanics, chapter 4). The contact radius has seven
-to eight cells.
+theory is that of the force (Johnson, Contact Mechanics, chapter 4). The contact radius has six
+to eight cells, and is so much smaller than that of the paraboloid that strains are below 1 %,
+as theory has it: with ten times the strain the pressure there is 2 % less.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from helpers import scenes
 
 pytestmark = pytest.mark.serial
 
-E, NU, RADIUS, WAY = 1.0, 0.3, 4.0, 0.02
+E, NU, RADIUS, WAY = 1.0, 0.3, 40.0, 0.002
 
 
 @dataclass(frozen=True)
@@ -97,20 +98,20 @@ def pressed(method: str, upper: int, lower: int, swapped: bool) -> Pressure:
 
 
 # Largest error with the finer side as nodes, and with the coarser one.
-FINER, COARSER = 0.022, 0.031
+FINER, COARSER = 0.012, 0.019
 
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_nodal_pressure_is_that_of_hertz(swapped, told):
-    """Four times as near as with nodes and segments, and ten times as smooth."""
+    """Six times as near as with nodes and segments, and ten times as smooth."""
     mortar, nodes = (pressed(m, 16, 12, swapped) for m in ("mortar", "node-to-segment"))
     told(
-        f"{'coarser' if swapped else 'finer'} side as nodes, 7 to 8 cells in a",
+        f"{'coarser' if swapped else 'finer'} side as nodes, 6 to 8 cells in a",
         "Hertz within 0.85 a, root mean square",
         f"mortar {100 * mortar.error:.1f} %, of which roughness {100 * mortar.roughness:.1f} %; "
         f"by nodes and segments {100 * nodes.error:.1f} and {100 * nodes.roughness:.1f} %",
     )
     assert mortar.error <= (COARSER if swapped else FINER)
     assert mortar.roughness <= 0.007
-    assert nodes.error >= 3.5 * mortar.error
+    assert nodes.error >= 6 * mortar.error
     assert nodes.roughness >= 10 * mortar.roughness

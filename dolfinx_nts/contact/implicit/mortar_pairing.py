@@ -6,7 +6,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.given_up import GivenUp
-from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip
+from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks, with_friction
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -51,6 +51,8 @@ class MortarPairing(Pairing):
         # Nodes of the last call, and their points.
         none = np.empty(0, dtype=np.int32)
         self._last: tuple[Ints, MortarPoints] = none, points.take(none)
+        # Points whose slip was evaluated last, and the frames of their nodes.
+        self._frames: tuple[MortarPoints, NodalFrames] | None = None
 
     def _of(self, node: Ints) -> MortarPoints:
         """Points of nodes, which are mostly those of the last call."""
@@ -80,7 +82,9 @@ class MortarPairing(Pairing):
         """Sum up the slip of points, see `Pairing.slip`."""
         points = self._of(node)
         slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
-        return MortarSlip(points, slip)
+        if self._frames is None or self._frames[0] is not points:
+            self._frames = points, NodalFrames.of(points, slip)
+        return MortarSlip(points, slip, self._frames[1])
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
         """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""
@@ -216,5 +220,4 @@ class PointBlocks(PairBlocks):
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
     """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
     gap_n, gap, force, gradient, turn = at_nodes(points, contact)
-    status = np.isnan(turn).astype(np.int8)
-    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn, status)
+    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)

@@ -1,47 +1,67 @@
 """Slip of nodes whose multipliers act on the contact points around them (mortar)."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.kinematics import Slip
 from dolfinx_nts.search.mortar_points import MortarPoints
 
-__all__ = ["MortarSlip"]
+__all__ = ["MortarSlip", "NodalFrames"]
+
+
+class NodalFrames(NamedTuple):
+    """Frames of nodes at t_n, into which those of the segments of their points are turned.
+
+    Attributes:
+        at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
+        parts: Part of component b of the slip of each point in component a of that of each
+            node, by shares, shape ``(i, 2, 2)``.
+    """
+
+    at_nodes: Floats
+    parts: Floats
+
+    @classmethod
+    def of(cls, points: MortarPoints, slip: Slip) -> "NodalFrames":
+        """Make them from frames and normals of the segments of the points at t_n. Local."""
+        shares = points.shares
+        at_nodes = _tangents(shares.sums(slip.normal_n[shares.point]))
+        turns = _turns(at_nodes[shares.node], slip.frame_n[shares.point])
+        return cls(at_nodes, shares.value[:, None, None] * turns)
 
 
 class MortarSlip(Slip):
     """Mean slip of the points of each node, see `Slip`.
 
-    At t_n the frame of the segment of each point is turned into that of the node. These turns and
-    the shares of nodes in points are constants of the step, so that what holds for the slip of
-    each point holds for the mean: the work of tractions is exact, and momenta are conserved.
+    Turns of frames and the shares of nodes in points are constants of the step, so that what
+    holds for the slip of each point holds for the mean: the work of tractions is exact, and
+    momenta are conserved.
 
     Args:
         points: Points of the nodes.
         slip: Their slip.
+        frames: Frames of the nodes.
     """
 
-    def __init__(self, points: MortarPoints, slip: Slip) -> None:
-        """Make frames of the nodes, and sum up."""
-        self._points, self._slip, shares = points, slip, points.shares
-        frame_n = _tangents(shares.sums(slip.normal_n[shares.point]))
-        turns = _turns(frame_n[shares.node], slip.frame_n[shares.point])
-        # Part of component b of each point in component a of each node, shape (i, 2, 2).
-        self._parts = shares.value[:, None, None] * turns
+    def __init__(self, points: MortarPoints, slip: Slip, frames: NodalFrames) -> None:
+        """Sum up."""
+        self._points, self._slip, self._parts = points, slip, frames.parts
+        shares = points.shares
         m = len(shares.area)
-        value, frame = np.zeros((m, 2)), np.zeros((m, 2, 3))
+        of_points = np.concatenate([slip.value[:, :, None], slip.frame], axis=2)
+        turned = frames.parts @ of_points[shares.point]
+        means = shares.reduced(np.add, turned, 0.0)
         rows = np.zeros((m, 2, 2, 3 * points.lists.shape[1]))
         both = np.stack([slip.force, slip.gradient], axis=2)
         for a, b in np.ndindex(2, 2):
-            part = shares.weighted(self._parts[:, a, b])
-            value[:, a] += part.sums(slip.value[shares.point, b])
-            frame[:, a] += part.sums(slip.frame[shares.point, b])
-            rows[:, a] += points.rows(both[:, b], part)
+            rows[:, a] += points.rows(both[:, b], shares.weighted(frames.parts[:, a, b]))
         super().__init__(
-            value,
+            means[:, :, 0],
             *rows.transpose(2, 0, 1, 3).copy(),
-            frame_n=frame_n,
-            frame=_orthonormal(frame),
+            frame_n=frames.at_nodes,
+            frame=_orthonormal(means[:, :, 1:]),
             orientation=np.ones(m),
         )
 

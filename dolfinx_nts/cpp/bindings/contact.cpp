@@ -34,10 +34,8 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   auto gradient = create<double>({m, n});
   auto tangent = create<double>({m, n, n});
   auto turn = create<double>({m});
-  auto status = create<std::int8_t>({m});
   const ContactArrays out{view(gap_n),    view(gap),     view(force),
-                          view(gradient), view(tangent), view(turn),
-                          view(status)};
+                          view(gradient), view(tangent), view(turn)};
   dispatch(k,
            [&]<class S>()
            {
@@ -45,7 +43,7 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
              nts::contact<S, scheme>(view(x_pair_n), view(x_pair),
                                      view(orientation), out);
            });
-  return std::tuple(gap_n, gap, force, gradient, tangent, turn, status);
+  return std::tuple(gap_n, gap, force, gradient, tangent, turn);
 }
 
 auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
@@ -99,8 +97,8 @@ void contact(nb::module_& m)
 {
   constexpr const char* doc
       = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> gap_n (m,), gap (m,), force and "
-        "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), status "
-        "(m,): 0 valid, 1 not (NaN)";
+        "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), all NaN "
+        "where a pair cannot be evaluated";
   m.def("contact_midpoint", &contact_batch<Scheme::midpoint>,
         nb::arg("x_pair_n"), nb::arg("x_pair"), nb::arg("orientation"), doc);
   m.def("contact_conserving", &contact_batch<Scheme::conserving>,

@@ -222,7 +222,7 @@ def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k
     gap_n, gap, turn = rng.normal(size=(3, p))
     force, gradient = rng.normal(size=(2, p, 3 * (1 + k)))
     turn[shares.point[shares.start[1]]] = np.nan  # tells a failure, whatever comes after it
-    pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn, np.zeros(p))
+    pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn)
     mean_n, mean, of_force, of_gradient, least = at_nodes(points, pairs)
     rows = points.rows(np.stack([force, gradient], axis=1))
     assert mean_n == pytest.approx(shares.mean(gap_n), rel=1e-12, abs=1e-14)

@@ -44,7 +44,6 @@ void store(const Matrix<R, C>& values, std::span<double> out,
 struct ContactArrays
 {
   std::span<double> gap_n, gap, force, gradient, tangent, turn;
-  std::span<std::int8_t> status; ///< 0 valid, 1 not
 };
 
 /// @brief Schemes, which differ in the contact force of a step.
@@ -82,7 +81,6 @@ void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
     out.gap_n[i] = c.gap_n;
     out.gap[i] = c.gap;
     out.turn[i] = c.turn;
-    out.status[i] = c.valid ? 0 : 1;
     store(c.force, out.force, i);
     store(c.gradient, out.gradient, i);
     store(c.tangent, out.tangent, i);

@@ -1,0 +1,77 @@
+"""Forces of bodies at some nodes, and how they change with the displacement of these."""
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.solvers.nodal_sum import NodalSum
+
+__all__ = ["SurfaceForces"]
+
+
+class SurfaceForces:
+    """Residual of bodies at some nodes, from the cells at these alone. Collective.
+
+    Args:
+        residual: Residual form of the bodies, linear in the test function [N].
+        u: Displacement, a coefficient of the form.
+        nodes: Owned nodes, shape ``(m,)``.
+        fixed: Owned scalar dofs where u is given.
+
+    Attributes:
+        comm: Communicator of the mesh.
+        u: Displacement.
+        nodes: The argument.
+        free: 1 where the nodes may move, otherwise 0, shape ``(m, d)``.
+    """
+
+    def __init__(self, residual: ufl.Form, u: fem.Function, nodes: Ints, fixed: Ints) -> None:
+        """Leave out all cells but those at the nodes."""
+        V = u.function_space
+        index_map, self._dim = V.dofmap.index_map, dimension(V)
+        self.comm: MPI.Comm = index_map.comm
+        self.u, self.nodes = u, nodes
+        self._direction = fem.Function(V)
+        # DOLFINx takes 2 us each time that it is asked for the array.
+        self._values = self._rows(self._direction.x.array)
+        self._residual = NodalSum([residual], V)
+        self._derivative = NodalSum([ufl.derivative(residual, u, self._direction)], V)
+        marker = la.vector(index_map)
+        marker.array[nodes] = 1
+        marker.scatter_forward()
+        topology = V.mesh.topology
+        owned = topology.index_map(topology.dim).size_local
+        beside = (marker.array[V.dofmap.list[:owned]] == 0).all(axis=1)
+        for form in (self._residual, self._derivative):
+            form.leave_out(np.flatnonzero(beside).astype(np.int32))
+        free: Floats = np.ones((index_map.size_local, self._dim))
+        free.ravel()[fixed] = 0
+        self.free: Floats = free[nodes]
+
+    def at_nodes(self) -> Floats:
+        """Residual at u, 0 where it is given, shape ``(m, d)`` [N]."""
+        return self._of_nodes(self._residual)
+
+    def along(self, x: Floats) -> Floats:
+        """Derivative of the residual at u by that of the nodes, times increments.
+
+        Args:
+            x: Increments of the nodes, shape ``(m, d)`` [m].
+
+        Returns:
+            Values at the nodes, 0 where u is given, shape ``(m, d)`` [N].
+        """
+        self._values[self.nodes] = self.free * x
+        self._direction.x.scatter_forward()
+        return self._of_nodes(self._derivative)
+
+    def _of_nodes(self, form: NodalSum) -> Floats:
+        return self.free * self._rows(form.assembled())[self.nodes]
+
+    def _rows(self, values: Floats) -> Floats:
+        """Values of dofs by node, a view. Local."""
+        return values.reshape(-1, self._dim)
