@@ -13,7 +13,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -146,10 +146,14 @@ class ImplicitStepper(Stepper):
         damping = self._inertia.forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
         self._last = _Forces()
+
+    @cached_property
+    def _held_parts(self) -> list[float]:
+        """Parts of a step at which multipliers hold gaps, but for its start. Local."""
         # Statics has no impact.
         laws = (pair.enforcement for pair in self.pairs if self._rates.acceleration is not None)
         parts = {law.part for law in laws if isinstance(law, LagrangeMultiplier)}
-        self._held_parts = sorted(parts - {0.0})
+        return sorted(parts - {0.0})
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
