@@ -77,7 +77,8 @@ class Edges:
 
         Both are positive where n lies between the normals of the facets at an edge.
         """
-        first, second = np.moveaxis(unit_normals(x[self.facets[edge]]), 1, 0)
+        normals = unit_normals(x[self.facets[edge]])
+        first, second = normals[:, 0], normals[:, 1]
         axis = cross(first, second)
         axis /= np.maximum(np.linalg.norm(axis, axis=1), np.finfo(float).tiny)[:, None]
         sides = (cross(first, n), cross(n, second))
@@ -222,8 +223,12 @@ class EdgeCandidates(SegmentCandidates):
         looks = np.zeros(len(x), dtype=bool)
         looks[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
         met = np.flatnonzero(looks[self._carrier]).astype(np.int32)
-        found = self._held(x, held, slack), self._met(x, met, reach)
-        candidate, gaps, beyond, depth = found[0].joined(found[1])
+        found = self._met(x, met, reach)
+        candidate, gaps, beyond, depth = (
+            found.joined(self._held(x, held, slack)) if len(held) else found
+        )
+        if not len(candidate):
+            return segment, gap
         fits = np.flatnonzero((gaps <= reach) & (gaps >= -self._deepest[candidate // 2]))
         point = row[self._carrier[candidate // 2]]
         # Those beyond an end last, then the deepest first, then that with the lowest key.
@@ -260,6 +265,8 @@ class EdgeCandidates(SegmentCandidates):
             & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
         ).astype(np.int32)
         pair, crossing, beyond = pair[some], crossing.take(some), beyond[some] > _ROUNDING
+        if not len(pair):
+            return _Found(pair, crossing.gap, beyond, crossing.gap)
         angles = self._between(x, pair, crossing.normal)
         sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
         faces: Flags = np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
