@@ -13,7 +13,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -147,14 +147,6 @@ class ImplicitStepper(Stepper):
         self._dissipation = None if damping is None else compile_form(damping)
         self._last = _Forces()
 
-    @cached_property
-    def _held_parts(self) -> list[float]:
-        """Parts of a step at which multipliers hold gaps, but for its start. Local."""
-        # Statics has no impact.
-        laws = (pair.enforcement for pair in self.pairs if self._rates.acceleration is not None)
-        parts = {law.part for law in laws if isinstance(law, LagrangeMultiplier)}
-        return sorted(parts - {0.0})
-
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
@@ -221,7 +213,7 @@ class ImplicitStepper(Stepper):
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
         on_the_way = {
             part: self._X + self._in_space(self._start(guesses[self._rates.trial], part))
-            for part in self._held_parts
+            for part in _held_parts(self.pairs if self._rates.acceleration is not None else ())
         }
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
@@ -513,3 +505,9 @@ class ImplicitStepper(Stepper):
             constraints = float(np.vdot(force[bodies], (du - led)[bodies]))
             du = led
         return of_supports + rigid.guides.reactions(force, x, du), constraints
+
+
+def _held_parts(pairs: Sequence[ContactPair]) -> list[float]:
+    """Parts of their ways that nodes of some pairs are let go by a coefficient of restitution."""
+    laws = (pair.enforcement for pair in pairs)
+    return sorted({law.part for law in laws if isinstance(law, LagrangeMultiplier) and law.part})
