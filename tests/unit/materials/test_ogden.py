@@ -16,6 +16,8 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 EPS = np.finfo(float).eps
 KAPPA = 2.0e3
+# Bulk modulus with which errors of the change of shape are not hidden by rounding of the volume.
+SOFT = 1.0
 # Treloar's rubber by Ogden (1972), in units in which the shear modulus is 4.225.
 TRELOAR = ((6.3, 0.012, -0.1), (1.3, 5.0, -2.0))
 TERMS = {
@@ -42,10 +44,10 @@ def twin(terms, C, H):
     x, Q = np.linalg.eigh(C)
     J = np.sqrt(np.prod(x))
     H = Q.T @ H @ Q
-    psi, s, shear = KAPPA / 2 * (J - 1) ** 2, KAPPA * (J - 1) * J / x, np.zeros((3, 3))
-    slope = KAPPA / 2 * (2 * J - 1) * J / np.outer(x, x) - np.diag(KAPPA * (J - 1) * J / x**2)
+    psi, s, shear = SOFT / 2 * (J - 1) ** 2, SOFT * (J - 1) * J / x, np.zeros((3, 3))
+    slope = SOFT / 2 * (2 * J - 1) * J / np.outer(x, x) - np.diag(SOFT * (J - 1) * J / x**2)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        shear[i, j] = shear[j, i] = KAPPA * (J - 1) * J * power_quotient(x[i], x[j], -1)
+        shear[i, j] = shear[j, i] = SOFT * (J - 1) * J * power_quotient(x[i], x[j], -1)
     for mu, alpha in zip(*TERMS[terms], strict=True):
         size = J ** (-alpha / 3)
         p = size * x ** (alpha / 2)
@@ -71,7 +73,7 @@ def evaluated():
     def at(mesh, terms, C, H):
         if terms not in known:
             numbers = [fem.Constant(mesh, np.eye(3)) for _ in range(2)]
-            s, material = ufl.variable(fem.Constant(mesh, 0.0)), law(terms)
+            s, material = ufl.variable(fem.Constant(mesh, 0.0)), law(terms, SOFT)
             S = material.stress(numbers[0] + s * numbers[1])
             dS = ufl.diff(S, s)
             parts = [T[i, j] for T in (S, dS) for i in range(3) for j in range(3)]
@@ -88,7 +90,7 @@ def evaluated():
 @pytest.mark.serial
 @pytest.mark.parametrize("terms", TERMS)
 def test_energy_stress_and_tangent_are_those_of_eigenvalues(comm, rng, evaluated, terms):
-    mesh = Box(comm, shape=(1, 1, 1)).mesh
+    mesh, modulus = Box(comm, shape=(1, 1, 1)).mesh, law(terms, SOFT).least_modulus
     near = [0.0, *10.0 ** -np.arange(1.0, 15.0)]
     squares = [np.array([1.0, 1 + d, 1 - 0.3 * d]) for d in near]
     squares += [np.array([1.4, 1.4 * (1 + d), 0.7]) for d in near]
@@ -104,8 +106,8 @@ def test_energy_stress_and_tangent_are_those_of_eigenvalues(comm, rng, evaluated
             C, A = (C + C.T) / 2, rng.normal(size=(3, 3))
             found = evaluated(mesh, terms, C, A + A.T)
             for value, expected in zip(found, twin(terms, C, A + A.T), strict=True):
-                size = KAPPA + np.abs(expected).max()
-                np.testing.assert_allclose(value, expected, rtol=0, atol=2e2 * EPS * size)
+                size = modulus + np.abs(expected).max()
+                np.testing.assert_allclose(value, expected, rtol=0, atol=5e2 * EPS * size)
 
 
 @pytest.mark.serial
