@@ -24,7 +24,7 @@
 # $$ D = t\, (W_{tr} - W_n) - (W_{n+1} - W_n) \ge 0 \tag{1} $$
 #
 # of the elastic energy $W$, where $t$ is the part of the trial stress that the yield stress
-# leaves; [what is solved](../method.md#plastic-flow) derives it. Other programs that hold the
+# leaves; the page on what is solved derives it. Other programs that hold the
 # foot on the wall find a length of 21.4 to 21.5 mm and a radius of 6.97 to 7.24 mm after 80 μs.
 
 # +

@@ -47,8 +47,8 @@ class J2Plasticity(Hyperelastic):
             positive, the hardening modulus or damping is negative, or ``nu`` is not in (-1, 0.5).
 
     Example:
-        >>> nts.J2Plasticity(117e9, 0.35, 8930, yield_stress=400e6, hardening=100e6)  # copper
-        J2Plasticity(E=1.17e+11, nu=0.35, yield_stress=4e+08, hardening=1e+08, rho=8930)
+        >>> nts.J2Plasticity(117e9, 0.35, 8930, yield_stress=400e6)  # copper
+        J2Plasticity(E=117000000000, nu=0.35, yield_stress=400000000, hardening=0, rho=8930)
     """
 
     remembered_terms: ClassVar[frozenset[str]] = frozenset(["mu"])

@@ -43,7 +43,8 @@ _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 _LONGEST_FALL = 0.2
 # Relative change of the residual [-] by which iterates two after each other differ in a cycle, as
 # where points at the yield stress flow in every other iterate: half of the way leads out of it.
-_CYCLE = 0.1
+# Not in the first iterations, in which contact finds its active set.
+_CYCLE, _SETTLING = 0.1, 10
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -267,7 +268,7 @@ def solve(
 
 def _is_cycle(norms: Sequence[float]) -> bool:
     """Whether residuals come back in every other iteration. Local."""
-    return len(norms) > 4 and all(
+    return len(norms) > _SETTLING and all(
         abs(norms[-i] - norms[-i - 2]) <= _CYCLE * norms[-i] for i in (1, 2)
     )
 

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import locate_entities_boundary
+from dolfinx.mesh import CellType, create_unit_square, locate_entities_boundary, meshtags
 from scipy.optimize import brentq
 
 import dolfinx_nts as nts
@@ -184,6 +184,32 @@ def test_large_shear_has_the_shear_stress_of_yield(comm, told):
                / 3**0.5, 0, YIELD)  # fmt: skip
     error = comm.allreduce(np.abs(stress * np.sqrt(3) / q - 1).max(initial=0), MPI.MAX)
     told("shear stress at a shear of 0.5", "closed form", percent(error))
+    assert error <= 5e-3
+
+
+@pytest.mark.serial
+def test_plane_strain_yields_at_the_stress_of_the_plane(told):
+    # Without hardening: sigma = -2/sqrt(3) sigma_0, as the middle stress is half of it.
+    mesh = create_unit_square(MPI.COMM_SELF, 2, 2, CellType.quadrilateral)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    cells = np.arange(4, dtype=np.int32)
+    law = metal(yield_stress=YIELD / 10, hardening=0.0)
+    body = nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, law)
+    far = fem.Constant(mesh, 0.0)
+    bcs = []
+    for axis, place, value in ((0, 0.0, 0.0), (1, 0.0, 0.0), (0, 1.0, far)):
+        facets = locate_entities_boundary(mesh, 1, lambda X, a=axis, p=place: np.isclose(X[a], p))
+        dofs = fem.locate_dofs_topological(V.sub(axis), 1, facets)
+        bcs.append(fem.dirichletbc(value, dofs, V.sub(axis)))
+
+    def update(t):
+        far.value = -0.05 * t
+
+    stepper = nts.QuasiStatic([body], dt=0.02, bcs=bcs, update=update)
+    list(stepper.run(until=1.0))
+    stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
+    error = np.abs(stress[:, 0, 0] / (-2 / np.sqrt(3) * YIELD / 10) - 1).max()
+    told("compression in plane strain, no hardening", "closed form", percent(error))
     assert error <= 5e-3
 
 
