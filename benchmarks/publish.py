@@ -17,7 +17,10 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     """
     for figure in sorted(folder.glob("bench_*.png")):
         shutil.copy(figure, root / "docs" / "figures" / figure.name)
-    shutil.copy(folder / "tables.md", root / "docs" / "tables" / "benchmarks.md")
+    # The comparison with other codes is a run of its own.
+    for table, page in (("tables.md", "benchmarks.md"), ("peers.md", "peers.md")):
+        if (folder / table).exists():
+            shutil.copy(folder / table, root / "docs" / "tables" / page)
 
 
 if __name__ == "__main__":
