@@ -68,7 +68,8 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
     stepper = blocks.stepper([pair], g)
     iterations = [step.newton_iterations for step in stepper.run(until=1.0)]
     assert max(iterations) <= FEW
-    assert ramped or sum(iterations) <= FEW
+    # Friction has found its place after two steps of the whole load, and nothing moves any more.
+    assert ramped or sum(iterations[2:]) == 0
     force = nts.Diagnostics(stepper).contact_force()
     assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF if mu else FACETS)
 
