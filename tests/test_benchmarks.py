@@ -161,6 +161,9 @@ def test_there_is_a_figure_of_each_kind(folder):
 def test_figures_and_tables_get_into_the_documents(folder, tmp_path):
     for name in ("figures", "tables"):
         (tmp_path / "docs" / name).mkdir(parents=True)
+    (tmp_path / "peers.md").write_text("| code |")
+    publish.publish(tmp_path, tmp_path)
     publish.publish(folder, tmp_path)
+    assert (tmp_path / "docs" / "tables" / "peers.md").read_text() == "| code |"
     assert "Order of accuracy" in (tmp_path / "docs" / "tables" / "benchmarks.md").read_text()
     assert len(list((tmp_path / "docs" / "figures").iterdir())) == 4
