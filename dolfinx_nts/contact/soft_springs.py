@@ -21,33 +21,27 @@ _DEEP = 0.25
 class SoftSprings:
     """Warns of pairs whose springs let nodes sink deep into a surface, once for each pair.
 
-    Collective, as is `look`.
+    Collective, as are its methods.
 
     Args:
         contacts: Contact of all pairs.
-
-    Attributes:
-        yielding: Contact of the pairs that were told.
     """
 
     def __init__(self, contacts: Sequence[PairState]) -> None:
         """Watch the pairs with springs."""
-        self.yielding: list[PairState] = []
-        self._watched = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
+        self._contacts = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
+        self._watched = self._contacts
+
+    def yielding(self) -> list[PairState]:
+        """Contact of the pairs whose nodes are deep inside now."""
+        return [contact for contact, _ in _deep(self._contacts)]
 
     def look(self) -> None:
-        """Look at the accepted contact."""
-        if not self._watched:
-            return
-        comm = self._watched[0].nodes.V.mesh.comm
-        deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in self._watched]
-        depths = reductions.largest(comm, np.array(deepest))
-        for contact, depth in zip(self._watched, depths, strict=True):
+        """Look at the accepted contact of the pairs that were not told."""
+        told = _deep(self._watched)
+        for contact, depth in told:
             pair = contact.pair
-            if depth <= _DEEP * pair.segment_size:
-                continue
-            self.yielding.append(contact)
-            if comm.rank == 0:
+            if pair.nodes.V.mesh.comm.rank == 0:
                 _logger.warning(
                     "springs between %s let nodes sink in by %.3g (%.0f %% of a facet): energies "
                     "count them, but the bodies overlap; take a stiffer Penalty (%s) or a "
@@ -57,4 +51,16 @@ class SoftSprings:
                     100 * depth / pair.segment_size,
                     contact,
                 )
-        self._watched = [each for each in self._watched if each not in self.yielding]
+        if told:
+            known = [contact for contact, _ in told]
+            self._watched = [contact for contact in self._watched if contact not in known]
+
+
+def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
+    """Contact whose active nodes are deep inside, and the greatest depth [m]. Collective."""
+    if not contacts:
+        return []
+    deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in contacts]
+    depths = reductions.largest(contacts[0].nodes.V.mesh.comm, np.array(deepest))
+    both = zip(contacts, depths, strict=True)
+    return [(c, float(depth)) for c, depth in both if depth > _DEEP * c.pair.segment_size]

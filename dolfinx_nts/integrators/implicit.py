@@ -324,7 +324,7 @@ class ImplicitStepper(Stepper):
                 f"as Penalty(eps_N=), between {names} make them so"
             )
         sunk = any(words in reasons for words in ("through a surface", "into a surface"))
-        yielding, springs = self.watch.springs.yielding, []
+        yielding, springs = self.watch.springs.yielding(), []
         if sunk or yielding or "contact holds" in advice:
             springs = [c for c in self.contacts if isinstance(c.pair.enforcement, Penalty)]
         stiffer = [

@@ -69,7 +69,9 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
     iterations = [step.newton_iterations for step in stepper.run(until=1.0)]
     assert max(iterations) <= FEW
     # Friction has found its place after two steps of the whole load, and nothing moves any more.
+    # Together they need 15 or 16 iterations on tetrahedra, as round-off wants.
     assert ramped or sum(iterations[2:]) == 0
+    assert ramped or cell == "tetrahedron" or sum(iterations) <= FEW
     force = nts.Diagnostics(stepper).contact_force()
     assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF if mu else FACETS)
 

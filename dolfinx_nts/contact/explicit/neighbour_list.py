@@ -73,7 +73,8 @@ class NeighbourList:
         """Rebuild the list if nodes outside of it may touch.
 
         ``x`` are positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m],
-        ``step`` bounds the motion since the last update, see `Search.way` [m].
+        ``step`` is half of what nodes and segments have come nearer since the last update, at
+        most [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size

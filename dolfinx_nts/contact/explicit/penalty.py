@@ -192,7 +192,7 @@ class ContactSprings:
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
             x: The same at its end.
-            moved: Bound on the motion of nodes and obstacle as of `Search.way` [m].
+            moved: Half of what nodes and segments come nearer to each other, at most [m].
             dt: Length of the step [s].
         """
         state, reach = self._state, 2 * moved + self._neighbours.reach
@@ -225,8 +225,8 @@ class ContactSprings:
             x_n: Accepted positions of the local nodes, owned and ghost, shape ``(l, 3)`` [m];
                 only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
-            step: Bound on the motion of nodes and obstacle since the last evaluation, as of
-                `Search.way` [m].
+            step: Half of what nodes and segments have come nearer to each other since the last
+                evaluation, at most [m].
         """
         seen, n = self._neighbours, len(self._reduced_mass)
         frame = self._state.search.frame
