@@ -129,3 +129,24 @@ class Ledger:
     def total(self, name: str) -> float:
         """Sum of a work over the steps [J]."""
         return sum(getattr(report, name) for report in self.reports)
+
+
+def check_dissipation(comm, cell, material, scheme):
+    """Let a box swirl; its material only takes energy, and all of it is accounted for."""
+    box = Box(comm, cell, material)
+    stepper = scheme([box.body], dt=0.02)
+    stepper.set_velocity(box.body, swirl)
+    ledger = Ledger(stepper)
+    ledger.run(10)
+    works = [report.damping_work for report in ledger.reports]
+    assert max(works) < 0
+    assert sum(works) < -0.01 * ledger.start.kinetic_energy
+    assert ledger.error <= CLOSED
+    if scheme is not nts.EnergyMomentum:
+        return
+    # Nothing but the dissipation is lost.
+    assert abs(ledger.gained - sum(works)) <= 1e-10 * ledger.scale
+    start, end = ledger.start, ledger.diagnostics.balance()
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(start, name), getattr(end, name)
+        np.testing.assert_allclose(after, before, atol=1e-11 * np.linalg.norm(before))

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
-from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
+from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.interrupted import SCHEMES, scene
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -41,23 +41,7 @@ def held(scheme, box, shear, dt):
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, alpha])
 def test_branches_only_take_energy_and_all_of_it_is_accounted_for(comm, cell, scheme):
-    box = Box(comm, cell, rubber())
-    stepper = scheme([box.body], dt=0.02)
-    stepper.set_velocity(box.body, swirl)
-    ledger = Ledger(stepper)
-    ledger.run(10)
-    works = [report.damping_work for report in ledger.reports]
-    assert max(works) < 0
-    assert sum(works) < -0.01 * ledger.start.kinetic_energy
-    assert ledger.error <= CLOSED
-    if scheme is not nts.EnergyMomentum:
-        return
-    # Nothing but the dissipation is lost.
-    assert abs(ledger.gained - sum(works)) <= 1e-10 * ledger.scale
-    start, end = ledger.start, ledger.diagnostics.balance()
-    for name in ("linear_momentum", "angular_momentum"):
-        before, after = getattr(start, name), getattr(end, name)
-        np.testing.assert_allclose(after, before, atol=1e-11 * np.linalg.norm(before))
+    check_dissipation(comm, cell, rubber(), scheme)
 
 
 def test_impacts_of_viscous_blocks_lose_what_the_branches_take(comm):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
-from dolfinx_nts.search.edge_candidates import EdgeCandidates, Edges
+from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from dolfinx_nts.search.edges import Edges
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from reference.bulk import rotation

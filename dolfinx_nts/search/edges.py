@@ -1,0 +1,85 @@
+"""Sharp edges of two surfaces where they are now, and which are near each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.vectors import cross
+from dolfinx_nts.search.sharp_edges import unit_normals
+
+__all__ = ["Edges", "boxes_within"]
+
+# Most boxes of edges that are compared at once.
+_AT_ONCE = 1 << 20
+
+# Least and greatest coordinates, both ``(e, 3)`` [m].
+Boxes = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Sharp edges, see `SharpEdges`, by the nodes of a scatter's map.
+
+    Attributes:
+        ends: Both ends, shape ``(e, 2)``.
+        facets: Vertices of both facets, in outward sense, shape ``(e, 2, k)``.
+        key: Number of each edge, shape ``(e,)``.
+        thickness: Heights of the cells behind, ``(e,)`` [m].
+    """
+
+    ends: Ints
+    facets: Ints
+    key: GlobalInts
+    thickness: Floats
+
+    @classmethod
+    def of(cls, rows: Ints, key: GlobalInts, thickness: Floats) -> "Edges":
+        """Take rows of the ends and the vertices of both facets, shape ``(e, 2 + 2 k)``."""
+        ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
+        return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
+
+    def boxes(self, x: Floats) -> Boxes:
+        """Least and greatest coordinates of each edge, both ``(e, 3)`` [m]."""
+        ends = x[self.ends]
+        return ends.min(axis=1), ends.max(axis=1)
+
+    def between(self, x: Floats, edge: Ints, n: Floats) -> Floats:
+        """Sines of the angles of directions n, ``(m, 3)``, from both facets inward, ``(m, 2)``.
+
+        Both are positive where n lies between the normals of the facets at an edge.
+        """
+        normals = unit_normals(x[self.facets[edge]])
+        first, second = normals[:, 0], normals[:, 1]
+        axis = cross(first, second)
+        axis /= np.maximum(np.linalg.norm(axis, axis=1), np.finfo(float).tiny)[:, None]
+        sides = (cross(first, n), cross(n, second))
+        return np.column_stack([np.einsum("mi,mi->m", side, axis) for side in sides])
+
+
+def boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
+    """Boxes of two groups that are within reach [m] of each other, shape ``(c, 2)``."""
+    found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
+    (lower, upper), (least, greatest) = first, second
+    # Only what comes near the box around all of the other group.
+    some = _near((lower, upper), (least, greatest), reach)
+    others = _near((least, greatest), (lower, upper), reach)
+    step = max(1, _AT_ONCE // max(1, len(others)))
+    for start in range(0, len(some), step):
+        part = some[start : start + step]
+        meets = np.ones((len(part), len(others)), dtype=bool)
+        for i in range(3):
+            meets &= lower[part, i, None] <= greatest[others, i] + reach
+            meets &= least[others, i] <= upper[part, i, None] + reach
+        row, column = np.nonzero(meets)
+        found.append(np.column_stack([part[row], others[column]]))
+    return np.concatenate(found)
+
+
+def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
+    """Numbers of the boxes within reach of the box around all others."""
+    lower, upper = boxes
+    least = others[0].min(axis=0, initial=np.inf) - reach
+    greatest = others[1].max(axis=0, initial=-np.inf) + reach
+    near: Flags = ((lower <= greatest) & (upper >= least)).all(axis=1)
+    return np.flatnonzero(near).astype(np.int32)
