@@ -24,10 +24,11 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
+from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space, nodal
+from dolfinx_nts.integrators.drift import Drift
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
@@ -66,13 +67,11 @@ class _Forces:
 
     Attributes:
         acceleration: Acceleration of the owned nodes, shape ``(n, 3)`` [m/s^2].
-        contact: Forces of the springs of each pair.
         power: Sum of force times acceleration on this rank [N m/s^2].
         known: Whether the forces belong to the present state.
     """
 
     acceleration: Floats
-    contact: tuple[SpringForces, ...] = ()
     power: float = 0.0
     known: bool = False
 
@@ -153,16 +152,19 @@ class CentralDifference(Stepper):
         self.supports = Supports(V, bcs)
         self.supports.warn_of_empty()
         self.supports.check()
-        self._given = np.zeros((n, dimension(V)), dtype=bool)
-        self._given.ravel()[self.supports.fixed] = True
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
         self._rigid, resisting = rigid_leapfrog(bodies, self.v, self.mass, self.supports)
-        self._mobility: Floats = np.where(self._given, 0.0, 1 / self.mass[:, None])
+        # Vectors whose ghosts the forces need.
+        moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
+        ghosts = [f.x for f in moving] if self._comm.size > 1 else []
+        functions = self.u_n, self.u, self.v, self._bulk.rate
+        self._drift = Drift(functions, self.supports, self._rigid, ghosts)
+        self._mobility: Floats = np.where(self._drift.given, 0.0, 1 / self.mass[:, None])
         self._mobility[self._rigid.nodes] = 0.0
-        self._springs = [ContactSprings(contact, resisting) for contact in self.contacts]
+        self._springs = AllSprings(self.contacts, resisting)
         mass = float(reductions.total(self._comm, self.mass.sum()))
-        self._stability = Stability(bodies, self._springs, mass)
+        self._stability = Stability(bodies, self._springs.pairs, mass)
         self.stable_step, default = self._stability.room(self.x)
         if dt is None and math.isinf(default):
             raise ValueError(
@@ -171,14 +173,7 @@ class CentralDifference(Stepper):
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         self._forces = _Forces(np.zeros((n, dimension(V))))
-        # Views of the owned values, and room for displacements and positions.
-        functions = (self.u_n, self.u, self.v, self._bulk.rate)
-        u_n, u, v, rate = (nodal(f)[:n] for f in functions)
-        self._arrays: tuple[Floats, ...] = (u_n, u, v, rate, np.empty_like(u))
         self._positions = np.empty_like(self._X)
-        # Vectors whose ghosts the forces need.
-        moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
-        self._ghosts = [f.x for f in moving] if self._comm.size > 1 else []
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also the forces, so that none are evaluated anew."""
@@ -200,17 +195,11 @@ class CentralDifference(Stepper):
         stored = archive.local("power", None if archive.giving else [np.array(forces.power)])
         anew = np.vdot(self._bulk.total, forces.acceleration)
         forces.power = float(anew if stored is None else stored[0])
-        contact = forces.contact or (None,) * len(self._springs)
-        forces.contact = tuple(
-            springs.serialize(archive, f"springs_{number}", force, self.x)
-            for number, (springs, force) in enumerate(
-                zip(self._springs, contact, strict=True), start=1
-            )
-        )
+        self._springs.serialize(archive, self.x)
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
-        momentum: Floats = self.mass[:, None] * self._arrays[2]
+        momentum: Floats = self.mass[:, None] * self._drift.arrays[2]
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
     def _work_of_solvers(self) -> tuple[int, None]:
@@ -231,14 +220,13 @@ class CentralDifference(Stepper):
     def _state_was_set(self) -> None:
         self._forces.known = False
         self.watch.forget()
-        for springs in self._springs:
-            springs.forget()
+        self._springs.forget()
 
     def _check_state(self) -> None:
         # Where forces are known, `_move` finds what is not finite.
         if not self._forces.known:
             super()._check_state()
-            _, u, v, *_ = self._arrays
+            _, u, v, *_ = self._drift.arrays
             self._rigid.check(u, v)
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
@@ -256,32 +244,25 @@ class CentralDifference(Stepper):
         """Evaluate the forces at the present u. Collective.
 
         Args:
-            ways: Bound on the motion since the last evaluation for each pair, as of `_ways` [m].
+            ways: As of `AllSprings.evaluate` [m].
         """
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
             x = np.add(self._X, in_space(nodal(self.u)), out=self._positions)
-            rubs = any(pair.friction is not None for pair in self.pairs)
-            x_n = self._X + in_space(nodal(self.u_n)) if rubs else x
-            self._forces.contact = tuple(
-                springs.evaluate(x_n, x, way)
-                for springs, way in zip(self._springs, ways, strict=True)
-            )
-            for contact in self._forces.contact:
-                contact.add_to(self._bulk.total)
+            x_n = self._X + in_space(nodal(self.u_n)) if self._springs.rub else x
+            self._springs.evaluate(x_n, x, ways, self._bulk.total)
 
     def _start(self) -> None:
         """Evaluate the forces of a state that was set."""
         self._load_at(0.0)
         self._bulk.rate.x.array[:] = self.v.x.array
         self._begin(self.t, self.t)
-        self._evaluate([0.0] * len(self._springs))
+        self._evaluate([0.0] * len(self.contacts))
         self._begin(self.t, self.t + self.dt)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._arrays[2]
-        for contact, force in zip(self.contacts, forces.contact, strict=True):
-            contact.accept(force.history)
+        forces, v = self._forces, self._drift.arrays[2]
+        self._springs.accept()
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
         forces.power = float(np.vdot(self._bulk.total, forces.acceleration))
         self._stability.start(self._total_energy(v))
@@ -292,16 +273,19 @@ class CentralDifference(Stepper):
         """Move, evaluate the forces at the new place, and complete the velocity."""
         if not self._forces.known:
             self._start()
-        dt, bulk, forces, given, rigid = self.dt, self._bulk, self._forces, self._given, self._rigid
-        _, _, v, rate, du = self._arrays
+        dt, bulk, forces, rigid = self.dt, self._bulk, self._forces, self._rigid
+        given = self._drift.given
+        _, _, v, rate, du = self._drift.arrays
         moved, way = self._move()
-        ways = self._ways(moved, way)
+        ways = [way] * len(self.contacts)
+        if self._springs.move:
+            ways = self._springs.ways(self.x, moved)
         free = self.watch.free(way)
         # What `Stepper.advance` counts.
         self._way = 0.0 if free else moved
         if not free:
             self._check_passage(way, ways)
-        before, power, at_start = forces.contact, forces.power, bulk.work(du)
+        power, at_start = forces.power, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
         works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
@@ -315,12 +299,9 @@ class CentralDifference(Stepper):
             force = inertia - (held + bulk.total[given]) / 2
             reactions = self.supports.reactions(force, self.x, du[given])
         reactions += rigid.reactions()
-        contact, x = np.zeros(9), self._positions[: len(du)]
-        for springs, old, new in zip(self._springs, before, forces.contact, strict=True):
-            counts = springs.num_lost, springs.num_segments, len(new.springs.node)
-            contact += *counts, *springs.work(old, new, x, du)
+        contact = self._springs.counted(self._positions[: len(du)], du)
         defect = dt**2 / 8 * (forces.power - power)
-        sums = reductions.total(self._comm, [*contact.tolist(), defect, *works])
+        sums = reductions.total(self._comm, [*contact, defect, *works])
         num_lost, num_segments, num_active, *by_cause = sums[: len(contact)]
         defect, damping, *loads = sums[len(contact) :]
         load, support = sum(loads), sum(reaction.work for reaction in reactions)
@@ -332,11 +313,10 @@ class CentralDifference(Stepper):
         if (self.step + 1) % _WATCH == 0:
             self._watch(rate)
         v[:] = rate
-        if self._ghosts:
+        if self._comm.size > 1:
             self.v.x.scatter_forward()
         self.inertia_defect = defect + gained
-        for state, force in zip(self.contacts, forces.contact, strict=True):
-            state.accept(force.history)
+        self._springs.accept()
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -361,28 +341,12 @@ class CentralDifference(Stepper):
             Largest motion of any node, and a way such that no two nodes come nearer to each other,
             and no node to what is at rest, by more than twice of it; the same on all ranks [m].
         """
-        u_n, u, v, rate, du = self._arrays
-        about, a = self.watch.velocity, self._forces.acceleration
-        moved, relative = _kernels.drift(self.dt, v, a, rate, u, du, about)
-        rigid = self._rigid
-        if rigid.exists:
-            if reason := rigid.drift(u_n, v, self._bulk.total, self.dt, du):
-                self._refuse(reason)
-            nodes = rigid.nodes
-            u[nodes], rate[nodes] = (u_n + du)[nodes], du[nodes] / self.dt
-        if self.supports.exist:
-            self._u[:] = self.supports.applied(self._u)
-            np.subtract(u, u_n, out=du)
-            rate[self._given] = du[self._given] / self.dt
-        if rigid.exists or self.supports.exist:
-            longest = float(np.linalg.norm(du, axis=1).max(initial=0.0))
-            moved = relative = longest if math.isfinite(moved) else moved
-        for ghosts in self._ghosts:
-            ghosts.scatter_forward()
-        # A maximum over ranks may ignore NaN, but not infinity.
-        moved = moved if math.isfinite(moved) else math.inf
+        forces, about = self._bulk.total, self.watch.velocity
+        moved, way, refusal = self._drift.move(self.dt, self._forces.acceleration, forces, about)
+        if refusal:
+            self._refuse(refusal)
         try:
-            moved, relative = meet(self._comm, f"motion of {self._next()}", moved, relative)
+            moved, way = meet(self._comm, f"motion of {self._next()}", moved, way)
         except ValueError:
             self._u[:] = self._u_n
             raise
@@ -390,19 +354,7 @@ class CentralDifference(Stepper):
             self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        return moved, min(moved, max(relative, moved / 2))
-
-    def _ways(self, moved: float, way: float) -> list[float]:
-        """Bounds on the motion of each pair, half of that of its sides to each other [m].
-
-        Args:
-            moved: Largest motion of any node [m].
-            way: The bound where nothing else moves [m].
-        """
-        if not any(contact.search.frame.moves for contact in self.contacts):
-            return [way] * len(self.contacts)
-        x = self.x
-        return [contact.search.way(x, moved) for contact in self.contacts]
+        return moved, min(moved, max(way, moved / 2))
 
     def _check_passage(self, moved: float, ways: Sequence[float]) -> None:
         """Raise if nodes or vertices pass a surface.
@@ -411,11 +363,7 @@ class CentralDifference(Stepper):
             moved: Bound on the motion of all nodes, half of that to each other [m].
             ways: Bounds on the motion of each pair [m].
         """
-        fast = [
-            (springs, way)
-            for springs, way in zip(self._springs, ways, strict=True)
-            if 2 * way > springs.shortest_passage
-        ]
+        fast = self._springs.fast(ways)
         if not fast and 2 * moved <= self.watch.vertices.room:
             self.watch.vertices.travel(2 * moved)
             return
@@ -430,7 +378,7 @@ class CentralDifference(Stepper):
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass[:, None] * v, v) / 2
         energy += self._bulk.strain_energy()
-        energy += sum(force.stored for force in self._forces.contact)
+        energy += self._springs.stored
         if self._rigid.exists:
             energy += self._rigid.more_energy(self.mass, v)
         return float(reductions.total(self._comm, energy))

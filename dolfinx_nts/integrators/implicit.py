@@ -11,7 +11,7 @@ Schemes differ in the stress of f_int and in the kernel of the contact force F, 
 statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, cast
@@ -21,38 +21,34 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, GlobalInts
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.penetration import check_penetration
-from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
-from dolfinx_nts.contact.joint_state import bounds, joined, members
+from dolfinx_nts.contact.joint_state import joined
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space
-from dolfinx_nts.fem.jit import compile_form
-from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
+from dolfinx_nts.integrators.reactions import Reactions
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import (
     check_statics,
     contact_stiffness,
-    redundant,
     rigid_motion,
     spring_stiffness,
 )
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
+from dolfinx_nts.integrators.step_failure import StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from dolfinx_nts.model.reaction import Reaction
-from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
@@ -143,8 +139,12 @@ class ImplicitStepper(Stepper):
         if self.supports.exist:
             self._free = np.ones((len(self.node_ids), dimension(self._bulk.u.function_space)))
             self._free.ravel()[self.supports.fixed] = 0
-        damping = self._inertia.forms.dissipation()
-        self._dissipation = None if damping is None else compile_form(damping)
+        self._reactions = Reactions(
+            self._bulk,
+            self.bodies,
+            at_mean=self.scheme.loads_at == "mean",
+            is_static=self._rates.acceleration is None,
+        )
         self._last = _Forces()
 
     def serialize(self, archive: Archive) -> None:
@@ -308,47 +308,12 @@ class ImplicitStepper(Stepper):
         states: Sequence[ContactContribution],
     ) -> newton.ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
-        reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts.items())
-        materials = {body.material for body in self.bodies}
-        weak = {type(m).__name__ for m in materials if not m.resists_collapse}
-        if "is inverted" in reasons and weak:
-            reasons += (
-                f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
-            )
-        if nodes := self._listed(step.restless for step in steps):
-            reasons += f"; nodes that keep changing segment or state: {nodes}"
-        advice = self._free_bodies.advice() or self._time_helps()
-        if names := redundant(self.bodies, self.pairs):
-            reasons += (
-                f"; forces of points of rigid bodies that touch at once are not unique: springs, "
-                f"as Penalty(eps_N=), between {names} make them so"
-            )
-        sunk = any(words in reasons for words in ("through a surface", "into a surface"))
-        yielding, springs = self.watch.springs.yielding(), []
-        if sunk or yielding or "contact holds" in advice:
-            springs = [c for c in self.contacts if isinstance(c.pair.enforcement, Penalty)]
-        stiffer = [
-            f"stiffer springs between {contact.pair.between} may help ({contact})"
-            for contact in (yielding or springs)
-        ]
-        if yielding:  # whatever the steps, nodes sink in
-            advice = "; ".join(stiffer)
-        else:
-            reasons = "; ".join([reasons, *stiffer])
-        for step, state in zip(steps, states, strict=True):
-            node = prescribed_nodes(step, state)
-            ends = np.searchsorted(node, bounds(step.state))
-            for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
-                if nodes := self._listed([step.state.nodes.node_ids[some]]):
-                    advice = (
-                        "no contact force can stop nodes that bcs move into what bcs hold or "
-                        "move too; change bcs at these nodes between "
-                        f"{each.pair.between}: {nodes}"
-                    )
-        return newton.ConvergenceError(
-            f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g} failed {reasons}; "
-            f"the state is that of the last accepted step: {advice}",
-            list(attempts.values()),
+        return StepFailure(attempts, steps, states, self._comm).error(
+            f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g}",
+            self.bodies,
+            self.contacts,
+            self.watch.springs.yielding(),
+            self._free_bodies.advice() or self._time_helps(),
         )
 
     def _time_helps(self) -> str:
@@ -368,11 +333,6 @@ class ImplicitStepper(Stepper):
         total: Floats = np.sum([np.zeros_like(self._lumped_mass), *self._bulk.loads()], axis=0)
         return total
 
-    def _listed(self, parts: Iterable[GlobalInts]) -> str:
-        """Text with some numbers of nodes from all ranks, empty without. Collective."""
-        mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
-        return listed(np.unique(np.concatenate(self._comm.allgather(mine))))
-
     def _accepted(
         self,
         steps: Sequence[ContactStep],
@@ -389,9 +349,9 @@ class ImplicitStepper(Stepper):
         self.watch.springs.look()
         self._free_bodies.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
-        reactions, constraints = self._reactions(steps, solution, du)
+        reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
         self.memory.accept()
-        damped = 0.0 if self._dissipation is None else fem.assemble_scalar(self._dissipation)
+        damped = self._inertia.dissipated()
         loaded = [load @ du for load in self._bulk.loads()]
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
@@ -476,35 +436,6 @@ class ImplicitStepper(Stepper):
     def _norm(self, values: Floats) -> float:
         """Euclidean norm over all ranks of values of the owned dofs. Collective."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
-
-    def _reactions(
-        self, steps: Sequence[ContactStep], solution: newton.Solution, du: Floats
-    ) -> tuple[tuple[Reaction, ...], float]:
-        """Reactions of supports, then of guides, in a step with increment du ``(d n,)`` [m].
-
-        Collective. The second result is the work on this rank of what keeps bodies rigid, which
-        is none where forces act in the middle of the step [J].
-        """
-        rigid, is_static = self._bulk.rigid, self._rates.acceleration is None
-        works = rigid.exists and not is_static and rigid.part != 0.5
-        if not (self.supports.exist or guided(self.bodies) or works):
-            return (), 0.0
-        fixed = self.supports.fixed
-        # The residual of a state has no forces on given displacements; ``force`` has all.
-        everywhere = [state._replace(residual=state.force) for state in solution.states]
-        n, d = len(self.node_ids), dimension(self._bulk.u.function_space)
-        force = solution.forces + contact_residual(steps, everywhere, (n, d))
-        x = self.x
-        if self.scheme.loads_at == "mean":
-            x[:n] -= in_space(du.reshape(n, d)) / 2
-        of_supports = self.supports.reactions(force[fixed], x, du[fixed])
-        force, du = force.reshape(n, d), du.reshape(n, d)
-        constraints = 0.0
-        if works:
-            led, bodies = rigid.led(self._owned(self.u.x.array)), rigid.nodes
-            constraints = float(np.vdot(force[bodies], (du - led)[bodies]))
-            du = led
-        return of_supports + rigid.guides.reactions(force, x, du), constraints
 
 
 def _held_parts(pairs: Sequence[ContactPair]) -> list[float]:

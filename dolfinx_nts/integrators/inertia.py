@@ -10,6 +10,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
@@ -25,12 +26,10 @@ class Inertia(ABC):
     """Base of the ways in which mass acts. Collective, as are all methods.
 
     Attributes:
-        forms: Forms of a step.
         bulk: Residual of the bodies.
         tangent: Matrix of its derivative.
     """
 
-    forms: StepForms
     bulk: Bulk
     tangent: Tangent
 
@@ -52,6 +51,10 @@ class Inertia(ABC):
         Returns:
             What `Rates.accept` does; and energy that bodies got, the same on all ranks.
         """
+
+    def dissipated(self) -> float:
+        """Energy that damping and materials take in the step on this rank [J]. Local."""
+        return 0.0
 
     def serialize(self, archive: Archive) -> None:  # noqa: B027 (most have no state)
         """Serialize all on which the next step depends beside the rates."""
@@ -80,12 +83,14 @@ class ConsistentInertia(Inertia):
     ) -> None:
         """Compile the forms."""
         self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
-        self.forms = StepForms(bodies, rates, scheme, memory)
-        works = self.forms.residual(), rates.u, bcs, loads
+        forms = StepForms(bodies, rates, scheme, memory)
+        works = forms.residual(), rates.u, bcs, loads
         # Rigid bodies have neither stress nor inertia in statics.
         is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)
         make = TangentOfAllCells if is_partial else Tangent
-        self.bulk, self.tangent = Bulk(*works), make(*works, self.forms.nearby_tangent())
+        self.bulk, self.tangent = Bulk(*works), make(*works, forms.nearby_tangent())
+        damping = forms.dissipation()
+        self._dissipation = None if damping is None else compile_form(damping)
 
     def momentum(self) -> Floats:
         """Multiply the velocity by the mass, see `Inertia.momentum`."""
@@ -98,3 +103,8 @@ class ConsistentInertia(Inertia):
     def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
         """Set the velocity, see `Inertia.accept`."""
         return self._rates.accept(), ContactWork()
+
+    def dissipated(self) -> float:
+        """Assemble the dissipation, see `Inertia.dissipated`."""
+        some = self._dissipation
+        return 0.0 if some is None else float(fem.assemble_scalar(some))

@@ -97,8 +97,8 @@ class ResolvedImpact(Inertia):
         """Compile the forms, and give the mass to the nodes below."""
         self._rates, u = rates, rates.u
         self._mass = mass = RedistributedMass(bodies, extrapolate(bodies, massless))
-        self.forms = StepForms(bodies, rates, scheme, inertia=False)
-        residual = self.forms.residual()
+        forms = StepForms(bodies, rates, scheme, inertia=False)
+        residual = forms.residual()
 
         def factor() -> float:
             return 2 / float(rates.dt.value) ** 2
@@ -106,7 +106,7 @@ class ResolvedImpact(Inertia):
         acceleration = rates.mean_acceleration
         self.bulk = RedistributedBulk(residual, u, bcs, loads, mass, acceleration, factor)
         self.tangent = RedistributedTangent(
-            residual, u, bcs, loads, self.forms.nearby_tangent(), mass, rates.dt, factor
+            residual, u, bcs, loads, forms.nearby_tangent(), mass, rates.dt, factor
         )
         self._stiffness = self._undeformed_stiffness(scheme.stress_share)
         fixed = self.bulk.supports.fixed

@@ -433,13 +433,13 @@ def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkey
     monkeypatch.setattr(neighbour_list.NeighbourList, "_rebuild", watched)
     for _ in range(100):
         few.advance()
-        places = few._springs[0]._neighbours._positions
+        places = few._springs.pairs[0]._neighbours._positions
         assert search.approach(few.x, places) <= neighbour_list._MARGIN * size
     assert np.isinf(found[0]) and 2 <= len(found) <= 10
     assert agree(min(found[1:]) > neighbour_list._USED * neighbour_list._MARGIN)
     monkeypatch.undo()
     for _ in range(100):
-        many._springs[0].forget()
+        many._springs.pairs[0].forget()
         many.advance()
     np.testing.assert_allclose(often.positions(), seldom.positions(), atol=1e-12)
 
@@ -448,7 +448,7 @@ def test_nodes_keep_their_segments_among_other_candidates(comm, agree):
     stepper = scenes.ball_plate(comm, nts.CentralDifference, nts.Penalty(), dt=2e-3).stepper
     while stepper.advance().num_active < 5:
         pass
-    seen = stepper._springs[0]._neighbours
+    seen = stepper._springs.pairs[0]._neighbours
     # The segments under the ball, with other numbers than among all.
     other = stepper.contacts[0].search._find(stepper.x, 0.3)
     found, paired = seen._current_in(other), seen.current >= 0

@@ -1,0 +1,112 @@
+"""Contact of all pairs by springs, in explicit steps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["AllSprings"]
+
+# Numbers of lost nodes, of segments and of active nodes, and the parts of a `ContactWork`.
+_NUM_COUNTED = 9
+
+
+class AllSprings:
+    """Springs of all contact pairs, and their forces at the present state. Collective.
+
+    Args:
+        contacts: State of each contact pair.
+        mass: See `ContactSprings`.
+
+    Attributes:
+        pairs: Springs of each pair.
+        rub: Whether there is friction.
+    """
+
+    def __init__(self, contacts: Sequence[PairState], mass: Floats) -> None:
+        """Begin without forces."""
+        self._contacts = tuple(contacts)
+        self.pairs = [ContactSprings(contact, mass) for contact in contacts]
+        self.rub = any(contact.pair.friction is not None for contact in contacts)
+        self._forces: tuple[SpringForces, ...] = ()
+        self._before: tuple[SpringForces, ...] = ()
+
+    @property
+    def move(self) -> bool:
+        """Whether obstacles move in this step. Local."""
+        return any(contact.search.frame.moves for contact in self._contacts)
+
+    @property
+    def stored(self) -> float:
+        """Energy of all springs on this rank [J]. Local."""
+        return sum(force.stored for force in self._forces)
+
+    def forget(self) -> None:
+        """Look at all nodes again, as the state was set. Local."""
+        for springs in self.pairs:
+            springs.forget()
+
+    def serialize(self, archive: Archive, x: Floats) -> None:
+        """Serialize the last evaluation, at the positions x ``(l, 3)`` [m]."""
+        forces = self._forces or (None,) * len(self.pairs)
+        self._forces = tuple(
+            springs.serialize(archive, f"springs_{number}", force, x)
+            for number, (springs, force) in enumerate(zip(self.pairs, forces, strict=True), start=1)
+        )
+
+    def ways(self, x: Floats, moved: float) -> list[float]:
+        """Bounds on the motion of each pair, half of that of its sides to each other [m]. Local.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            moved: Largest motion of any node [m].
+        """
+        return [contact.search.way(x, moved) for contact in self._contacts]
+
+    def fast(self, ways: Sequence[float]) -> list[tuple[ContactSprings, float]]:
+        """Pairs whose nodes may pass a surface in a step, with these `ways`. Local."""
+        both = zip(self.pairs, ways, strict=True)
+        return [(springs, way) for springs, way in both if 2 * way > springs.shortest_passage]
+
+    def evaluate(self, x_n: Floats, x: Floats, ways: Sequence[float], total: Floats) -> None:
+        """Add the forces at x to those of the owned nodes.
+
+        Args:
+            x_n: See `ContactSprings.evaluate`.
+            x: See `ContactSprings.evaluate`.
+            ways: What nodes of each pair have moved since the last evaluation, see `ways` [m].
+            total: Sum of forces, shape ``(n, d)`` [N].
+        """
+        self._before = self._forces
+        self._forces = tuple(
+            springs.evaluate(x_n, x, way) for springs, way in zip(self.pairs, ways, strict=True)
+        )
+        for force in self._forces:
+            force.add_to(total)
+
+    def counted(self, x: Floats, du: Floats) -> list[float]:
+        """Counts and works between the last two evaluations, to be summed over ranks.
+
+        Args:
+            x: See `ContactSprings.work`.
+            du: See `ContactSprings.work`.
+
+        Returns:
+            Numbers of lost nodes, of segments and of active nodes, and the parts of a
+            `ContactWork` on this rank.
+        """
+        sums = np.zeros(_NUM_COUNTED)
+        for springs, old, new in zip(self.pairs, self._before, self._forces, strict=True):
+            counts = springs.num_lost, springs.num_segments, len(new.springs.node)
+            sums += *counts, *springs.work(old, new, x, du)
+        result: list[float] = sums.tolist()
+        return result
+
+    def accept(self) -> None:
+        """Make the contact of the last evaluation the accepted one. Local."""
+        for contact, force in zip(self._contacts, self._forces, strict=True):
+            contact.accept(force.history)

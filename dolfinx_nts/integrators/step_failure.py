@@ -1,0 +1,114 @@
+"""Why an implicit step failed, and what would help."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import GlobalInts
+from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
+from dolfinx_nts.contact.joint_state import bounds, members
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.integrators.rigid import redundant
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.solvers import newton
+
+__all__ = ["StepFailure"]
+
+# Reasons for which springs of pairs may be too soft.
+_SUNK = "through a surface", "into a surface"
+
+
+class StepFailure:
+    """Tells what is known of attempts at a step, none of which was accepted.
+
+    Args:
+        attempts: What Newton's method did from each start, by its name.
+        steps: Contact of the last attempt, with its ``states``.
+        states: Contact at the end of the last attempt, one for each of ``steps``.
+        comm: Communicator of the mesh.
+    """
+
+    def __init__(
+        self,
+        attempts: Mapping[str, newton.NewtonReport],
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+        comm: MPI.Comm,
+    ) -> None:
+        """Keep the attempts."""
+        self._attempts, self._comm = attempts, comm
+        self._steps = tuple(zip(steps, states, strict=True))
+
+    def error(
+        self,
+        step: str,
+        bodies: Sequence[Body],
+        contacts: Sequence[PairState],
+        yielding: Sequence[PairState],
+        advice: str,
+    ) -> newton.ConvergenceError:
+        """Error with all reasons. Collective.
+
+        Args:
+            step: Text that names the step.
+            bodies: All bodies.
+            contacts: All pairs.
+            yielding: Those whose springs yield whatever the step is.
+            advice: What would help where nothing better is known.
+        """
+        attempts = self._attempts.items()
+        reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts)
+        weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
+        if "is inverted" in reasons and weak:
+            reasons += (
+                f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
+            )
+        if nodes := self._listed(each.restless for each, _ in self._steps):
+            reasons += f"; nodes that keep changing segment or state: {nodes}"
+        if names := redundant(bodies, [contact.pair for contact in contacts]):
+            reasons += (
+                f"; forces of points of rigid bodies that touch at once are not unique: springs, "
+                f"as Penalty(eps_N=), between {names} make them so"
+            )
+        springs: Sequence[PairState] = yielding
+        if not yielding and (any(words in reasons for words in _SUNK) or "contact holds" in advice):
+            springs = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
+        stiffer = [
+            f"stiffer springs between {contact.pair.between} may help ({contact})"
+            for contact in springs
+        ]
+        if yielding:  # whatever the steps, nodes sink in
+            advice = "; ".join(stiffer)
+        else:
+            reasons = "; ".join([reasons, *stiffer])
+        return newton.ConvergenceError(
+            f"{step} failed {reasons}; the state is that of the last accepted step: "
+            f"{self._prescribed() or advice}",
+            list(self._attempts.values()),
+        )
+
+    def _prescribed(self) -> str:
+        """Say which nodes bcs move into what bcs hold or move too, or "". Collective."""
+        advice = ""
+        for step, state in self._steps:
+            node = prescribed_nodes(step, state)
+            ends = np.searchsorted(node, bounds(step.state))
+            for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
+                if nodes := self._listed([step.state.nodes.node_ids[some]]):
+                    advice = (
+                        "no contact force can stop nodes that bcs move into what bcs hold or "
+                        "move too; change bcs at these nodes between "
+                        f"{each.pair.between}: {nodes}"
+                    )
+        return advice
+
+    def _listed(self, parts: Iterable[GlobalInts]) -> str:
+        """Text with some numbers of nodes from all ranks, empty without. Collective."""
+        mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
+        return listed(np.unique(np.concatenate(self._comm.allgather(mine))))
