@@ -120,6 +120,12 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture
+def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
+    """One empty folder for all ranks. Collective."""
+    return comm.bcast(tmp_path)
+
+
+@pytest.fixture
 def agree(comm: MPI.Comm) -> Callable[[object], bool]:
     """Whether something is true on all ranks. Collective."""
 

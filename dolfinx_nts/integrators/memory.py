@@ -59,6 +59,11 @@ class Memory:
         """Whether any material remembers anything. Local."""
         return bool(self._of)
 
+    @property
+    def flows(self) -> bool:
+        """Whether any material can flow. Local."""
+        return any(isinstance(each, PlasticFlow) for each in self._of.values())
+
     def plastic_strain(self) -> Floats:
         """Mean equivalent plastic strain of the owned cells, shape ``(c,)`` [-]. Local."""
         strain = np.zeros(self._num_cells)

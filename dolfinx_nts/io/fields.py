@@ -131,12 +131,17 @@ class RunFields:
         """Values in the middles of the pieces of the owned cells by name, ``(c, p, ...)``."""
         if self._stress is None:
             return {}
-        state = self._stress.evaluate()
-        return {
-            "cauchy_stress": state.cauchy.reshape(*state.energy_density.shape, 9),
+        state, memory = self._stress.evaluate(), self._stepper.memory
+        shape = state.energy_density.shape
+        fields = {
+            "cauchy_stress": state.cauchy.reshape(*shape, 9),
             "von_mises_stress": state.von_mises(),
             "strain_energy_density": state.energy_density,
         }
+        if memory.flows:
+            strain = memory.plastic_strain()
+            fields["plastic_strain"] = np.broadcast_to(strain[:, None], shape).copy()
+        return fields
 
     def _values(self, name: str, own: OwnField) -> Array:
         """Values of a field of the user, checked. Local."""

@@ -85,7 +85,7 @@ class Recorder:
             ``"obstacles"``, ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on
             request.
         stress: Whether the fields have the Cauchy stress, the von Mises stress and the strain
-            energy density of the cells.
+            energy density of the cells, and the equivalent plastic strain where metal can flow.
         own_columns: Functions by the name of a column, which return a number or a vector of
             three for the stepper that they are given, the same on all ranks. All ranks call
             them for each row.

@@ -29,12 +29,6 @@ POSITION_TOLERANCE = 1e-10
 NUM_STEPS, BREAK = 9, 5
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 schemes = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
 
 

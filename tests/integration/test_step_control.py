@@ -29,12 +29,6 @@ UNTIL = 8 * BLOCK_STEP
 IMPLICIT = {name: scheme for name, scheme in SCHEMES.items() if name not in ("explicit", "strong")}
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def same_state(one, other):
     """Whether two steppers on this rank have the same state, bit for bit."""
     same = [np.array_equal(getattr(one, f).x.array, getattr(other, f).x.array) for f in "uv"]

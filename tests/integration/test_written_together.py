@@ -24,12 +24,6 @@ ROUND_OFF = 1e-15
 COPIES = 3.5
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def moved(stepper):
     """Give each node a displacement and a velocity that its number decides."""
     V = stepper.u.function_space

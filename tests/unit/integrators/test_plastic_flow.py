@@ -12,6 +12,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.interrupted import SCHEMES, scene
+from helpers.readers import read_grids
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -40,7 +41,7 @@ def test_flow_only_takes_energy_and_all_of_it_is_accounted_for(comm, cell, schem
     check_dissipation(comm, cell, metal(), scheme)
 
 
-def test_impacts_of_plastic_blocks_lose_what_flows(comm):
+def test_impacts_of_plastic_blocks_lose_what_flows(comm, folder, agree):
     stepper = scene(comm, SCHEMES["plastic"]).stepper
     ledger = Ledger(stepper)
     ledger.run(12)
@@ -48,6 +49,12 @@ def test_impacts_of_plastic_blocks_lose_what_flows(comm):
     assert max(report.num_active for report in ledger.reports) > 0
     assert taken > 1e-3 * ledger.scale
     assert abs(lost - taken) <= 1e-10 * ledger.scale
+    with nts.Recorder(folder / "run", stepper, stress=True):
+        pass
+    _, (grid,) = read_grids(folder / "run.vtkhdf")
+    written, own = grid.cell_data["plastic_strain"], nts.Fields(stepper).plastic_strain().x.array
+    original = stepper.u.function_space.mesh.topology.original_cell_index[: len(own)]
+    assert agree(np.array_equal(written[original], own) and written.max() > 0)
 
 
 def face(box, axis, place):

@@ -32,12 +32,6 @@ LEDGER = (
 )
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def record(stepper, path, num_steps, **options):
     """Record some steps. Collective."""
     with Recorder(path, stepper, **options) as recorder:

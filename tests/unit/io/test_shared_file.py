@@ -15,12 +15,6 @@ from helpers.killed import Killed, kill_at
 pytestmark = pytest.mark.at_most_two_ranks
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def rows(comm, whole):
     """Slab of this rank; the first has none if there are several."""
     ends = np.linspace(0, len(whole), max(comm.size, 2)).astype(int)

@@ -16,12 +16,6 @@ needs_adios = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def sliding_blocks(comm, cell="hexahedron"):
     """Return blocks with friction, so that there are all fields."""
     old = blocks(comm, cell=cell).stepper

@@ -27,12 +27,6 @@ def once(value):
     return pytest.param(value, marks=pytest.mark.serial)
 
 
-@pytest.fixture
-def folder(comm, tmp_path):
-    """Return one folder for all ranks."""
-    return comm.bcast(tmp_path)
-
-
 def colours(comm, path):
     """Number of different colours in a picture. Collective."""
     comm.barrier()
