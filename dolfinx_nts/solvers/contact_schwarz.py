@@ -20,6 +20,9 @@ _NOTHING = -1, -1  # no numbers of matrix and active set
 # Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
 # [-]: nodes that begin to slip, or turn, have tangents far above it.
 _LARGEST_CHANGE = 0.1
+# Part of the constraints that may reach other nodes than before, or have gradients that differ by
+# more [-]: one node that comes to another segment does no harm, but a surface that slides does.
+_MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
 # Size of blocks of the tangent, in the same, and of parts of constraints [-] that are not worth
 # their entries: mortar contact has many small ones.
 _NEGLIGIBLE = 0.01
@@ -118,7 +121,8 @@ class ContactSchwarz:
         """Whether other nodes are constrained, or the contact tangent is another. Collective."""
         then, least = self._contacts, _LARGEST_CHANGE * self._softest()
         has_changed = len(now) != len(then) or any(
-            not _same_nodes(*both) or _change(*both) > least for both in zip(now, then, strict=True)
+            not _same_nodes(*both) or _change(*both) > least or _moved(*both) > _MOST_MOVED
+            for both in zip(now, then, strict=True)
         )
         return reductions.anywhere(self._tangent.comm, has_changed)
 
@@ -167,6 +171,16 @@ def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
     """Whether the same nodes are constrained, in the same way. Local."""
     own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
     return np.array_equal(own, before) and np.array_equal(now.rank, then.rank)
+
+
+def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
+    """Part of the constraints of the same nodes that have come to other segments [-]. Local."""
+    m = max(len(now.rank), 1)
+    if len(now.nodes) != len(then.nodes):
+        return 1.0
+    others = (now.nodes != then.nodes).reshape(m, -1).any(axis=1)
+    differences = np.abs(now.gradients - then.gradients).reshape(m, -1).max(axis=1, initial=0.0)
+    return float(np.mean(others | (differences > _OTHER_GRADIENT)))
 
 
 def _change(now: ContactBlocks, then: ContactBlocks) -> float:
