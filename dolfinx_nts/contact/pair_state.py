@@ -44,6 +44,8 @@ class PairState:
     Attributes:
         pair: The argument.
         search: Finds the candidates of steps.
+        facets: Facets around the nodes, by which these face what they do.
+        accepted: What was accepted last, see `accept`.
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
             None without.
         eps_T: The same of the tangential springs.
@@ -57,13 +59,13 @@ class PairState:
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
-        self._facets = NodalFacets(pair.nodes)
+        self.facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, once it has been chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
-        self._history: ContactHistory | Callable[[], ContactHistory]
-        self._history = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
+        self.accepted: ContactHistory | Callable[[], ContactHistory]
+        self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
         pair.attach(self)
 
     @property
@@ -79,13 +81,12 @@ class PairState:
     @property
     def history(self) -> ContactHistory:
         """Contact of the last accepted step. Local."""
-        if not isinstance(self._history, ContactHistory):
-            self._history = self._history()
-        return self._history
+        accepted = self.accepted
+        return accepted if isinstance(accepted, ContactHistory) else accepted()
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
-        """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
-        self._history = history
+        """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
+        self.accepted = history
 
     def derive_penalty(
         self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
@@ -147,7 +148,7 @@ class PairState:
         ``x`` are positions of the local nodes of the space, owned and ghost, in the frame of the
         search, shape ``(l, 3)`` [m].
         """
-        return self._facets.points(x)
+        return self.facets.points(x)
 
     @property
     def pressure(self) -> Floats:
