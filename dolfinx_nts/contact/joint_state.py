@@ -24,7 +24,6 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.joint_facets import JointFacets
 from dolfinx_nts.search.joint_search import JointSearch
-from dolfinx_nts.search.points import NodalPoints
 
 __all__ = ["JointNodes", "JointState", "bounds", "joined", "members", "segment_sizes"]
 
@@ -60,6 +59,7 @@ class JointState:
         segment_sizes: Longest segment of each pair, shape ``(c,)`` [m].
         pair: One of the pairs, for the laws.
         search: Finds the candidates of all pairs.
+        facets: Facets around the nodes, which make contact points of these.
     """
 
     def __init__(self, states: Sequence[PairState]) -> None:
@@ -75,7 +75,7 @@ class JointState:
         shorter = _kernels.DEEPEST * (self.segment_sizes.max() - self.segment_sizes)
         searches = [cast(GlobalSearch, state.search) for state in states]
         self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
-        self._facets = JointFacets([state.facets for state in states])
+        self.facets = JointFacets([state.facets for state in states])
         # What the pairs have accepted, and the same in joint arrays.
         self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
@@ -106,10 +106,6 @@ class JointState:
         for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
             state.accept(cache(partial(_part, history, slice(start, end))))
             self._accepted.append(state.accepted)
-
-    def points(self, x: Floats) -> NodalPoints:
-        """Contact points of the nodes, see `PairState.points`. Collective."""
-        return self._facets.points(x)
 
 
 def joined(states: Sequence[PairState]) -> list[PairState | JointState]:

@@ -215,6 +215,13 @@ class Search(ABC):
         """Local nodes of the space that are this rank's nodes and vertices. Local."""
         return self._nodes.nodes, self._vertices
 
+    def is_near(self, x: Floats, reach: float) -> bool:
+        """Whether a node of this rank may be within reach of a candidate. Local.
+
+        Arguments are those of `update`, x in space.
+        """
+        return True
+
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
         """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
         nodes, vertices = self.rows

@@ -15,7 +15,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch", "may_face"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
@@ -25,6 +25,24 @@ _STATIC_OVERHANG = 0.06
 # Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
 # iterates overshoot.
 _WAYS = 3
+
+
+def may_face(state: PairState | JointState, x_n: Floats, way: float) -> bool:
+    """Whether nodes of a pair may face anything in a step, or did so in the last one. Collective.
+
+    Nothing becomes of others in a step with inertia: they need no attempt.
+
+    Args:
+        state: State of the contact pair, or of several.
+        x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
+            [m].
+        way: Longest way of a node in the ballistic step, the same on all ranks [m].
+    """
+    near = isinstance(state, JointState) or state.search.is_near(
+        x_n, (_WAYS + 1) * way + _kernels.DEEPEST * float(segment_sizes(state).max())
+    )
+    comm: MPI.Comm = state.nodes.V.mesh.comm
+    return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
 
 
 class Approach(NamedTuple):
@@ -82,7 +100,7 @@ class LocalSearch:
         self.reach = _WAYS * self._way + deepest
         reach = self.reach + self._beyond(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
-        self.points = points = state.points(x_n)
+        self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
         trial = candidates.scatter.forward(x_trial)
 
