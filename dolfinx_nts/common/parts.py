@@ -14,7 +14,8 @@ def counts_of_parts(flags: Flags, ends: Array) -> Array:
         flags: Those of all parts, shape ``(m,)``.
         ends: Where each part begins, and the end, shape ``(c + 1,)``.
     """
-    counts: Array = np.diff(np.searchsorted(flags.nonzero()[0], ends))
+    found = np.searchsorted(flags.nonzero()[0], ends)
+    counts: Array = found[1:] - found[:-1]
     return counts
 
 

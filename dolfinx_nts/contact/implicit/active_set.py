@@ -64,25 +64,32 @@ class BlockPivoting:
         ends = np.searchsorted(node, self._ends)
         own = counts_of_parts(violates, ends)
         count = reductions.total(self._comm, own)
-        stays, fewer = count >= self._last, count < self._fewest
-        self._patience[stays & ~fewer & (count > 0)] -= 1
+        fewer = count < self._fewest
         self._patience[fewer] = _PATIENCE
         self._fewest = np.minimum(self._fewest, count)
-        single = (count > 0) & (self._patience < 0)
-        waiting = stays & ~single & self._waits
         changes = violates
-        if (single | waiting).any():
-            pair, ids = np.repeat(np.arange(len(count)), np.diff(ends)), self._ids[node]
-            lowest = np.full(len(count), np.iinfo(np.int64).max)
-            np.minimum.at(lowest, pair[violates], ids[violates])
-            lowest = reductions.least(self._comm, lowest)
-            is_next = (ids == lowest[pair]) & (iteration % _PERIOD == 0)
-            changes = violates & (is_next | ~single[pair])
-            changes &= ~(waiting[pair] & self._changed[node])
+        if count.any():
+            stays = count >= self._last
+            self._patience[stays & ~fewer & (count > 0)] -= 1
+            single = (count > 0) & (self._patience < 0)
+            waiting = stays & ~single & self._waits
+            if (single | waiting).any():
+                pair = np.repeat(np.arange(len(count)), np.diff(ends))
+                changes = violates & ~(waiting[pair] & self._changed[node])
+                is_next = self._lowest(violates, node, pair) & (iteration % _PERIOD == 0)
+                changes &= is_next | ~single[pair]
         self._last = count
         self._changed[:] = False
         self._changed[node[changes]] = True
         return changes, int(own.sum())
+
+    def _lowest(self, violates: Flags, node: Ints, pair: Array) -> Flags:
+        """Whether nodes have the lowest number of the violators of their pair, ``(m,)``."""
+        ids = self._ids[node]
+        lowest = np.full(len(self._last), np.iinfo(np.int64).max)
+        np.minimum.at(lowest, pair[violates], ids[violates])
+        flags: Flags = ids == reductions.least(self._comm, lowest)[pair]
+        return flags
 
 
 class ActiveSet:
