@@ -405,7 +405,7 @@ class ImplicitStepper(Stepper):
             is_static = self._rates.acceleration is None
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
-            states: Iterable[PairState | JointState] = self._sleeping.states
+            states: Sequence[PairState | JointState] = self._sleeping.states
             if not is_static:
                 way = reductions.largest(self._comm, _kernels.farthest(*x))
                 states = [state for state in states if may_face(state, x[0], way)]
