@@ -197,19 +197,27 @@ class CellIntegral:
 
 class NodeFacets:
     def __init__(
-        self, vertices: _Ints, orientation: _Floats, first: _Ints, facets: _Ints, angle: _Floats
+        self,
+        vertices: _Ints,
+        orientation: _Floats,
+        first: _Ints,
+        facets: _Ints,
+        angle: _Floats,
+        group: _Ints | None = None,
     ) -> None: ...
 
 class Segments:
     num_trees: int
-    def __init__(self, vertices: _Ints, orientation: _Floats, key: _Keys) -> None: ...
-    def find(self, keys: _Keys) -> _Ints: ...
+    def __init__(
+        self, vertices: _Ints, orientation: _Floats, key: _Keys, first: _Ints | None = None
+    ) -> None: ...
+    def find(self, keys: _Keys, group: _Ints | None = None) -> _Ints: ...
     def pair(
         self,
         x_node: _Floats,
         current: _Ints,
         slack: float,
-        reach: float,
+        reach: float | _Floats,
         x: _Floats,
         facets: NodeFacets,
         x_facets: _Floats,

@@ -1,27 +1,29 @@
 """Contact of several pairs with the same laws, in joint arrays.
 
 A scene of many bodies has many pairs with few nodes each. What is done with arrays is done for
-all of them at once; what belongs to one pair stays with it: its search, and its history.
+all of them at once. What is remembered from step to step stays with each pair: what its search
+covers, and its history.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import fields
-from functools import partial
-from itertools import accumulate, pairwise
-from typing import Any, NamedTuple
+from functools import cache, partial
+from itertools import pairwise
+from operator import is_not
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.global_search import GlobalSearch
-from dolfinx_nts.search.joint_segments import JointSegments
-from dolfinx_nts.search.segment_candidates import SegmentCandidates
+from dolfinx_nts.search.joint_facets import JointFacets
+from dolfinx_nts.search.joint_search import JointSearch
 
 __all__ = ["JointNodes", "JointState", "bounds", "joined", "members", "segment_sizes"]
 
@@ -48,26 +50,34 @@ class JointState:
     Arrays are over the nodes of all pairs, pair by pair.
 
     Args:
-        states: Those of the pairs, with the same laws and the same shape of segments.
+        states: Those of the ``c`` pairs, with the same laws and the same shape of segments.
 
     Attributes:
         members: The argument.
         nodes: Nodes of all pairs.
+        ends: Where the nodes of each pair begin, and the end, shape ``(c + 1,)``.
+        segment_sizes: Longest segment of each pair, shape ``(c,)`` [m].
         pair: One of the pairs, for the laws.
-        search: Its search, for the frame.
+        search: Finds the candidates of all pairs.
+        facets: Facets around the nodes, which make contact points of these.
     """
 
     def __init__(self, states: Sequence[PairState]) -> None:
-        """Join the nodes."""
+        """Join nodes and searches."""
         self.members = tuple(states)
         surfaces = [state.nodes for state in states]
         names = ("nodes", "node_ids", "area")
         arrays = (np.concatenate([getattr(each, name) for each in surfaces]) for name in names)
         self.nodes = JointNodes(surfaces[0].V, *arrays)
+        self.ends: Array = np.cumsum([0, *(len(surface.nodes) for surface in surfaces)])
         self.pair: ContactPair = states[0].pair
-        self.search: Search = states[0].search
-        self._segments: JointSegments | None = None
-        self._histories: tuple[ContactHistory, ...] = ()
+        self.segment_sizes: Floats = np.array([state.pair.segment_size for state in states])
+        shorter = _kernels.DEEPEST * (self.segment_sizes.max() - self.segment_sizes)
+        searches = [cast(GlobalSearch, state.search) for state in states]
+        self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
+        self.facets = JointFacets([state.facets for state in states])
+        # What the pairs have accepted, and the same in joint arrays.
+        self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
 
     @property
@@ -83,23 +93,19 @@ class JointState:
     @property
     def history(self) -> ContactHistory:
         """Contact of the last accepted step of all pairs. Local."""
-        histories = tuple(state.history for state in self.members)
-        known = self._histories
-        if len(known) != len(histories) or any(map(lambda a, b: a is not b, histories, known)):
-            self._histories, self._history = histories, _joint_history(histories)
+        accepted = [state.accepted for state in self.members]
+        known = self._accepted
+        if len(known) != len(accepted) or any(map(is_not, accepted, known)):
+            self._history = _joint_history([state.history for state in self.members])
+            self._accepted = accepted
         return self._history
 
     def accept(self, history: ContactHistory) -> None:
         """Let each pair remember its part of the contact of a step. Local."""
-        for state, (start, end) in zip(self.members, pairwise(bounds(self)), strict=True):
-            state.accept(partial(_part, history, slice(start, end)))
-
-    def segments(self, parts: Sequence[SegmentCandidates]) -> JointSegments:
-        """Join the candidates of the pairs, unless they are those of the last time. Collective."""
-        known = self._segments
-        if known is None or any(map(lambda a, b: a is not b, known.parts, parts)):
-            self._segments = known = JointSegments(parts)
-        return known
+        self._history, self._accepted = history, []
+        for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
+            state.accept(cache(partial(_part, history, slice(start, end))))
+            self._accepted.append(state.accepted)
 
 
 def joined(states: Sequence[PairState]) -> list[PairState | JointState]:
@@ -124,15 +130,16 @@ def members(state: PairState | JointState) -> tuple[PairState, ...]:
     return state.members if isinstance(state, JointState) else (state,)
 
 
-def bounds(state: PairState | JointState) -> list[int]:
-    """Where the nodes of each of ``c`` pairs begin, and the end, ``c + 1`` in number. Local."""
-    return list(accumulate((len(each.nodes.nodes) for each in members(state)), initial=0))
+def bounds(state: PairState | JointState) -> Array:
+    """Where the nodes of each of ``c`` pairs begin, and the end, ``(c + 1,)``. Local."""
+    return state.ends if isinstance(state, JointState) else np.array([0, len(state.nodes.nodes)])
 
 
 def segment_sizes(state: PairState | JointState) -> Floats:
-    """Longest segment of the pair of each node, shape ``(n,)`` [m]. Local."""
-    sizes = [each.pair.segment_size for each in members(state)]
-    return np.repeat(sizes, np.diff(bounds(state)))
+    """Longest segment of each of ``c`` pairs, shape ``(c,)`` [m]. Local."""
+    if isinstance(state, JointState):
+        return state.segment_sizes
+    return np.array([state.pair.segment_size])
 
 
 def _kind(state: PairState) -> Hashable:
@@ -146,7 +153,7 @@ def _kind(state: PairState) -> Hashable:
         None if law is None else (type(law), *sorted(vars(law).items()))
         for law in (pair.enforcement, pair.friction)
     )
-    return (search.num_vertices, *laws)
+    return (search.num_vertices, pair.nodes.segments.shape[1], *laws)
 
 
 def _joint_springs(values: Sequence[Floats | None]) -> Floats | None:

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
@@ -44,6 +43,8 @@ class PairState:
     Attributes:
         pair: The argument.
         search: Finds the candidates of steps.
+        facets: Facets around the nodes, which make contact points of these.
+        accepted: What was accepted last, see `accept`.
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
             None without.
         eps_T: The same of the tangential springs.
@@ -57,13 +58,13 @@ class PairState:
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self.search, self._far_search = _search(pair), _search(pair)
-        self._facets = NodalFacets(pair.nodes)
+        self.facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, once it has been chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
-        self._history: ContactHistory | Callable[[], ContactHistory]
-        self._history = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
+        self.accepted: ContactHistory | Callable[[], ContactHistory]
+        self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
         pair.attach(self)
 
     @property
@@ -79,13 +80,12 @@ class PairState:
     @property
     def history(self) -> ContactHistory:
         """Contact of the last accepted step. Local."""
-        if not isinstance(self._history, ContactHistory):
-            self._history = self._history()
-        return self._history
+        accepted = self.accepted
+        return accepted if isinstance(accepted, ContactHistory) else accepted()
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
-        """Remember the contact of a step, or a function that makes it if it is asked for. Local."""
-        self._history = history
+        """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
+        self.accepted = history
 
     def derive_penalty(
         self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
@@ -141,14 +141,6 @@ class PairState:
         if pair.nodes.V.mesh.comm.rank == 0:
             _logger.info("%s", self)
 
-    def points(self, x: Floats) -> NodalPoints:
-        """Contact points of the nodes, which face what they do at positions x. Collective.
-
-        ``x`` are positions of the local nodes of the space, owned and ghost, in the frame of the
-        search, shape ``(l, 3)`` [m].
-        """
-        return self._facets.points(x)
-
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
@@ -172,7 +164,7 @@ class PairState:
         x = search.frame.at_end(x)
         candidates, _ = search.update(x, np.inf)
         current = candidates.find(self.history.key)
-        points, x = self.points(x), candidates.scatter.forward(x)
+        points, x = self.facets.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
 
     def _forces_on_segments(self) -> Floats:
@@ -195,23 +187,6 @@ class PairState:
         candidates.scatter.add(total, candidates.segments[segment], forces)
         sums: Floats = total[:, 0]
         return sums
-
-    def held_apart(self, x: Floats, gap_tol: float) -> Flags:
-        """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
-
-        ``gap_tol`` is the distance from which on a node counts [m], ``x`` are positions of the
-        local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
-        """
-        law = self.pair.enforcement
-        if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
-            return np.zeros(len(self.pair.nodes.nodes), dtype=bool)
-        gap, history = self.gap(x), self.history
-        if self.pair.method == "mortar":  # multipliers hold mean gaps
-            gap = np.where(history.active, history.gap, gap)
-        # A node deeper than that belongs to another side of the body.
-        inside = (gap < 0) & (gap > -_kernels.DEEPEST * self.pair.segment_size)
-        flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
-        return flags
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the accepted contact and springs, but not the search. Collective.

@@ -12,6 +12,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
@@ -146,7 +147,7 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> 
     return f"{where}; {advice}"
 
 
-def passing_nodes_message(nodes: Surface, passage: Passage, dt: float) -> str:
+def passing_nodes_message(nodes: Surface | JointNodes, passage: Passage, dt: float) -> str:
     """Name nodes that pass on any rank, and a step with which they would not. Collective.
 
     Args:

@@ -26,10 +26,12 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.penetration import check_penetration
-from dolfinx_nts.contact.joint_state import joined
+from dolfinx_nts.contact.joint_state import JointState, joined
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
@@ -342,10 +344,10 @@ class ImplicitStepper(Stepper):
         """Set the velocity and the contact by the solution, and compute all works."""
         dt, n = self.dt, len(self._lumped_mass)
         work = ContactWork()
-        for contact, step, pairs in zip(self._sleeping.states, steps, solution.states, strict=True):
+        for step, pairs in zip(steps, solution.states, strict=True):
             history, step_work = step.accepted(pairs)
             work = work + step_work
-            contact.accept(history)
+            step.state.accept(history)
         self.watch.springs.look()
         self._free_bodies.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
@@ -403,11 +405,13 @@ class ImplicitStepper(Stepper):
             is_static = self._rates.acceleration is None
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
+            states: Sequence[PairState | JointState] = self._sleeping.states
+            if not is_static:
+                way = reductions.largest(self._comm, _kernels.farthest(*x))
+                states = [state for state in states if may_face(state, x[0], way)]
             steps = [
-                ContactStep(
-                    contact, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way
-                )
-                for contact in self._sleeping.states
+                ContactStep(state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way)
+                for state in states
             ]
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):

@@ -6,11 +6,12 @@ one of them moves the others at these nodes.
 """
 
 from collections.abc import Sequence
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
@@ -89,21 +90,22 @@ class SleepingBodies:
         self.bodies: frozenset[Body] = frozenset()
         self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
 
-    def _pairs_of_groups(self) -> dict[_Group, list[int]]:
-        """Numbers of the pairs that can act on each group of bodies."""
+    def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
+        """Pairs that can act on each group of bodies."""
         comm, u = self._bulk.comm, self._bulk.u
         group_of = np.full(self._bulk.num_owned // dimension(u.function_space), -1)
         for number, nodes in enumerate(self._nodes.values()):
             group_of[nodes] = number
         found = []
-        for i, pair in enumerate(chain(*map(members, self.states))):
+        all_pairs = list(chain(*map(members, self.states)))
+        for i, pair in enumerate(all_pairs):
             sides = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
             numbers = np.unique(np.concatenate([group_of[side.nodes] for side in sides]))
             found += [(int(number), i) for number in numbers if number >= 0]
         rows = np.array(found, dtype=np.int64).reshape(-1, 2)
-        pairs: dict[_Group, list[int]] = {group: [] for group in self._groups}
+        pairs: dict[_Group, list[PairState]] = {group: [] for group in self._groups}
         for number, pair_number in np.unique(joined(comm, rows), axis=0):
-            pairs[self._groups[number]].append(int(pair_number))
+            pairs[self._groups[number]].append(all_pairs[pair_number])
         return pairs
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
@@ -113,18 +115,18 @@ class SleepingBodies:
             v: Velocity of the local dofs, shape ``(d l,)`` [m/s].
             u_n: Accepted displacement, shape ``(d l,)`` [m]. That of ``bulk`` is the start of
                 Newton's method, with the supports where they are at the end of the step.
-            steps: Contact in the step.
+            steps: Contact in the step, but for pairs that face nothing.
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
             a.reshape(-1, dimension(self._bulk.u.function_space))
             for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
-        may_touch = [flag for step in steps for flag in _may_touch(step)]
+        may_touch = {pair for step in steps for pair in _may_touch(step)}
         for group in self._groups:
             nodes = self._nodes[group]
             moves = np.any(v[nodes]) or np.any(moved[nodes])
-            touched = any(may_touch[i] for i in self._pairs[group])
+            touched = not may_touch.isdisjoint(self._pairs[group])
             still = not (moves or touched or group in self._loaded)
             # Its displacement may have been set since its equilibrium was checked.
             known = group in self._asleep and not np.any(displaced[nodes])
@@ -141,8 +143,13 @@ class SleepingBodies:
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
         """Wake all bodies if contact has reached one after all; returns whether it has."""
-        touched = [flag for step in steps for flag in step.touched]
-        reached = any(touched[i] for group in self._asleep for i in self._pairs[group])
+        touched = {
+            pair
+            for step in steps
+            for pair, flag in zip(members(step.state), step.touched, strict=True)
+            if flag
+        }
+        reached = any(not touched.isdisjoint(self._pairs[group]) for group in self._asleep)
         if reached:
             self._wake_all()
         return reached
@@ -174,7 +181,9 @@ class SleepingBodies:
         self._bulk.leave_out(cells, nodes)
 
 
-def _may_touch(step: ContactStep) -> list[bool]:
-    """Whether nodes of each pair may touch, as far as this rank knows. Local."""
-    nodes, ends = step.normal.may_touch, pairwise(bounds(step.state))
-    return [step.may_touch and bool(nodes[start:end].any()) for start, end in ends]
+def _may_touch(step: ContactStep) -> list[PairState]:
+    """Pairs of which nodes may touch, as far as this rank knows. Local."""
+    if not step.may_touch:
+        return []
+    counts = counts_of_parts(step.normal.may_touch, bounds(step.state))
+    return [pair for pair, count in zip(members(step.state), counts, strict=True) if count]

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.common.arguments import finite
 from dolfinx_nts.common.arrays import Flags
+from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.limit_point import LimitPoint
@@ -186,7 +187,7 @@ class TimeLoop(State):
     def _held_apart(self, gap_tol: float) -> list[Flags]:
         """Nodes of each pair that contact holds off the surface, or inside, by over gap_tol."""
         x = self.x
-        return [pair.held_apart(x, gap_tol) for pair in self.contacts]
+        return [held_apart(pair, x, gap_tol) for pair in self.contacts]
 
     def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
         """Such nodes after the present step; raises if there are new ones."""

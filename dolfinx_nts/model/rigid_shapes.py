@@ -54,12 +54,16 @@ class _Exact(Obstacle):
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
-        frame_n, frame = (_frame(self.distance(y)[1]) for y in (x_n, x))
+        frame_n, frame = self._frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
         second = np.ones((len(x), 1)), np.zeros((len(x), 2, 1))
         orientation = np.ones(len(x))
         frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
         return Slip(value, frame_n, frame_n, *second, **frames)
+
+    def _frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``."""
+        return _frame(self.distance(x_n)[1]), _frame(self.distance(x)[1])
 
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
@@ -122,6 +126,7 @@ class RigidPlane(_Exact):
         self.dim = _dimension("point", point)
         self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
+        self._tangents = _frame(self._normal[None])
 
     @property
     def is_of_revolution(self) -> bool:
@@ -133,7 +138,7 @@ class RigidPlane(_Exact):
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
-        return (x - self._point) @ self._normal, np.tile(self._normal, (len(x), 1))
+        return (x - self._point) @ self._normal, np.full((len(x), 3), self._normal)
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         gap_n, gap = (self.distance(y)[0] for y in (x_n, x))
@@ -142,7 +147,11 @@ class RigidPlane(_Exact):
         return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        return np.tile(self._normal, (len(x), 1)), np.zeros((len(x), 3, 3))
+        return np.full((len(x), 3), self._normal), np.zeros((len(x), 3, 3))
+
+    def _frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        frame = np.repeat(self._tangents, len(x), axis=0)
+        return frame, frame
 
 
 class _Round(_Exact):

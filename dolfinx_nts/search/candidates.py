@@ -210,9 +210,22 @@ class Search(ABC):
             The candidates, and whether they are others than last time.
         """
 
+    @property
+    def rows(self) -> tuple[Ints, Ints]:
+        """Local nodes of the space that are this rank's nodes and vertices. Local."""
+        return self._nodes.nodes, self._vertices
+
+    def is_near(self, x: Floats, reach: float) -> bool:
+        """Whether a node of this rank may be within reach of a candidate. Local.
+
+        Arguments are those of `update`, x in space.
+        """
+        return True
+
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
         """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
-        return x[self._nodes.nodes], x[self._vertices]
+        nodes, vertices = self.rows
+        return x[nodes], x[vertices]
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
         """Convert forces of multipliers into tractions at the nodes of the surface. Collective.
@@ -232,7 +245,7 @@ class Search(ABC):
 
         ``before`` are the `positions` from which the motion counts, ``x`` is as of `update`.
         """
-        ways = zip((self._nodes.nodes, self._vertices), before, strict=True)
+        ways = zip(self.rows, before, strict=True)
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
         # A node and a vertex of different ranks may approach each other.
         return sum(reductions.largest(self._comm, moved))

@@ -27,6 +27,10 @@ class GlobalSearch(Search):
     Args:
         nodes: Surface whose nodes look for segments.
         segments: Surface that offers segments.
+
+    Attributes:
+        covered: Where nodes and vertices were at the last search, see `positions`, and the reach
+            that it covered [m]; None before the first.
     """
 
     candidates: SegmentCandidates
@@ -45,8 +49,7 @@ class GlobalSearch(Search):
         owners = owners_of(space)[vertices]
         # What is sent of a segment, but for its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
-        # Where nodes and vertices were at the last search, and the reach it covered.
-        self._covered: tuple[Floats, Floats, float] | None = None
+        self.covered: tuple[Floats, Floats, float] | None = None
 
     @property
     def num_vertices(self) -> int:
@@ -59,27 +62,31 @@ class GlobalSearch(Search):
         The last candidates stay while nothing has moved by more than the margin with which
         they were found, and forever if they reach everywhere.
         """
-        if self._covered is not None:
-            *before, covered = self._covered
+        if self.covered is not None:
+            *before, covered = self.covered
             if np.isinf(covered) or self.approach(x, before) + reach <= covered:
                 return self.candidates, False
+        self.renew(x, reach)
+        return self.candidates, True
+
+    def renew(self, x: Floats, reach: float) -> None:
+        """Find candidates, whatever the last ones cover; arguments as of `update`. Collective."""
         reach *= self._margin
         self.candidates = self._find(x, reach)
-        self._covered = (*self.positions(x), reach)
+        self.covered = (*self.positions(x), reach)
         self.num_searches += 1
-        return self.candidates, True
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize where the candidates were found, see `Search.serialize`. Collective."""
-        covered = self._covered
+        covered = self.covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
         stored = archive.local(name, arrays)
         if not archive.giving:
             return
-        self._covered = None
+        self.covered = None
         if stored is not None:
             x_nodes, x_vertices, reach = stored
-            self._covered = (x_nodes, x_vertices, float(reach))
+            self.covered = (x_nodes, x_vertices, float(reach))
             x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
             self.candidates = self._find(x, float(reach))

@@ -124,7 +124,7 @@ class ObstacleSearch(Search):
         """Make the candidates, which never change."""
         super().__init__(nodes, np.empty(0, dtype=np.int32))
         self.candidates = ObstacleCandidates(obstacle, nodes)
-        self._motion, self._dim = obstacle.motion, obstacle.dim
+        self._obstacle, self._motion, self._dim = obstacle, obstacle.motion, obstacle.dim
         self._has_axis = is_axisymmetric(nodes.V.mesh)
         self.may_move = not obstacle.motion.is_rest
 
@@ -136,6 +136,10 @@ class ObstacleSearch(Search):
                 "expected a motion along the axis y of an obstacle in an axisymmetric mesh, given "
                 f"{self._motion!r} with another one at t = {t:g}"
             )
+
+    def is_near(self, x: Floats, reach: float) -> bool:
+        """Whether a node may be within reach, of an obstacle at rest, see `Search.is_near`."""
+        return self.may_move or len(self._obstacle.near(x[self.rows[0]], reach)) > 0
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
         """Return the candidates, see `Search.update`. Local."""

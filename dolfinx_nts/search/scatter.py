@@ -1,5 +1,6 @@
 """Carries values of nodes between the ranks, for the candidates of one search."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from dolfinx import common, la
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
 
-__all__ = ["NodalScatter"]
+__all__ = ["NodalScatter", "joint_scatter"]
 
 
 class NodalScatter:
@@ -79,3 +80,28 @@ class NodalScatter:
         _kernels.add_rows(sums, nodes, values)
         self.vector.scatter_reverse(la.InsertMode.add)
         total += sums[: len(total)]
+
+
+def joint_scatter(scatters: Sequence[NodalScatter]) -> tuple[NodalScatter, list[Ints | None]]:
+    """Map with the ghosts of several, and the nodes of each in it. Collective.
+
+    Args:
+        scatters: They have the same owned nodes.
+
+    Returns:
+        The map, and the numbers in it of the nodes of each, None where they are the same.
+    """
+    first = scatters[0]
+    if all(scatter.is_local for scatter in scatters):
+        return first, [None] * len(scatters)
+    maps = [scatter.index_map for scatter in scatters]
+    num_owned = first.index_map.size_local
+    ghosts, place = np.unique(np.concatenate([m.ghosts for m in maps]), return_index=True)
+    owners = np.concatenate([m.owners for m in maps])[place]
+    joint = compat.index_map(first.index_map.comm, num_owned, ghosts, owners)
+    own = np.arange(num_owned, dtype=np.int32)
+    rows: list[Ints | None] = [
+        np.concatenate([own, num_owned + np.searchsorted(ghosts, m.ghosts)]).astype(np.int32)
+        for m in maps
+    ]
+    return NodalScatter(joint, is_local=False), rows

@@ -42,17 +42,19 @@ class SegmentCandidates(Candidates):
 
     Args:
         found: The segments.
+        first: Where groups of them begin, and their number, shape ``(g + 1,)``: a point looks
+            among those of one group, see `Facing`; None: there is one group.
 
     Attributes:
         orientation: As of `FoundSegments`.
     """
 
-    def __init__(self, found: FoundSegments) -> None:
+    def __init__(self, found: FoundSegments, first: Ints | None = None) -> None:
         """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:]
         self.passage = passages(self.size, self._thickness)
-        self._kernel = _kernels.Segments(self.segments, self.orientation, self.key)
+        self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
@@ -95,8 +97,14 @@ class SegmentCandidates(Candidates):
         self, points: ContactPoints, x: Floats, current: Ints, reach: float, slack: float
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
-        facing = points.facing.arguments
-        return self._kernel.pair(points.of(x), current, slack, reach, x, *facing, self._thickness)
+        facing, of_groups = points.facing.arguments, self._of_groups(reach)
+        return self._kernel.pair(
+            points.of(x), current, slack, of_groups, x, *facing, self._thickness
+        )
+
+    def _of_groups(self, reach: float) -> Floats | float:
+        """Reach of all groups, or of each, shape ``(g,)`` [m]."""
+        return reach
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the points near the boxes around the segments, see `Candidates.near`."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.integrators import sleeping
 from helpers import scenes
@@ -60,7 +61,8 @@ def test_one_message_tells_which_pairs_can_wake_which_body(comm, agree, monkeypa
     pairs = stepper._sleeping._pairs_of_groups()
     assert messages == ["rows"]
     touch = [[0], [0, 1], [1]] if num_bodies == 3 else [[0], [0]]  # a tower
-    assert agree([pairs[(body,)] for body in stepper.bodies] == touch)
+    expected = [[stepper.contacts[i] for i in some] for some in touch]
+    assert agree([pairs[(body,)] for body in stepper.bodies] == expected)
 
 
 def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
@@ -79,6 +81,47 @@ def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
     assert expected.num_active == report.num_active > 0
     assert report.num_sleeping == 0
     np.testing.assert_allclose(scene.positions(), reference.positions(), rtol=0, atol=1e-13)
+
+
+def box_in_room(comm):
+    """Stepper of a box that falls, and flies to a wall that is out of its reach at first."""
+
+    def build(model):
+        shape = {"corner": (0.0, 0.0, 0.0), "size": (1.0, 1.0, 1.0), "cells": (2, 2, 2)}
+        parts.add_box(model, "box", **shape)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    box = nts.Body(V, cells, tag["box"], nts.NeoHookean(1e5, 0.3, 1e3))
+    floor = nts.RigidPlane((0.0, 0.0, -0.02), (0.0, 0.0, 1.0))
+    wall = nts.RigidPlane((1.7, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    stepper = nts.EnergyMomentum([box], nts.all_pairs([box], obstacles=[floor, wall]), dt=0.02)
+    stepper.set_velocity(box, (2.0, 0.0, -0.5))
+    return stepper
+
+
+def test_obstacles_out_of_reach_cost_no_attempt(comm, monkeypatch):
+    stepper, reference = box_in_room(comm), box_in_room(comm)
+    attempts, init = [], ContactStep.__init__
+    monkeypatch.setattr(
+        ContactStep, "__init__", lambda *args: attempts.append(args[1]) or init(*args)
+    )
+    counts, active = [], []
+    for _ in range(20):
+        attempts.clear()
+        report = stepper.advance()
+        counts.append(attempts.count(stepper.contacts[1]))
+        active.append(report.num_active)
+        with monkeypatch.context() as patch:
+            patch.setattr("dolfinx_nts.integrators.implicit.may_face", lambda *_: True)
+            assert reference.advance().num_active == report.num_active
+        assert np.array_equal(stepper.u.x.array, reference.u.x.array)
+    # The first step learns that nothing is remembered of it.
+    assert counts[:4] == [1, 0, 0, 0] and counts[-1] > 0 and max(active) > 8
+    same = zip(stepper.contacts, reference.contacts, strict=True)
+    for one, other in same:
+        for name, value in vars(one.history).items():
+            np.testing.assert_array_equal(value, getattr(other.history, name), err_msg=name)
 
 
 @pytest.mark.parametrize("reason", ["nothing", "gravity", "traction", "velocity", "support"])

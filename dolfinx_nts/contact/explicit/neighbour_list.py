@@ -101,7 +101,7 @@ class NeighbourList:
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
         candidates = self._state.search.candidates
-        points = self._state.points(x)
+        points = self._state.facets.points(x)
         self._choose(candidates, points, number, candidates.find(self._state.history.key))
 
     def _rebuild(self, x: Floats) -> None:
@@ -113,7 +113,7 @@ class NeighbourList:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
         self._travelled, self._positions = 0.0, state.search.positions(x)
-        points = state.points(x)
+        points = state.facets.points(x)
         near = candidates.near(points, candidates.scatter.forward(x), _MARGIN * size)
         self._choose(candidates, points, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))

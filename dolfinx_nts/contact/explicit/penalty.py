@@ -199,7 +199,7 @@ class ContactSprings:
         frame = state.search.frame
         x_n, x = frame.at_start(x_n), frame.at_end(x)
         candidates, _ = state.search.update(x_n, reach)
-        points, forward = state.points(x_n), candidates.scatter.forward
+        points, forward = state.facets.points(x_n), candidates.scatter.forward
         ends = forward(x_n), forward(x)
         start = candidates.pair(points, ends[0], candidates.find(state.history.key), reach)
         passage = Passage.through(candidates, points, ends, start, reach)

@@ -8,9 +8,11 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["ROUNDING", "ActiveSet", "BlockPivoting"]
@@ -32,62 +34,81 @@ class BlockPivoting:
     changes, ends cycles. It is made for linear problems: between its changes an iteration
     without any brings the iterate near to equilibrium, where decisions can be trusted.
 
+    Several contact pairs are decided on at once, but each by itself: nodes of one that change
+    again and again must not hold up those of another.
+
     Args:
         comm: Communicator.
+        ids: Numbers of the nodes on any partition, pair by pair, shape ``(n,)``.
+        ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
             changed with it, and would change to and fro with them, as do stick and slip.
     """
 
-    def __init__(self, comm: MPI.Comm, waits: bool = False) -> None:
+    def __init__(self, comm: MPI.Comm, ids: GlobalInts, ends: Array, waits: bool = False) -> None:
         """Begin with any number of violators."""
-        self._comm, self._waits = comm, waits
-        self._fewest: float = np.inf
-        self._last: float = np.inf
-        self._patience = _PATIENCE
-        self._changed: GlobalInts = np.zeros(0, dtype=np.int64)
+        self._comm, self._ids, self._ends, self._waits = comm, ids, ends, waits
+        num_pairs = len(ends) - 1
+        self._fewest, self._last = np.full((2, num_pairs), np.inf)
+        self._patience = np.full(num_pairs, _PATIENCE)
+        self._changed: Flags = np.zeros(len(ids), dtype=bool)
 
-    def select(self, violates: Flags, ids: GlobalInts, iteration: int) -> tuple[Flags, int]:
+    def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
 
-        ``violates`` tells whose state contradicts its condition, ``ids`` are numbers of the
-        nodes on any partition, both of shape ``(m,)``. Returns flags, and the violators on this
+        ``violates`` tells whose state contradicts its condition, ``node`` are positions among
+        all nodes, ascending, both of shape ``(m,)``. Returns flags, and the violators on this
         rank.
         """
-        num_violators = int(np.count_nonzero(violates))
-        count = reductions.total(self._comm, num_violators)
-        if count < self._fewest:
-            self._fewest, self._patience = count, _PATIENCE
-        elif count and count >= self._last:
-            self._patience -= 1
+        ends = np.searchsorted(node, self._ends)
+        own = counts_of_parts(violates, ends)
+        count = reductions.total(self._comm, own)
+        fewer = count < self._fewest
+        self._patience[fewer] = _PATIENCE
+        self._fewest = np.minimum(self._fewest, count)
         changes = violates
-        if count and self._patience < 0:
-            last = np.iinfo(np.int64).max
-            lowest = reductions.least(self._comm, ids[violates].min(initial=last))
-            changes = violates & (ids == lowest) & (iteration % _PERIOD == 0)
-        elif count >= self._last and self._waits:
-            changes = violates & ~np.isin(ids, self._changed)
-        self._last, self._changed = count, ids[changes]
-        return changes, num_violators
+        if count.any():
+            stays = count >= self._last
+            self._patience[stays & ~fewer & (count > 0)] -= 1
+            single = (count > 0) & (self._patience < 0)
+            waiting = stays & ~single & self._waits
+            if (single | waiting).any():
+                pair = np.repeat(np.arange(len(count)), np.diff(ends))
+                changes = violates & ~(waiting[pair] & self._changed[node])
+                is_next = self._lowest(violates, node, pair) & (iteration % _PERIOD == 0)
+                changes &= is_next | ~single[pair]
+        self._last = count
+        self._changed[:] = False
+        self._changed[node[changes]] = True
+        return changes, int(own.sum())
+
+    def _lowest(self, violates: Flags, node: Ints, pair: Array) -> Flags:
+        """Whether nodes have the lowest number of the violators of their pair, ``(m,)``."""
+        ids = self._ids[node]
+        lowest = np.full(len(self._last), np.iinfo(np.int64).max)
+        np.minimum.at(lowest, pair[violates], ids[violates])
+        flags: Flags = ids == reductions.least(self._comm, lowest)[pair]
+        return flags
 
 
 class ActiveSet:
     """Decides node by node between contact and none.
 
     Args:
-        pair: The contact pair.
-        law: Enforcement of the pair.
+        state: State of the contact pair, or of several.
+        law: Their enforcement.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        comm: Communicator of the mesh.
     """
 
     def __init__(
-        self, pair: ContactPair, law: LagrangeMultiplier, stiffness: Floats, comm: MPI.Comm
+        self, state: PairState | JointState, law: LagrangeMultiplier, stiffness: Floats
     ) -> None:
         """Begin without any decision."""
         self._law, self._stiffness = law, stiffness
-        self._ids, self._size = pair.nodes.node_ids, pair.segment_size
-        self._pivoting = BlockPivoting(comm)
+        nodes, ends = state.nodes, bounds(state)
+        self._size = np.repeat(segment_sizes(state), np.diff(ends))
+        self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, ends)
 
     def update(
         self, node: Ints, excess: Floats, before: Flags, lambda_N: Floats, iteration: int
@@ -95,7 +116,7 @@ class ActiveSet:
         """Decide which nodes are active. Collective.
 
         Args:
-            node: Positions among the nodes of the pair, shape ``(m,)``.
+            node: Positions among the nodes, ascending, shape ``(m,)``.
             excess: Gaps less those that multipliers hold, shape ``(m,)`` [m].
             before: Whether the nodes were active, shape ``(m,)``.
             lambda_N: Their multipliers, shape ``(m,)`` [N].
@@ -113,6 +134,6 @@ class ActiveSet:
                 # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
                 # round-off must not decide on them again and again.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
-                wrong &= ~(force <= ROUNDING * stiffness * self._size)
-        changes, violators = self._pivoting.select(wrong, self._ids[node], iteration)
+                wrong &= ~(force <= ROUNDING * stiffness * self._size[node])
+        changes, violators = self._pivoting.select(wrong, node, iteration)
         return before ^ changes if violators else before, violators

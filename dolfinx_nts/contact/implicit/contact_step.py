@@ -17,7 +17,6 @@ from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
-from dolfinx_nts.contact.implicit.joint_search import JointSearch
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
@@ -277,11 +276,7 @@ def _search(
 ) -> LocalSearch:
     """Find what the nodes may face. Collective."""
     kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
-    make = _SEARCHES[state.pair.method, kind]
-    if isinstance(state, JointState):
-        found = [make(each, x_n, x_trial) for each in state.members]
-        return JointSearch(state, found, x_n, x_trial)
-    return make(state, x_n, x_trial)
+    return _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
 
 
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:

@@ -6,6 +6,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pairing import NodePairing
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["CrossingEdges"]
@@ -45,7 +46,7 @@ class EdgePairing(NodePairing):
 class CrossingEdges(LocalSearch):
     """Edges of the nodes of a pair and those that they cross, see `LocalSearch`."""
 
-    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+    def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Pair carriers instead of nodes."""
         super().__init__(state, x_n, x_trial)
         last = state.history.key

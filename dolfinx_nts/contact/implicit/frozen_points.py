@@ -12,6 +12,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.local_search import Approach, LocalSearch
 from dolfinx_nts.contact.implicit.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
@@ -40,7 +41,7 @@ class FrozenPoints(LocalSearch):
     # are: what transmits force is hardly open.
     _nearby = 0.01
 
-    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+    def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Choose the points where the surfaces would be without contact."""
         super().__init__(state, x_n, x_trial)
         self._V = state.nodes.V

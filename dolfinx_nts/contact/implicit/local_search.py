@@ -10,11 +10,12 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
+from dolfinx_nts.contact.joint_state import JointState, segment_sizes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch", "may_face"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
@@ -24,6 +25,24 @@ _STATIC_OVERHANG = 0.06
 # Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
 # iterates overshoot.
 _WAYS = 3
+
+
+def may_face(state: PairState | JointState, x_n: Floats, way: float) -> bool:
+    """Whether nodes of a pair may face anything in a step, or did so in the last one. Collective.
+
+    Nothing becomes of others in a step with inertia: they need no attempt.
+
+    Args:
+        state: State of the contact pair, or of several.
+        x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
+            [m].
+        way: Longest way of a node in the ballistic step, the same on all ranks [m].
+    """
+    near = isinstance(state, JointState) or state.search.is_near(
+        x_n, (_WAYS + 1) * way + _kernels.DEEPEST * float(segment_sizes(state).max())
+    )
+    comm: MPI.Comm = state.nodes.V.mesh.comm
+    return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
 
 
 class Approach(NamedTuple):
@@ -43,12 +62,12 @@ class Approach(NamedTuple):
 
 
 class LocalSearch:
-    """Nodes of a contact pair and the segments that they face. Collective; its methods are local.
+    """Nodes of contact pairs and the segments that they face. Collective; its methods are local.
 
     Positions are those in the frame of the search of the pair, but for those of the arguments.
 
     Args:
-        state: State of the contact pair.
+        state: State of the contact pair, or of several.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
         x_trial: The same for the ballistic state x_n + h v_n.
@@ -69,24 +88,24 @@ class LocalSearch:
 
     _overhang: float = _kernels.OVERHANG
 
-    def __init__(self, state: PairState, x_n: Floats, x_trial: Floats) -> None:
+    def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
-        pair = state.pair
-        comm: MPI.Comm = pair.nodes.V.mesh.comm
+        comm: MPI.Comm = state.nodes.V.mesh.comm
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Longest way of a node in the ballistic step.
         self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.
-        self.reach = _WAYS * self._way + _kernels.DEEPEST * pair.segment_size
-        reach = self.reach + self._beyond(pair)
+        deepest = _kernels.DEEPEST * float(segment_sizes(state).max())
+        self.reach = _WAYS * self._way + deepest
+        reach = self.reach + self._beyond(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
-        self.points = points = state.points(x_n)
+        self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
         trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
-        self.pairing: Pairing = NodePairing(pair.nodes, candidates, points, self.x_n, last)
+        self.pairing: Pairing = NodePairing(state.nodes, candidates, points, self.x_n, last)
         self.last = candidates.find(last)
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
         met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)

@@ -6,12 +6,12 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.implicit.pair_by_pair import PairwiseActiveSets
 from dolfinx_nts.contact.implicit.stick_slip import Friction
-from dolfinx_nts.contact.joint_state import JointState, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["MultiplierContact"]
@@ -57,7 +57,8 @@ class MultiplierContact(NormalContact):
             self._on_the_way = search.candidates.scatter.forward(on_the_way[law.part])
         if is_static:
             self._begin_in_touch()
-        self._set = PairwiseActiveSets(state, law, search, stiffness)
+        self._set = ActiveSet(state, law, stiffness)
+        self._farthest = _CLOSE * np.repeat(segment_sizes(state), np.diff(bounds(state)))
 
     def choose(self) -> Flags:
         """Choose the eligible nodes, see `NormalContact.choose`."""
@@ -155,7 +156,7 @@ class MultiplierContact(NormalContact):
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
         gap -= self._target(pairs)
         # Nodes far from where the normals were computed are left to the linear system.
-        farthest = _CLOSE * segment_sizes(self._state)[pairs.node]
+        farthest = self._farthest[pairs.node]
         pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
 
     def rank(self, active: Flags) -> Ints:

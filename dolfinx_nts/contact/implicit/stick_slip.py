@@ -6,12 +6,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
-from dolfinx_nts.contact.implicit.active_set import ROUNDING
+from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
-from dolfinx_nts.contact.implicit.pair_by_pair import PairwisePivoting
-from dolfinx_nts.contact.joint_state import JointState, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
 from dolfinx_nts.fem.components import dimension
@@ -123,8 +122,11 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
         self._has_spring = state.pair.has_slip_spring
-        self._pivoting = PairwisePivoting(state, search, waits=not self._has_spring)
-        self._rounding = ROUNDING * stiffness * segment_sizes(state)
+        nodes, ends = state.nodes, bounds(state)
+        self._pivoting = BlockPivoting(
+            nodes.V.mesh.comm, nodes.node_ids, ends, waits=not self._has_spring
+        )
+        self._rounding = ROUNDING * stiffness * np.repeat(segment_sizes(state), np.diff(ends))
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))

@@ -2,7 +2,9 @@
 #include "nts/contact/batch.h"
 #include "nts/search/trajectory.h"
 
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
 
 namespace nts::bindings
 {
@@ -13,22 +15,26 @@ using Keys = In<std::int64_t>;
 /// Segment, xi, gap and normal of nodes, see `Found`.
 using Result
     = std::tuple<Out<std::int32_t>, Out<double>, Out<double>, Out<double>>;
+/// Largest gap of interest [m], of all nodes or of each group.
+using Reach = std::variant<double, Doubles>;
 
 /// @brief Facets around the nodes of a surface, by arrays that are not copied.
 class NodeFacets
 {
 public:
   NodeFacets(Ints vertices, Doubles orientation, Ints first, Ints facets,
-             Doubles angle)
+             Doubles angle, std::optional<Ints> group)
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
         _first(std::move(first)), _facets(std::move(facets)),
-        _angle(std::move(angle))
+        _angle(std::move(angle)), _group(std::move(group))
   {
     dispatch(_vertices.shape(1), []<class S>() {});
     check("orientation", _orientation, {_vertices.shape(0)});
     check("first", _first, {any});
     check("facets", _facets, {any});
     check("angle", _angle, {_facets.shape(0)});
+    if (_group)
+      check("group", *_group, {_first.shape(0) - 1});
   }
 
   /// @brief The facets at positions x, for nodes by these numbers.
@@ -43,23 +49,47 @@ public:
             view(x)};
   }
 
+  /// @brief Groups of the segments that nodes may touch, by the place of each
+  /// among these numbers.
+  auto groups(const Ints& numbers) const
+  {
+    return [this, own = view(numbers)](std::size_t i)
+    { return _group ? view(*_group)[own[i]] : 0; };
+  }
+
 private:
   Ints _vertices;
   Doubles _orientation;
   Ints _first, _facets;
   Doubles _angle;
+  std::optional<Ints> _group;
 };
 
-/// @brief Segments that move, by arrays that are not copied, with a tree over
-/// them.
-class SegmentsAndTree
+/// @brief Segments that move, by arrays that are not copied, in groups with a
+/// tree over each: a node looks among those of one group only.
+class SegmentsAndTrees
 {
 public:
-  SegmentsAndTree(Ints vertices, Doubles orientation, Keys key)
+  SegmentsAndTrees(Ints vertices, Doubles orientation, Keys key,
+                   std::optional<Ints> first)
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
-        _key(std::move(key)), _tree(rows(_vertices))
+        _key(std::move(key))
   {
+    check("vertices", _vertices, {any, any});
     dispatch(_vertices.shape(1), []<class S>() {});
+    const auto num_segments = static_cast<std::int32_t>(_vertices.shape(0));
+    if (first)
+      _first.assign(view(*first).begin(), view(*first).end());
+    else
+      _first = {0, num_segments};
+    if (_first.size() < 2 || _first.front() != 0
+        || _first.back() != num_segments || !std::ranges::is_sorted(_first))
+      throw nb::value_error("first: expected where each group of segments "
+                            "begins, and their number");
+    _trees.reserve(_first.size() - 1);
+    for (std::size_t g = 0; g + 1 < _first.size(); ++g)
+      _trees.emplace_back(part(_vertices, g, _vertices.shape(1)),
+                          _vertices.shape(1));
     check("orientation", _orientation, {_vertices.shape(0)});
     check("key", _key, {_vertices.shape(0)});
     for (const std::int32_t row : view(_vertices))
@@ -71,25 +101,23 @@ public:
   }
 
   Result pair(const Doubles& x_node, const Ints& current, double slack,
-              double reach, const Doubles& x, const NodeFacets& facets,
+              const Reach& reach, const Doubles& x, const NodeFacets& facets,
               const Doubles& x_facets, const Ints& numbers,
               const Doubles& thickness)
   {
     check("numbers", numbers, {current.shape(0)});
     check("thickness", thickness, {_vertices.shape(0)});
     const FacetsAroundNodes around = facets.at(x_facets, numbers);
-    return pair_with(x_node, current, slack, reach, x,
-                     [&]<class S>(const Tree* tree)
-                     {
-                       const SegmentSurface<S> segments = surface<S>(x);
-                       return [&, segments,
-                               normals
-                               = NormalBounds<S>(segments, tree)](std::size_t i)
-                       {
-                         return Facing<S>(around, view(numbers)[i], segments,
-                                          normals, view(thickness));
-                       };
-                     });
+    return pair_with(
+        x_node, current, slack, reach, x, facets.groups(numbers),
+        [&]<class S>(std::size_t group, std::size_t begin, const Tree* tree)
+        {
+          const SegmentSurface<S> segments = surface<S>(x, group);
+          return [&, segments, own = view(numbers).subspan(begin),
+                  thick = part(thickness, group),
+                  normals = NormalBounds<S>(segments, tree)](std::size_t i)
+          { return Facing<S>(around, own[i], segments, normals, thick); };
+        });
   }
 
   auto follow(const Doubles& x_node_n, const Doubles& x_node, const Ints& row,
@@ -110,21 +138,28 @@ public:
     auto leaves = create<bool>({n});
     auto begin = create<double>({n}), way = create<double>({n}),
          cosine = create<double>({n}), gap = create<double>({n});
-    const MovingSurface surface{view(x_n), view(x), view(_vertices),
-                                view(_orientation), _vertices.shape(1)};
-    Trajectories trajectories(surface);
-    for (std::size_t i = 0; i < n; ++i)
-    {
-      const Trajectory t = trajectories.follow(
-          vector(view(x_node_n), i), vector(view(x_node), i), view(row)[i],
-          view(inside)[i], Directions(around, view(numbers)[i]));
-      entered.data()[i] = t.entered;
-      leaves.data()[i] = t.leaves;
-      begin.data()[i] = t.begin;
-      way.data()[i] = t.way;
-      cosine.data()[i] = t.cosine;
-      gap.data()[i] = t.gap;
-    }
+    each_run(n, facets.groups(numbers),
+             [&](std::size_t group, std::size_t from, std::size_t to)
+             {
+               const std::size_t k = _vertices.shape(1);
+               const MovingSurface surface{view(x_n), view(x),
+                                           part(_vertices, group, k),
+                                           part(_orientation, group), k};
+               Trajectories trajectories(surface);
+               for (std::size_t i = from; i < to; ++i)
+               {
+                 const Trajectory t = trajectories.follow(
+                     vector(view(x_node_n), i), vector(view(x_node), i),
+                     view(row)[i], in_group(view(inside)[i], group),
+                     Directions(around, view(numbers)[i]));
+                 entered.data()[i] = among_all(t.entered, group);
+                 leaves.data()[i] = t.leaves;
+                 begin.data()[i] = t.begin;
+                 way.data()[i] = t.way;
+                 cosine.data()[i] = t.cosine;
+                 gap.data()[i] = t.gap;
+               }
+             });
     return std::tuple(entered, leaves, begin, way, cosine, gap);
   }
 
@@ -141,11 +176,11 @@ public:
     check_positions("X", X);
     check("thickness", thickness, {_vertices.shape(0)});
     return pair_with(
-        x_node, current, slack, reach, x,
-        [&]<class S>(const Tree*)
+        x_node, current, slack, reach, x, [](std::size_t) { return 0; },
+        [&]<class S>(std::size_t group, std::size_t, const Tree*)
         {
           const SelfContact<S> own{view(normal), view(X_node), view(N_node),
-                                   surface<S>(X), view(thickness)};
+                                   surface<S>(X, group), view(thickness)};
           return [own](std::size_t i) noexcept { return own.of(i); };
         });
   }
@@ -154,40 +189,97 @@ public:
   {
     check("x_node", x_node, {any, 3});
     check_positions("x", x);
-    const auto found = _tree.near(view(x_node), reach, view(x));
+    std::vector<std::int32_t> found;
+    for (CachedTree& tree : _trees)
+      std::ranges::copy(tree.near(view(x_node), reach, view(x)),
+                        std::back_inserter(found));
+    std::ranges::sort(found);
+    const auto repeated = std::ranges::unique(found);
+    found.erase(repeated.begin(), repeated.end());
     auto numbers = create<std::int32_t>({found.size()});
     std::ranges::copy(found, numbers.data());
     return numbers;
   }
 
-  auto find(const Keys& keys) const
+  auto find(const Keys& keys, const std::optional<Ints>& group) const
   {
-    const auto own = view(_key);
+    if (group)
+      check("group", *group, {keys.size()});
     auto found = create<std::int32_t>({keys.size()});
-    std::ranges::transform(
-        view(keys), found.data(),
-        [&](std::int64_t key)
+    each_run(
+        keys.size(), [&](std::size_t i) { return group ? view(*group)[i] : 0; },
+        [&](std::size_t g, std::size_t begin, std::size_t end)
         {
-          const auto at = std::ranges::lower_bound(own, key);
-          const bool exists = at != own.end() && *at == key;
-          return exists ? static_cast<std::int32_t>(at - own.begin()) : -1;
+          const auto own = part(_key, g);
+          for (std::size_t i = begin; i < end; ++i)
+          {
+            const std::int64_t key = view(keys)[i];
+            const auto at = std::ranges::lower_bound(own, key);
+            const bool exists = at != own.end() && *at == key;
+            found.data()[i] = among_all(exists ? at - own.begin() : -1, g);
+          }
         });
     return found;
   }
 
-  std::size_t num_trees() const noexcept { return _tree.num_built(); }
+  std::size_t num_trees() const noexcept
+  {
+    std::size_t total = 0;
+    for (const CachedTree& tree : _trees)
+      total += tree.num_built();
+    return total;
+  }
 
 private:
-  static CachedTree rows(const Ints& vertices)
+  /// @brief What an array has of the segments of a group, k entries of each.
+  template <class T>
+  std::span<const T> part(const In<T>& array, std::size_t group,
+                          std::size_t k = 1) const noexcept
   {
-    check("vertices", vertices, {any, any});
-    return {view(vertices), vertices.shape(1)};
+    return view(array).subspan(k * _first[group],
+                               k * (_first[group + 1] - _first[group]));
+  }
+
+  /// @brief Number of a segment within its group, and -1 of none.
+  std::int32_t in_group(std::int32_t segment, std::size_t group) const
+  {
+    if (segment < 0)
+      return segment;
+    if (segment < _first[group] || segment >= _first[group + 1])
+      throw nb::value_error("expected a segment of the group of the node");
+    return segment - _first[group];
+  }
+
+  /// @brief Number among all of a segment of a group, and -1 of none.
+  std::int32_t among_all(std::ptrdiff_t segment,
+                         std::size_t group) const noexcept
+  {
+    return static_cast<std::int32_t>(segment < 0 ? -1
+                                                 : segment + _first[group]);
+  }
+
+  /// @brief Call a function with each group of n nodes that follow each other,
+  /// and where they begin and end.
+  template <class GroupOf, class Function>
+  void each_run(std::size_t n, const GroupOf& group_of,
+                Function&& function) const
+  {
+    for (std::size_t begin = 0, end = 0; begin < n; begin = end)
+    {
+      const std::int32_t group = group_of(begin);
+      if (group < 0 || static_cast<std::size_t>(group) >= _trees.size())
+        throw nb::value_error("expected nodes of the groups of segments");
+      while (end < n && group_of(end) == group)
+        ++end;
+      function(static_cast<std::size_t>(group), begin, end);
+    }
   }
 
   template <class S>
-  SegmentSurface<S> surface(const Doubles& x) const noexcept
+  SegmentSurface<S> surface(const Doubles& x, std::size_t group) const noexcept
   {
-    return {view(x), view(_vertices), view(_orientation), view(_key)};
+    return {view(x), part(_vertices, group, S::vertices),
+            part(_orientation, group), part(_key, group)};
   }
 
   void check_positions(const char* name, const Doubles& x) const
@@ -210,16 +302,19 @@ private:
   }
 
   /// @brief Find the segments of nodes that may touch what `get_may_touch`
-  /// returns, given the tree of looks at any distance.
-  template <class GetMayTouch>
+  /// returns, given their group, the first of them and the tree of looks at any
+  /// distance.
+  template <class GroupOf, class GetMayTouch>
   Result pair_with(const Doubles& x_node, const Ints& current, double slack,
-                   double reach, const Doubles& x,
-                   const GetMayTouch& get_may_touch)
+                   const Reach& reach, const Doubles& x,
+                   const GroupOf& group_of, const GetMayTouch& get_may_touch)
   {
     check("x_node", x_node, {any, 3});
     const std::size_t n = x_node.shape(0);
     check_segments("current", current, n);
     check_positions("x", x);
+    if (const auto* of_groups = std::get_if<Doubles>(&reach))
+      check("reach", *of_groups, {_trees.size()});
     auto segment = create<std::int32_t>({n});
     auto xi = create<double>({n, 2});
     auto gap = create<double>({n});
@@ -228,14 +323,35 @@ private:
              [&]<class S>()
              {
                const nb::gil_scoped_release release;
-               const Tree* exact
-                   = std::isinf(reach) ? &_tree.exactly_at(view(x)) : nullptr;
-               const auto tree = [&]() -> const Tree&
-               { return exact ? *exact : _tree.at(view(x)); };
-               pair_nodes(view(x_node), view(current), slack, reach,
-                          surface<S>(x), tree,
-                          get_may_touch.template operator()<S>(exact),
-                          view(segment), view(xi), view(gap), view(normal));
+               each_run(
+                   n, group_of,
+                   [&](std::size_t group, std::size_t begin, std::size_t end)
+                   {
+                     const std::size_t m = end - begin;
+                     const auto own = view(segment).subspan(begin, m);
+                     for (std::size_t i = 0; i < m; ++i)
+                       own[i] = in_group(view(current)[begin + i], group);
+                     const auto* of_all = std::get_if<double>(&reach);
+                     const double farthest
+                         = of_all ? *of_all
+                                  : view(std::get<Doubles>(reach))[group];
+                     CachedTree& cached = _trees[group];
+                     const Tree* exact = std::isinf(farthest)
+                                             ? &cached.exactly_at(view(x))
+                                             : nullptr;
+                     const auto tree = [&]() -> const Tree&
+                     { return exact ? *exact : cached.at(view(x)); };
+                     // A node's segment is read before that found is written.
+                     pair_nodes(view(x_node).subspan(3 * begin, 3 * m), own,
+                                slack, farthest, surface<S>(x, group), tree,
+                                get_may_touch.template operator()<S>(
+                                    group, begin, exact),
+                                own, view(xi).subspan(2 * begin, 2 * m),
+                                view(gap).subspan(begin, m),
+                                view(normal).subspan(3 * begin, 3 * m));
+                     for (std::int32_t& i : own)
+                       i = among_all(i, group);
+                   });
              });
     return {segment, xi, gap, normal};
   }
@@ -243,7 +359,8 @@ private:
   Ints _vertices;
   Doubles _orientation;
   Keys _key;
-  CachedTree _tree;
+  std::vector<std::int32_t> _first; // segment of each group, and their number
+  std::vector<CachedTree> _trees;
   std::size_t _num_rows = 0;
 };
 
@@ -278,28 +395,34 @@ void local_search(nb::module_& m)
   nb::class_<NodeFacets>(m, "NodeFacets",
                          "Facets around the nodes of a surface; the arrays are "
                          "read, not copied")
-      .def(nb::init<Ints, Doubles, Ints, Ints, Doubles>(), nb::arg("vertices"),
-           nb::arg("orientation"), nb::arg("first"), nb::arg("facets"),
-           nb::arg("angle"),
+      .def(nb::init<Ints, Doubles, Ints, Ints, Doubles, std::optional<Ints>>(),
+           nb::arg("vertices"), nb::arg("orientation"), nb::arg("first"),
+           nb::arg("facets"), nb::arg("angle"), nb::arg("group") = nb::none(),
            "(f, k) rows of positions, (f,), (n + 1,) first entry of each node, "
-           "(e,) facets around it and (e,) their angles there");
-  nb::class_<SegmentsAndTree>(
+           "(e,) facets around it and (e,) their angles there, (n,) group of "
+           "the segments that it may touch");
+  nb::class_<SegmentsAndTrees>(
       m, "Segments",
-      "Segments and a tree over them, which is built anew only if a vertex has "
-      "moved far; the arrays are read, not copied")
-      .def(nb::init<Ints, Doubles, Keys>(), nb::arg("vertices"),
-           nb::arg("orientation"), nb::arg("key"),
-           "(s, k) rows of positions, (s,), (s,) ascending")
-      .def("find", &SegmentsAndTree::find, nb::arg("keys"),
-           "(n,) -> segment of each key or -1 (n,)")
-      .def(
-          "pair", &SegmentsAndTree::pair, nb::arg("x_node"), nb::arg("current"),
-          nb::arg("slack"), nb::arg("reach"), nb::arg("x"), nb::arg("facets"),
-          nb::arg("x_facets"), nb::arg("numbers"), nb::arg("thickness"),
-          "(n, 3), (n,), -, -, (l, 3), NodeFacets, (f, 3), (n,) their numbers, "
-          "(s,) -> segment (n,) or -1, xi (n, 2), gap (n,), normal (n, 3), see "
-          "nts/search/facing.h")
-      .def("follow", &SegmentsAndTree::follow, nb::arg("x_node_n"),
+      "Segments in groups, among which nodes look, and a tree over each, which "
+      "is built anew only if a vertex has moved far; the arrays are read, not "
+      "copied")
+      .def(nb::init<Ints, Doubles, Keys, std::optional<Ints>>(),
+           nb::arg("vertices"), nb::arg("orientation"), nb::arg("key"),
+           nb::arg("first") = nb::none(),
+           "(s, k) rows of positions, (s,), (s,) ascending in each group, "
+           "(g + 1,) where groups begin and end, one without")
+      .def("find", &SegmentsAndTrees::find, nb::arg("keys"),
+           nb::arg("group") = nb::none(),
+           "(n,), (n,) groups, the first without -> segment of each key or -1 "
+           "(n,)")
+      .def("pair", &SegmentsAndTrees::pair, nb::arg("x_node"),
+           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
+           nb::arg("facets"), nb::arg("x_facets"), nb::arg("numbers"),
+           nb::arg("thickness"),
+           "(n, 3), (n,), -, - or (g,), (l, 3), NodeFacets, (f, 3), (n,) their "
+           "numbers, (s,) -> segment (n,) or -1, xi (n, 2), gap (n,), normal "
+           "(n, 3), see nts/search/facing.h")
+      .def("follow", &SegmentsAndTrees::follow, nb::arg("x_node_n"),
            nb::arg("x_node"), nb::arg("row"), nb::arg("inside"), nb::arg("x_n"),
            nb::arg("x"), nb::arg("facets"), nb::arg("x_facets"),
            nb::arg("numbers"),
@@ -307,18 +430,18 @@ void local_search(nb::module_& m)
            "(n,) -> entered, leaves, begin, way, cosine, gap, each (n,), see "
            "nts/search/trajectory.h")
       .def(
-          "pair_own", &SegmentsAndTree::pair_own, nb::arg("x_node"),
+          "pair_own", &SegmentsAndTrees::pair_own, nb::arg("x_node"),
           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),
           nb::arg("normal"), nb::arg("X_node"), nb::arg("N_node"), nb::arg("X"),
           nb::arg("thickness"),
           "(n, 3), (n,), -, -, (l, 3), (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> "
           "as pair for nodes of the surface itself, see "
           "nts/search/self_contact.h")
-      .def("near", &SegmentsAndTree::near, nb::arg("x_node"), nb::arg("reach"),
+      .def("near", &SegmentsAndTrees::near, nb::arg("x_node"), nb::arg("reach"),
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
            "of a segment (m,)")
-      .def_prop_ro("num_trees", &SegmentsAndTree::num_trees,
+      .def_prop_ro("num_trees", &SegmentsAndTrees::num_trees,
                    "How often a tree was built");
   m.def("farthest", &farthest_point, nb::arg("x"), nb::arg("before"),
         "(n, 3), (n, 3) -> largest distance between rows, NaN if one is");

@@ -1,5 +1,7 @@
 """BlockPivoting: all violators while they become fewer, then one at a time."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -11,21 +13,28 @@ def ids_of(comm, n=4):
     return np.arange(n, dtype=np.int64)[::-1] + n * (comm.size - 1 - comm.rank)
 
 
+def pivoting_of(comm, ids, waits=False):
+    """Block pivoting of one pair."""
+    return BlockPivoting(comm, ids, np.array([0, len(ids)]), waits)
+
+
 def test_all_violators_change_while_they_become_fewer(comm):
-    pivoting, ids = BlockPivoting(comm), ids_of(comm)
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids), np.arange(4, dtype=np.int32)
     for count in (4, 3, 2, 1):
         violates = ids % 4 < count
-        changes, violators = pivoting.select(violates, ids, 1)
+        changes, violators = pivoting.select(violates, node, 1)
         assert np.array_equal(changes, violates)
         assert violators == count
 
 
 def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
-    pivoting, ids = BlockPivoting(comm), ids_of(comm)
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids), np.arange(4, dtype=np.int32)
     violates = np.ones(4, dtype=bool)
     totals = []
     for iteration in range(20):
-        changes, violators = pivoting.select(violates, ids, iteration)
+        changes, violators = pivoting.select(violates, node, iteration)
         assert violators == 4  # all are reported, changed or not
         totals.append(comm.allreduce(int(changes.sum())))
     assert totals[0] == 4 * comm.size
@@ -33,31 +42,53 @@ def test_violators_that_do_not_become_fewer_change_one_at_a_time(comm):
     # Newton's method converges in between.
     assert max(late) == 1
     assert min(late) == 0
-    changes, _ = pivoting.select(violates, ids, 20)
+    changes, _ = pivoting.select(violates, node, 20)
     assert comm.allreduce(int(ids[changes].sum())) == 0  # the lowest
 
 
 def test_fewer_violators_than_ever_change_together_again(comm):
-    pivoting, ids = BlockPivoting(comm), ids_of(comm)
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids), np.arange(4, dtype=np.int32)
     for iteration in range(20):
-        pivoting.select(np.ones(4, dtype=bool), ids, iteration)
+        pivoting.select(np.ones(4, dtype=bool), node, iteration)
     violates = ids % 4 < 3
-    changes, _ = pivoting.select(violates, ids, 21)
+    changes, _ = pivoting.select(violates, node, 21)
     assert np.array_equal(changes, violates)
 
 
 def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(comm):
-    pivoting, ids = BlockPivoting(comm, waits=True), ids_of(comm)
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids, waits=True), np.arange(4, dtype=np.int32)
     first, other = ids % 4 < 2, ids % 4 >= 2
-    assert np.array_equal(pivoting.select(first, ids, 1)[0], first)
+    assert np.array_equal(pivoting.select(first, node, 1)[0], first)
     # As many violate again: those that have just changed wait, others change, and all are told.
-    changes, violators = pivoting.select(first, ids, 2)
+    changes, violators = pivoting.select(first, node, 2)
     assert not changes.any() and violators == 2
     # Who has waited changes.
-    assert np.array_equal(pivoting.select(first, ids, 3)[0], first)
-    assert np.array_equal(pivoting.select(other | first, ids, 4)[0], other)
+    assert np.array_equal(pivoting.select(first, node, 3)[0], first)
+    assert np.array_equal(pivoting.select(other | first, node, 4)[0], other)
     # Fewer violate: all change.
-    assert np.array_equal(pivoting.select(ids % 4 == 2, ids, 5)[0], ids % 4 == 2)
+    assert np.array_equal(pivoting.select(ids % 4 == 2, node, 5)[0], ids % 4 == 2)
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_pairs_that_are_decided_on_at_once_do_not_see_each_other(comm, waits):
+    rng, n = np.random.default_rng(comm.rank), (5, 0, 3, 4)
+    ends, ids = np.cumsum([0, *n]), rng.permutation(20)[: sum(n)] + 20 * comm.rank
+    together = BlockPivoting(comm, ids, ends, waits)
+    alone = [pivoting_of(comm, ids[a:b], waits) for a, b in pairwise(ends)]
+    for iteration in range(40):
+        eligible = rng.random(len(ids)) < 0.8
+        violates = eligible & (rng.random(len(ids)) < 0.5)
+        node = np.flatnonzero(eligible).astype(np.int32)
+        changes, violators = together.select(violates[node], node, iteration)
+        found, counts = np.zeros(len(ids), dtype=bool), 0
+        for pivoting, (a, b) in zip(alone, pairwise(ends), strict=True):
+            own = node[(node >= a) & (node < b)]
+            found[own], count = pivoting.select(violates[own], own - np.int32(a), iteration)
+            counts += count
+        assert np.array_equal(changes, found[node])
+        assert violators == counts
 
 
 @pytest.mark.parametrize(("matrices", "waits"), [(50, False), (50, True)])
@@ -70,15 +101,15 @@ def test_random_complementarity_problems_are_solved(comm, matrices, waits):
         A = rng.normal(size=(n, n))
         A = A @ A.T + 0.1 * np.eye(n) + 0.5 * (A - A.T)
         b = rng.normal(size=n)
-        active, pivoting = np.zeros(n, dtype=bool), BlockPivoting(comm, waits)
         mine = np.arange(n) % comm.size == comm.rank
+        ids = np.arange(n, dtype=np.int64)[mine]
+        active, pivoting = np.zeros(n, dtype=bool), pivoting_of(comm, ids, waits)
+        node = np.arange(len(ids), dtype=np.int32)
         for iteration in range(2000):
             x = np.zeros(n)
             x[active] = np.linalg.solve(A[np.ix_(active, active)], b[active])
             violates = np.where(active, x < 0, A @ x - b < 0)
-            changes, _ = pivoting.select(
-                violates[mine], np.arange(n, dtype=np.int64)[mine], iteration
-            )
+            changes, _ = pivoting.select(violates[mine], node, iteration)
             flips = np.zeros(n)
             flips[mine] = changes
             active ^= comm.allreduce(flips) > 0

@@ -1,0 +1,30 @@
+"""Nodes that elastic impact holds at a distance from what they touch, or inside."""
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["held_apart"]
+
+
+def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
+    """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
+
+    Args:
+        state: State of their contact pair.
+        x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
+        gap_tol: Distance from which on a node counts [m].
+    """
+    law = state.pair.enforcement
+    if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
+        return np.zeros(len(state.nodes.nodes), dtype=bool)
+    gap, history = state.gap(x), state.history
+    if state.pair.method == "mortar":  # multipliers hold mean gaps
+        gap = np.where(history.active, history.gap, gap)
+    # A node deeper than that belongs to another side of the body.
+    inside = (gap < 0) & (gap > -_kernels.DEEPEST * state.pair.segment_size)
+    flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
+    return flags
