@@ -125,7 +125,9 @@ class LagrangeMultiplier(Declaration):
         """
         # Such a node is held nearer to the surface in this step than in the next one: with
         # e = 1, where it stops at once, if it is nearer before the step than after it.
-        passes = (gap_n > 0) & (2 * gap_n < (2 - self.e) * (gap_n - gap_trial))
+        # Points that arrive together do so but for round-off, also where it would tell them apart.
+        near = (2 * gap_n - (2 - self.e) * (gap_n - gap_trial)) < TOUCHES * size
+        passes = (gap_n > 0) & (gap_trial < gap_n) & near
         # Nodes without mass have no velocity of their own that would tell if they are released.
         stays = active if self.impact == "resolved" else active & (gap_n < _NEAR * size)
         flags: Flags = (gap_n <= TOUCHES * size) | passes | stays
