@@ -247,13 +247,19 @@ class Penalty(Declaration):
         """
         return eps_N * np.minimum(gap, 0.0), np.where(loaded, eps_N, 0.0)
 
-    def force(self, gap_n: Floats, gap: Floats, eps_N: Floats) -> tuple[Floats, Floats]:
+    def force(
+        self, gap_n: Floats, gap: Floats, eps_N: Floats, share: float = 0.5
+    ) -> tuple[Floats, Floats]:
         """Compute the multiplier of a step and its derivative by the gap at the end. Local.
+
+        With a share s > 1/2 of the end it has (s - 1/2) of the change of the force besides,
+        which takes energy, as the stress of a scheme does that has this share.
 
         Args:
             gap_n: Gap at t_n, shape ``(m,)`` [m].
             gap: Gap at t_{n+1}, shape ``(m,)`` [m].
             eps_N: Stiffness, shape ``(m,)`` [N/m].
+            share: Share that the end of the step has in the force of a loaded spring [-].
 
         Returns:
             lambda_N [N, <= 0] and d lambda_N / d gap [N/m], both of shape ``(m,)``.
@@ -266,4 +272,12 @@ class Penalty(Declaration):
         quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
         slope = (eps_N * below - quotient) / rise
         mean = 0.5 * eps_N * (below + below_n)
-        return np.where(both, mean, quotient), np.where(both, 0.5 * eps_N, slope)
+        lambda_N = np.where(both, mean, quotient)
+        slope = np.where(both, 0.5 * eps_N, slope)
+        if share == 0.5:
+            return lambda_N, slope
+        lambda_N += (share - 0.5) * eps_N * (below - below_n)
+        slope += (share - 0.5) * np.where(gap < 0, eps_N, 0.0)
+        # A node that parts fast would be pulled back.
+        pushes = lambda_N < 0
+        return np.where(pushes, lambda_N, 0.0), np.where(pushes, slope, 0.0)

@@ -400,12 +400,12 @@ class ImplicitStepper(Stepper):
             stiffness = contact_stiffness(
                 self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
             )
-            is_static = self._rates.acceleration is None
+            is_static, share = self._rates.acceleration is None, self.scheme.stress_share
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
             steps = [
                 ContactStep(
-                    contact, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way
+                    contact, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way, share
                 )
                 for contact in self._sleeping.states
             ]
