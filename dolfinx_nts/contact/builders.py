@@ -59,7 +59,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     topology.create_connectivity(tdim - 1, tdim)
     facets = exterior_facet_indices(topology)
     to_cell = topology.connectivity(tdim - 1, tdim)
-    cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int32)
+    cells = to_cell.array[to_cell.offsets[facets]]
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
     name = f"the boundary of {' and '.join(body.name for body in bodies)}"
     if where is not None:

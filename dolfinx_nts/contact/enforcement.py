@@ -125,7 +125,9 @@ class LagrangeMultiplier(Declaration):
         """
         # Such a node is held nearer to the surface in this step than in the next one: with
         # e = 1, where it stops at once, if it is nearer before the step than after it.
-        passes = (gap_n > 0) & (2 * gap_n < (2 - self.e) * (gap_n - gap_trial))
+        # Points that arrive together do so but for round-off, also where it would tell them apart.
+        near = (2 * gap_n - (2 - self.e) * (gap_n - gap_trial)) < TOUCHES * size
+        passes = (gap_n > 0) & (gap_trial < gap_n) & near
         # Nodes without mass have no velocity of their own that would tell if they are released.
         stays = active if self.impact == "resolved" else active & (gap_n < _NEAR * size)
         flags: Flags = (gap_n <= TOUCHES * size) | passes | stays
@@ -245,13 +247,19 @@ class Penalty(Declaration):
         """
         return eps_N * np.minimum(gap, 0.0), np.where(loaded, eps_N, 0.0)
 
-    def force(self, gap_n: Floats, gap: Floats, eps_N: Floats) -> tuple[Floats, Floats]:
+    def force(
+        self, gap_n: Floats, gap: Floats, eps_N: Floats, share: float = 0.5
+    ) -> tuple[Floats, Floats]:
         """Compute the multiplier of a step and its derivative by the gap at the end. Local.
+
+        With a share s > 1/2 of the end it has (s - 1/2) of the change of the force besides,
+        which takes energy, as the stress of a scheme does that has this share.
 
         Args:
             gap_n: Gap at t_n, shape ``(m,)`` [m].
             gap: Gap at t_{n+1}, shape ``(m,)`` [m].
             eps_N: Stiffness, shape ``(m,)`` [N/m].
+            share: Share that the end of the step has in the force of a loaded spring [-].
 
         Returns:
             lambda_N [N, <= 0] and d lambda_N / d gap [N/m], both of shape ``(m,)``.
@@ -264,4 +272,12 @@ class Penalty(Declaration):
         quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
         slope = (eps_N * below - quotient) / rise
         mean = 0.5 * eps_N * (below + below_n)
-        return np.where(both, mean, quotient), np.where(both, 0.5 * eps_N, slope)
+        lambda_N = np.where(both, mean, quotient)
+        slope = np.where(both, 0.5 * eps_N, slope)
+        if share == 0.5:
+            return lambda_N, slope
+        lambda_N += (share - 0.5) * eps_N * (below - below_n)
+        slope += (share - 0.5) * np.where(gap < 0, eps_N, 0.0)
+        # A node that parts fast would be pulled back.
+        pushes = lambda_N < 0
+        return np.where(pushes, lambda_N, 0.0), np.where(pushes, slope, 0.0)

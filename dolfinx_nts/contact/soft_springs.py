@@ -9,13 +9,13 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["SoftSprings"]
+__all__ = ["DEEP", "SoftSprings"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 # Depth, relative to the longest segment [-], from which on shapes are wrong to the eye: half of
 # that at which a node loses its segment.
-_DEEP = 0.25
+DEEP = 0.25
 
 
 class SoftSprings:
@@ -35,6 +35,10 @@ class SoftSprings:
     def yielding(self) -> list[PairState]:
         """Contact of the pairs whose nodes are deep inside now."""
         return [contact for contact, _ in _deep(self._contacts)]
+
+    def watches(self, contact: PairState) -> bool:
+        """Whether a pair has springs and was not told yet. Local."""
+        return contact in self._watched
 
     def look(self) -> None:
         """Look at the accepted contact of the pairs that were not told."""
@@ -63,4 +67,4 @@ def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
     deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in contacts]
     depths = reductions.largest(contacts[0].nodes.V.mesh.comm, np.array(deepest))
     both = zip(contacts, depths, strict=True)
-    return [(c, float(depth)) for c, depth in both if depth > _DEEP * c.pair.segment_size]
+    return [(c, float(depth)) for c, depth in both if depth > DEEP * c.pair.segment_size]

@@ -299,14 +299,15 @@ class CentralDifference(Stepper):
             force = inertia - (held + bulk.total[given]) / 2
             reactions = self.supports.reactions(force, self.x, du[given])
         reactions += rigid.reactions()
-        contact = self._springs.counted(self._positions[: len(du)], du)
+        watch = self.watch.springs
+        contact = self._springs.counted(self._positions[: len(du)], du, watch.watches)
         defect = dt**2 / 8 * (forces.power - power)
         sums = reductions.total(self._comm, [*contact, defect, *works])
-        num_lost, num_segments, num_active, *by_cause = sums[: len(contact)]
+        num_lost, num_deep, num_segments, num_active, *by_cause = sums[: len(contact)]
         defect, damping, *loads = sums[len(contact) :]
         load, support = sum(loads), sum(reaction.work for reaction in reactions)
         if num_lost:
-            self._refuse(f"{num_lost:g} nodes sank too deep into a surface, stiffer springs help")
+            self._refuse(self._springs.lost())
         contact_work = ContactWork(*by_cause)
         driven = load, support, contact_work.obstacles
         self._stability.count(driven, damping + contact_work.friction)
@@ -317,6 +318,8 @@ class CentralDifference(Stepper):
             self.v.x.scatter_forward()
         self.inertia_defect = defect + gained
         self._springs.accept()
+        if num_deep:
+            watch.look()
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -385,7 +388,6 @@ class CentralDifference(Stepper):
 
     def _watch(self, v: Floats) -> None:
         """Raise if the step is too long for the cells, or if the energy has grown."""
-        self.watch.springs.look()
         self.watch.measure_about(v)
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:

@@ -402,7 +402,7 @@ class ImplicitStepper(Stepper):
             stiffness = contact_stiffness(
                 self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
             )
-            is_static = self._rates.acceleration is None
+            is_static, share = self._rates.acceleration is None, self.scheme.stress_share
             of_nodes = stiffness, self._free
             rigid = self._bulk.rigid.nodes
             states: Sequence[PairState | JointState] = self._sleeping.states
@@ -410,7 +410,9 @@ class ImplicitStepper(Stepper):
                 way = reductions.largest(self._comm, _kernels.farthest(*x))
                 states = [state for state in states if may_face(state, x[0], way)]
             steps = [
-                ContactStep(state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way)
+                ContactStep(
+                    state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way, share
+                )
                 for state in states
             ]
         # Bodies that only contact holds go as far as it takes to touch others.

@@ -21,7 +21,7 @@ class Scheme:
             as constants, and the deformation gradients at both ends of the step, UFL (3, 3).
         rates: Makes the `Rates` by which velocity and acceleration follow from displacements.
         stress_share: Derivative of the stress by the strain at the end of the step, as a part
-            of that by a strain that is the same at both ends [-].
+            of that by a strain that is the same at both ends; forces of springs have the same [-].
         load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a
             step to 1 at its end [-].
         loads_at: Displacement at which loads act: the mean of the step or that at its end.

@@ -185,6 +185,16 @@ class _Round(_Exact):
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
         return self._sign * (length - self._radius), normal
 
+    def find(
+        self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
+    ) -> tuple[Ints, Floats]:
+        """Give facet 0 to nodes within reach that could not come out on another side.
+
+        Deeper than half of the radius a node is not found, see `Obstacle.find`.
+        """
+        found, gap = super().find(x, current, slack, reach, facing)
+        return np.where(gap < -self.shortest_passage, -1, found).astype(np.int32), gap
+
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         # Zeros of |r_n + s way|^2 - radius^2.
         (r_n, length), (r, _) = self._radial(x_n), self._radial(x)

@@ -94,30 +94,27 @@ class Surface(Declaration):
         to_cell = mesh.topology.connectivity(tdim - 1, tdim)
         to_facet = mesh.topology.connectivity(tdim, tdim - 1)
         local = facets.find(tag)
-        cells = [to_cell.links(f) for f in local]
+        first = to_cell.offsets[local]
         owned = local < mesh.topology.index_map(tdim - 1).size_local
         # Without ghost cells a facet between two ranks has one local cell.
         between = np.isin(local, mesh.topology.interprocess_facets())
-        between |= np.fromiter((len(c) != 1 for c in cells), dtype=bool, count=len(cells))
+        between |= to_cell.offsets[local + 1] - first != 1
         if inner := reductions.total(mesh.comm, int(np.count_nonzero(between & owned))):
             raise ValueError(
                 f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
             )
 
         # All local facets mark nodes, but only owned facets become segments.
-        sides = Element.of(V).sides
-        k = sides[0][0].shape[1]
+        sides, cells = Element.of(V).sides, to_cell.array[first]
+        number = (to_facet.array.reshape(-1, len(sides))[cells] == local[:, None]).argmax(axis=1)
         X = V.tabulate_dof_coordinates()
-        parts: list[Ints] = [np.empty((0, k), dtype=np.int32)]
-        outward: list[Floats] = [np.empty((0, 3))]
-        for facet, (cell,) in zip(local, cells, strict=True):
-            dofs = V.dofmap.cell_dofs(cell)
-            number = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
-            on_facet, pieces = (dofs[nodes] for nodes in sides[number])
-            parts.append(on_facet)
-            outward.append(X[on_facet].mean(axis=1) - X[pieces].mean(axis=1))
-        segments = np.concatenate(parts)
-        mine = np.repeat(owned, len(sides[0][0]))
+        rows, of_cells = np.arange(len(local))[:, None, None], V.dofmap.list[cells]
+        on_facet, pieces = (
+            of_cells[rows, np.array(nodes)[number]] for nodes in zip(*sides, strict=True)
+        )
+        segments: Ints = on_facet.reshape(-1, on_facet.shape[2])
+        outward = (X[on_facet].mean(axis=2) - X[pieces].mean(axis=2)).reshape(-1, 3)
+        mine = np.repeat(owned, on_facet.shape[1])
         x = X[segments]
         # The axis of rings bounds the mesh, but no body.
         is_surface = ~is_on_axis(mesh, x).all(axis=1)
@@ -126,7 +123,7 @@ class Surface(Declaration):
         segments, mine, x = segments[is_surface], mine[is_surface], x[is_surface]
         # Not the normal in a corner, which does not exist if an edge has no length.
         normal = area_vectors(x, np.ones(len(x)))
-        height = np.einsum("si,si->s", normal, np.concatenate(outward)[is_surface])
+        height = np.einsum("si,si->s", normal, outward[is_surface])
         length = np.linalg.norm(normal, axis=1)
         height /= np.where(length > 0, length, np.inf)
 

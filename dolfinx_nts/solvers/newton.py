@@ -35,6 +35,8 @@ _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
 _SETTLED = 1e-3
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
+# Error of a constraint that is round-off, relative to the positions [-].
+_GAP_ROUNDING = 16 * np.finfo(np.float64).eps
 # Longest increment that is trusted, relative to the smallest cell [-], and the number of longer
 # ones from which on a step with inertia, whose starts are near its end, is given up.
 _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
@@ -163,6 +165,7 @@ def solve(
     du_norm = np.inf
     num_long = 0
     given = 0  # iterations after each other in which given displacements violate constraints
+    polished = False
     balanced = True  # multipliers from the normal balance at the nodes
     reprojects_early = not inertia
     free.begin()
@@ -199,6 +202,12 @@ def solve(
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
         converged = solved and not violated and not changed
+        if converged and not polished and iteration and du_norm > _INCREMENT_TOLERANCE * size:
+            # Multipliers are not small where gaps are: what is left of these does work.
+            polished = True
+            rounding = _GAP_ROUNDING * np.abs(x).max(initial=0.0)
+            if reductions.anywhere(bulk.comm, excess > rounding):
+                converged = False
         # Without inertia nodes slide far, and their segments are known before the end.
         settled = reprojects_early and iteration > 0 and not changed and norm <= _SETTLED * scale
         if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:

@@ -1,6 +1,6 @@
 """Contact of all pairs by springs, in explicit steps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -8,11 +8,13 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["AllSprings"]
 
-# Numbers of lost nodes, of segments and of active nodes, and the parts of a `ContactWork`.
-_NUM_COUNTED = 9
+# Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
+# `ContactWork`.
+_NUM_COUNTED = 10
 
 
 class AllSprings:
@@ -88,23 +90,34 @@ class AllSprings:
         for force in self._forces:
             force.add_to(total)
 
-    def counted(self, x: Floats, du: Floats) -> list[float]:
+    def counted(self, x: Floats, du: Floats, watches: Callable[[PairState], bool]) -> list[float]:
         """Counts and works between the last two evaluations, to be summed over ranks.
 
         Args:
             x: See `ContactSprings.work`.
             du: See `ContactSprings.work`.
+            watches: Says whether deep nodes of a pair count.
 
         Returns:
-            Numbers of lost nodes, of segments and of active nodes, and the parts of a
+            Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
             `ContactWork` on this rank.
         """
         sums = np.zeros(_NUM_COUNTED)
-        for springs, old, new in zip(self.pairs, self._before, self._forces, strict=True):
-            counts = springs.num_lost, springs.num_segments, len(new.springs.node)
+        each = zip(self._contacts, self.pairs, self._before, self._forces, strict=True)
+        for contact, springs, old, new in each:
+            deep = springs.num_deep if springs.num_deep and watches(contact) else 0
+            counts = springs.num_lost, deep, springs.num_segments, len(new.springs.node)
             sums += *counts, *springs.work(old, new, x, du)
         result: list[float] = sums.tolist()
         return result
+
+    def lost(self) -> str:
+        """Say between what nodes sank too deep to be found in the last evaluation."""
+        comm = self._contacts[0].nodes.V.mesh.comm
+        lost = np.array([springs.num_lost for springs in self.pairs], dtype=float)
+        both = zip(self._contacts, reductions.total(comm, lost), strict=True)
+        parts = [f"{n:g} between {each.pair.between} ({each})" for each, n in both if n]
+        return f"nodes sank too deep into a surface, stiffer springs help: {'; '.join(parts)}"
 
     def accept(self) -> None:
         """Make the contact of the last evaluation the accepted one. Local."""

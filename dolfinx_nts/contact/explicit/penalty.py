@@ -21,6 +21,7 @@ from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
+from dolfinx_nts.contact.soft_springs import DEEP
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -84,6 +85,7 @@ class ContactSprings:
 
     Attributes:
         num_lost: Nodes of this rank that sank too deep to be found in the last evaluation.
+        num_deep: Nodes of this rank that were deep inside in it, see `SoftSprings`.
         shortest_passage: Relative motion in a step below which no node passes a surface [m].
 
     Raises:
@@ -115,7 +117,7 @@ class ContactSprings:
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
-        self.num_lost = 0
+        self.num_lost = self.num_deep = 0
 
     def forget(self) -> None:
         """Look at all nodes again, as the state was set. Local."""
@@ -232,7 +234,7 @@ class ContactSprings:
         frame = self._state.search.frame
         x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
-        self.num_lost = 0
+        self.num_lost = self.num_deep = 0
         if seen.is_idle:
             parts = self._friction.without_contact()
             return SpringForces(
@@ -248,6 +250,7 @@ class ContactSprings:
         )
         self.num_lost = self._count_lost(x, seen.current, segment)
         seen.current, inside = segment, gap < 0
+        self.num_deep = int(np.count_nonzero(gap < -DEEP * self._state.pair.segment_size))
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 

@@ -67,6 +67,7 @@ class ContactStep:
         rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
         on_the_way: Positions like ``x_trial`` after some parts of the ballistic way, by the part
             from 0 to 1, in which rigid bodies have not stretched; None: of no part.
+        share: Share of the end of the step in the forces of springs, see `Scheme` [-].
 
     Attributes:
         state: The argument.
@@ -91,6 +92,7 @@ class ContactStep:
         is_static: bool = False,
         rigid: Ints = _NONE,
         on_the_way: Mapping[float, Floats] | None = None,
+        share: float = 0.5,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -98,7 +100,9 @@ class ContactStep:
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
         nodal_stiffness = stiffness[state.nodes.nodes]
-        self.normal = _normal_contact(state, is_static, search, nodal_stiffness, on_the_way or {})
+        self.normal = _normal_contact(
+            state, is_static, search, nodal_stiffness, on_the_way or {}, share
+        )
         self.friction = _friction(state, is_static, search, nodal_stiffness)
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
@@ -298,6 +302,7 @@ def _normal_contact(
     search: LocalSearch,
     stiffness: Floats,
     on_the_way: Mapping[float, Floats],
+    share: float,
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective."""
     law = state.pair.enforcement
@@ -305,7 +310,7 @@ def _normal_contact(
         return TiedContact(state, law, is_static, search, stiffness, on_the_way)
     if isinstance(law, LagrangeMultiplier):
         return MultiplierContact(state, law, is_static, search, stiffness, on_the_way)
-    return PenaltyContact(state, law, is_static, search)
+    return PenaltyContact(state, law, is_static, search, share)
 
 
 def _friction(

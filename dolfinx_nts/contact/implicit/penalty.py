@@ -24,15 +24,22 @@ class PenaltyContact(NormalContact):
         law: Enforcement of the pair.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
+        share: Share of the end of the step in forces, see `Scheme`.
     """
 
     def __init__(
-        self, state: PairState | JointState, law: Penalty, is_static: bool, search: LocalSearch
+        self,
+        state: PairState | JointState,
+        law: Penalty,
+        is_static: bool,
+        search: LocalSearch,
+        share: float,
     ) -> None:
         """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
+        self._share = share
         if self._is_static:
             self._begin_in_touch()
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
@@ -55,7 +62,7 @@ class PenaltyContact(NormalContact):
                 active = (gap < 0) | ((iteration == 0) & self.active[node])
                 lambda_N, self._slope = self._law.force_at(gap, active, eps_N)
             else:
-                lambda_N, self._slope = self._law.force(gap_n, gap, eps_N)
+                lambda_N, self._slope = self._law.force(gap_n, gap, eps_N, self._share)
                 active = lambda_N < 0
         changes = friction.update(pairs, -lambda_N, active, iteration)
         self.active[node], self.lambda_N[node] = active, lambda_N

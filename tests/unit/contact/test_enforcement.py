@@ -100,19 +100,34 @@ def test_spring_works_with_the_change_of_its_energy(gaps):
     assert -lambda_N <= EPS_N * max(0, *(-g for g in gaps)) + rounding
 
 
-@pytest.mark.parametrize("gaps", GAPS[:3] + GAPS[7:9], ids=str)
-def test_slope_of_the_spring_has_a_second_order_remainder(gaps):
+@pytest.mark.parametrize("gaps", GAPS, ids=str)
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_spring_with_a_greater_share_of_the_end_takes_energy_and_never_pulls(gaps, share):
     spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
     gap_n, gap = (np.array([g]) for g in gaps)
-    _, slope = spring.force(gap_n, gap, stiffness)
+    lambda_N, _ = spring.force(gap_n, gap, stiffness, share)
+    stored = spring.energy(gap, stiffness) - spring.energy(gap_n, stiffness)
+    assert lambda_N * (gap - gap_n) >= stored - 1e-12
+    assert lambda_N <= 0
+    if max(gaps) < 0:
+        expected = EPS_N * ((1 - share) * gaps[0] + share * gaps[1])
+        np.testing.assert_allclose(lambda_N, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("gaps", GAPS[:3] + GAPS[7:9], ids=str)
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_slope_of_the_spring_has_a_second_order_remainder(gaps, share):
+    spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
+    gap_n, gap = (np.array([g]) for g in gaps)
+
+    def force(at):
+        return spring.force(gap_n, at, stiffness, share)[0]
+
+    _, slope = spring.force(gap_n, gap, stiffness, share)
     if gaps[0] < 0 and gaps[1] < 0:  # linear: no remainder at all
-        change = (
-            spring.force(gap_n, gap + 0.01, stiffness)[0] - spring.force(gap_n, gap, stiffness)[0]
-        )
-        np.testing.assert_allclose(change, 0.01 * slope, rtol=1e-10)
+        np.testing.assert_allclose(force(gap + 0.01) - force(gap), 0.01 * slope, rtol=1e-10)
     else:
-        d = np.array([1.0])
-        assert taylor_order(lambda g: spring.force(gap_n, g, stiffness)[0], gap, d, slope) > 1.9
+        assert taylor_order(force, gap, np.array([1.0]), slope) > 1.9
 
 
 @pytest.mark.parametrize("eps_N", [0.0, -1.0, np.nan, np.inf])

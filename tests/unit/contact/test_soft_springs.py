@@ -1,12 +1,15 @@
 """Springs into which nodes sink deep are told once, others are not."""
 
+import re
+
+import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers import scenes
 
 
-# Explicit steppers look at them every 50 steps.
 @pytest.mark.parametrize(
     ("scheme", "dt"),
     [(nts.EnergyMomentum, scenes.BLOCK_STEP), (nts.CentralDifference, scenes.BLOCK_STEP / 50)],
@@ -27,3 +30,44 @@ def test_springs_that_do_not_stop_nodes_are_told_once(comm, caplog, scheme, dt, 
     assert len(told) == (warns and comm.rank == 0)
     text = "take a stiffer Penalty (contact by Penalty, eps_N = 1e-09 N/m) or a LagrangeMultiplier"
     assert all(text in message for message in told)
+
+
+def cube(comm, obstacle, eps_N, dt, scheme, is_rigid=True):
+    """A cube of 2 x 2 x 2 cells, of 1 kg and one metre, that flies down onto an obstacle."""
+    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    data.X[:] += [-0.5, -0.5, 0.01]
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 1.0))
+    if is_rigid:
+        body = nts.RigidBody(V, cells, tag["body 0"], 1.0)
+    pair = nts.ContactPair(nts.boundary_of(body), obstacle, nts.Penalty(eps_N))
+    stepper = scheme([body], [pair], dt=dt)
+    stepper.set_velocity(body, (0.0, 0.0, -1.0))
+    return stepper
+
+
+@pytest.mark.serial
+def test_explicit_steps_tell_of_a_depth_that_lasts_a_few_steps(comm, caplog):
+    # Nine springs of 1 N/m: w = 3/s and a depth of 1/w, for pi/w, in which there are 20 steps.
+    plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    stepper = cube(comm, plane, 1.0, np.pi / 60, nts.CentralDifference)
+    deepest = min(stepper.x[:, 2].min() for _ in stepper.run(until=1.2))
+    assert deepest == pytest.approx(-1 / 3, rel=0.01) and stepper.step < 50
+    assert np.allclose(stepper.v.x.array.reshape(-1, 3), [0, 0, 1], rtol=0, atol=0.01)
+    (told,) = [text for text in caplog.messages if "let nodes sink in by" in text]
+    assert "body 0 and a RigidPlane" in told
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("scheme", [nts.CentralDifference, nts.EnergyMomentum])
+@pytest.mark.parametrize("is_rigid", [True, False], ids=["rigid", "deformable"])
+def test_nodes_do_not_sink_through_a_sphere_by_soft_springs(comm, scheme, is_rigid):
+    ball = nts.RigidSphere(centre=(0.1, 0.0, -0.3), radius=0.3)
+    stepper = cube(comm, ball, 0.5, 0.004, scheme, is_rigid)
+    with pytest.raises(nts.ConvergenceError, match="sank") as error:
+        list(stepper.run(until=1.0))
+    assert re.search("stiffer springs", str(error.value))
+    assert "RigidSphere" in str(error.value) and "eps_N = 0.5 N/m" in str(error.value)
+    depth = 0.3 - np.linalg.norm(stepper.x - [0.1, 0.0, -0.3], axis=1).min()
+    assert 0.13 < depth <= 0.15

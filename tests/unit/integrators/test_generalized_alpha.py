@@ -122,6 +122,50 @@ def test_linear_momentum_is_conserved_in_contact_and_energy_is_not(comm, enforce
     assert history.energy_error > 1e-3
 
 
+def rebound(rho_inf, ratio, phase):
+    """Speed after the impact of a mass with one spring of ``ratio`` m/dt^2, over that before.
+
+    Newmark's formulas for one unknown. The force of the spring is the quotient of its energy and
+    its way, with the share 1 - alpha_f of the end, and never pulls.
+    """
+    am, af = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
+    gamma, beta = 1 / 2 - am + af, (1 - am + af) ** 2 / 4
+    x, v, a = 2 + phase, -1.0, 0.0
+    for _ in range(20):
+        near, y = x + v + (0.5 - beta) * a, x + v
+        for _ in range(200):  # a contraction where the spring is not stiff
+            loads = [ratio * max(-z, 0.0) for z in (x, y)]
+            force = sum(loads) / 2
+            if min(loads) == 0 and y != x:
+                force = (loads[0] ** 2 - loads[1] ** 2) / (2 * ratio) / (y - x)
+            force = max(force + (0.5 - af) * (loads[1] - loads[0]), 0.0)
+            new = (force - am * a) / (1 - am)
+            y = near + beta * new
+        v, x, a = v + (1 - gamma) * a + gamma * new, y, new
+    return v
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("phase", [0.2, 0.7])
+def test_rigid_body_rebounds_from_springs_without_a_gain_of_energy(rho_inf, phase):
+    """A cube that meets a floor by its face, as one unknown."""
+    dt, comm = 0.01, scenes.MPI.COMM_SELF
+    data = scenes.boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)])
+    data.X[:, 2] += (2 + phase) * dt
+    mesh, cells, _, tag = scenes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body, floor = nts.RigidBody(V, cells, tag["body 0"], 1.0), nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    pair = nts.ContactPair(nts.boundary_of(body), floor, nts.Penalty(0.125 / dt**2))
+    stepper = nts.GeneralizedAlpha([body], [pair], dt=dt, rho_inf=rho_inf)
+    stepper.set_velocity(body, (0.0, 0.0, -1.0))
+    for _ in stepper.run(until=20 * dt):
+        pass
+    speed = nts.Diagnostics(stepper).body_velocity(body)[2]
+    assert speed == pytest.approx(rebound(rho_inf, 0.5, phase), rel=1e-8)
+    assert speed <= 1 + 1e-12 and (speed > 0.95 or rho_inf < 0.8)
+
+
 @contacts
 def test_ledger_of_contact_closes(comm, enforcement):
     stepper = scenes.blocks(comm, scheme(0.5), enforcement).stepper
