@@ -5,8 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["SoftSprings"]
@@ -14,8 +17,8 @@ __all__ = ["SoftSprings"]
 _logger = logging.getLogger("dolfinx_nts")
 
 # Depth, relative to the longest segment [-], from which on shapes are wrong to the eye: half of
-# that at which a node loses its segment.
-_DEEP = 0.25
+# that at which a node loses its segment. Relative to that at which a node is lost in an obstacle.
+_DEEP, _HALF = 0.25, 0.5
 
 
 class SoftSprings:
@@ -24,17 +27,48 @@ class SoftSprings:
     Collective, as are its methods.
 
     Args:
+        bodies: The bodies of a stepper.
         contacts: Contact of all pairs.
     """
 
-    def __init__(self, contacts: Sequence[PairState]) -> None:
+    def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
         """Watch the pairs with springs."""
+        self._bodies = tuple(bodies)
         self._contacts = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
         self._watched = self._contacts
 
     def yielding(self) -> list[PairState]:
         """Contact of the pairs whose nodes are deep inside now."""
         return [contact for contact, _ in _deep(self._contacts)]
+
+    def sunk(self, x: Floats) -> str:
+        """Say what has sunk through an obstacle whose springs have yielded, or "".
+
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Springs of an obstacle know
+        no depth from which on they would let a node go, as those of a surface of facets do.
+        """
+        told = [contact for contact in self._contacts if contact not in self._watched]
+        return next(filter(None, (self._sunk_through(contact, x) for contact in told)), "")
+
+    def _sunk_through(self, contact: PairState, x: Floats) -> str:
+        """Who is on the other side of the obstacle of a pair, or ""."""
+        obstacle, nodes = contact.segments, contact.nodes.nodes
+        if not isinstance(obstacle, Obstacle):
+            return ""
+        comm = contact.nodes.V.mesh.comm
+        depth = obstacle.depth(contact.search.frame.at_end(x))
+        deepest = reductions.largest(comm, float(depth[nodes].max(initial=0.0)))
+        if deepest > obstacle.shortest_passage:
+            return (
+                f"nodes have sunk into {obstacle.name} by {deepest:.3g} m, from where they would "
+                "come out on another side"
+            )
+        for body in self._bodies:
+            inside = bool((depth[body.nodes] > 0).all())
+            meets = bool(np.isin(nodes, body.nodes).any())
+            if reductions.everywhere(comm, inside) and reductions.anywhere(comm, meets):
+                return f"{body.name} has sunk into {obstacle.name} as a whole"
+        return ""
 
     def look(self) -> None:
         """Look at the accepted contact of the pairs that were not told."""
@@ -63,4 +97,10 @@ def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
     deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in contacts]
     depths = reductions.largest(contacts[0].nodes.V.mesh.comm, np.array(deepest))
     both = zip(contacts, depths, strict=True)
-    return [(c, float(depth)) for c, depth in both if depth > _DEEP * c.pair.segment_size]
+    return [(c, float(depth)) for c, depth in both if depth > _limit(c)]
+
+
+def _limit(contact: PairState) -> float:
+    """Depth from which on nodes of a pair are deep inside [m]. Local."""
+    limit, segments = _DEEP * contact.pair.segment_size, contact.segments
+    return min(limit, _HALF * segments.shortest_passage) if isinstance(segments, Obstacle) else limit

@@ -115,6 +115,8 @@ class ContactSprings:
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
+        # Nodes that are as deep in segments are not seen there.
+        self._deepest = np.inf if isinstance(pair.segments, Surface) else self.shortest_passage
         self.num_lost = 0
 
     def forget(self) -> None:
@@ -247,6 +249,8 @@ class ContactSprings:
             seen.points, x, seen.current, seen.reach, number, stiffness
         )
         self.num_lost = self._count_lost(x, seen.current, segment)
+        # Springs of an obstacle would push such nodes out on another side.
+        self.num_lost += int(np.count_nonzero(gap < -self._deepest))
         seen.current, inside = segment, gap < 0
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
