@@ -103,4 +103,6 @@ def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
 def _limit(contact: PairState) -> float:
     """Depth from which on nodes of a pair are deep inside [m]. Local."""
     limit, segments = _DEEP * contact.pair.segment_size, contact.segments
-    return min(limit, _HALF * segments.shortest_passage) if isinstance(segments, Obstacle) else limit
+    if isinstance(segments, Obstacle):
+        return min(limit, _HALF * segments.shortest_passage)
+    return limit

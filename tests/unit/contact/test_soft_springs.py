@@ -32,16 +32,18 @@ def test_springs_that_do_not_stop_nodes_are_told_once(comm, caplog, scheme, dt, 
 
 
 OBSTACLES = {
-    "plane": (nts.RigidPlane((0, 0, 0), (0, 0, 1)), r"block has sunk into a RigidPlane as a whole"),
-    "sphere": (nts.RigidSphere((0, 0, -0.4), 0.4), "(nodes have sunk into a Rigid.* by 0.20. m|nodes sank too deep)"),
-    "cylinder": (nts.RigidCylinder((0, 0, -0.4), (0, 1, 0), 0.4), "(nodes have sunk into a Rigid.* by 0.20. m|nodes sank too deep)"),
+    "plane": nts.RigidPlane((0, 0, 0), (0, 0, 1)),
+    "sphere": nts.RigidSphere((0, 0, -0.4), 0.4),
+    "cylinder": nts.RigidCylinder((0, 0, -0.4), (0, 1, 0), 0.4),
 }
+WHOLE = "block has sunk into a RigidPlane as a whole"
+DEEP = r"(nodes have sunk into a Rigid\w* by 0.20\d m|nodes sank too deep)"
 
 
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
 @pytest.mark.parametrize("target", OBSTACLES)
 def test_bodies_that_sink_through_an_obstacle_end_the_run(comm, refused, scheme, target):
-    obstacle, text = OBSTACLES[target]
+    text = WHOLE if target == "plane" else DEEP
 
     def fill(model):
         parts.add_box(model, "block", corner=(-0.1, -0.1, 0), size=(0.2,) * 3, cells=(2, 2, 1))
@@ -49,7 +51,7 @@ def test_bodies_that_sink_through_an_obstacle_end_the_run(comm, refused, scheme,
     mesh, cells, _, tag = nts.read_mesh(fill, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, 1e3))
-    pair = nts.ContactPair(nts.boundary_of(block), obstacle, nts.Penalty(eps_N=1.0))
+    pair = nts.ContactPair(nts.boundary_of(block), OBSTACLES[target], nts.Penalty(eps_N=1.0))
     stepper = scheme([block], [pair], dt=2e-3)
     stepper.set_velocity(block, (0.0, 0.0, -2.0))
     with refused(nts.ConvergenceError, f"{text}.*stiffer springs"):
