@@ -36,7 +36,10 @@ class BlockPivoting:
         comm: Communicator.
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
-            changed with it, and would change to and fro with them, as do stick and slip.
+            changed with it, and would change to and fro with them, as do stick and slip. Where
+            one node at a time changes, violators are then counted anew: there were few while
+            nodes hardly moved, and slip that spreads along a surface, as on a belt, would need
+            some iterations for each node.
     """
 
     def __init__(self, comm: MPI.Comm, waits: bool = False) -> None:
@@ -60,6 +63,8 @@ class BlockPivoting:
             self._fewest, self._patience = count, _PATIENCE
         elif count and count >= self._last:
             self._patience -= 1
+            if self._patience == -1 and self._waits:
+                self._fewest = count
         changes = violates
         if count and self._patience < 0:
             last = np.iinfo(np.int64).max
