@@ -5,17 +5,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["DEEP", "SoftSprings"]
+__all__ = ["SoftSprings", "deep_from"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 # Depth, relative to the longest segment [-], from which on shapes are wrong to the eye: half of
-# that at which a node loses its segment.
-DEEP = 0.25
+# that at which a node loses its segment. Relative to that at which a node is lost in an obstacle.
+_DEEP, _HALF = 0.25, 0.5
+
+
+def deep_from(pair: ContactPair) -> float:
+    """Depth from which on nodes of a pair are deep inside [m]. Local."""
+    limit, segments = _DEEP * pair.segment_size, pair.segments
+    if isinstance(segments, Obstacle):
+        return min(limit, _HALF * segments.shortest_passage)
+    return limit
 
 
 class SoftSprings:
@@ -24,11 +36,13 @@ class SoftSprings:
     Collective, as are its methods.
 
     Args:
+        bodies: The bodies of a stepper.
         contacts: Contact of all pairs.
     """
 
-    def __init__(self, contacts: Sequence[PairState]) -> None:
+    def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
         """Watch the pairs with springs."""
+        self._bodies = tuple(bodies)
         self._contacts = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
         self._watched = self._contacts
 
@@ -39,6 +53,29 @@ class SoftSprings:
     def watches(self, contact: PairState) -> bool:
         """Whether a pair has springs and was not told yet. Local."""
         return contact in self._watched
+
+    def sunk(self, x: Floats) -> str:
+        """Say what has sunk through an obstacle whose springs have yielded, or "".
+
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Springs of an obstacle know
+        no depth from which on they would let a node go, as those of a surface of facets do.
+        """
+        told = [contact for contact in self._contacts if contact not in self._watched]
+        return next(filter(None, (self._sunk_through(contact, x) for contact in told)), "")
+
+    def _sunk_through(self, contact: PairState, x: Floats) -> str:
+        """Who is on the other side of the obstacle of a pair, or ""."""
+        obstacle, nodes = contact.segments, contact.nodes.nodes
+        if not isinstance(obstacle, Obstacle):
+            return ""
+        comm = contact.nodes.V.mesh.comm
+        depth = obstacle.depth(contact.search.frame.at_end(x))
+        for body in self._bodies:
+            inside = bool((depth[body.nodes] > 0).all())
+            meets = bool(np.isin(nodes, body.nodes).any())
+            if reductions.everywhere(comm, inside) and reductions.anywhere(comm, meets):
+                return f"{body.name} has sunk into {obstacle.name} as a whole"
+        return ""
 
     def look(self) -> None:
         """Look at the accepted contact of the pairs that were not told."""
@@ -67,4 +104,4 @@ def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
     deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in contacts]
     depths = reductions.largest(contacts[0].nodes.V.mesh.comm, np.array(deepest))
     both = zip(contacts, depths, strict=True)
-    return [(c, float(depth)) for c, depth in both if depth > DEEP * c.pair.segment_size]
+    return [(c, float(depth)) for c, depth in both if depth > deep_from(c.pair)]

@@ -39,7 +39,7 @@ class ContactWatch:
         """Begin with nothing seen."""
         self.vertices = ReversePassages([contact.pair for contact in contacts])
         self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
-        self.springs = SoftSprings(contacts)
+        self.springs = SoftSprings(bodies, contacts)
         self._contacts = tuple(contacts)
         self._comm = bodies[0].V.mesh.comm
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))

@@ -387,7 +387,9 @@ class CentralDifference(Stepper):
         return float(reductions.total(self._comm, energy))
 
     def _watch(self, v: Floats) -> None:
-        """Raise if the step is too long for the cells, or if the energy has grown."""
+        """Raise if springs yield, the step is too long for the cells, or the energy has grown."""
+        if sunk := self.watch.springs.sunk(self.x):
+            self._refuse(f"{sunk}, stiffer springs (eps_N) hold it")
         self.watch.measure_about(v)
         self.stable_step = self._stability.longest_step(self.x)
         if self.dt > self.stable_step:

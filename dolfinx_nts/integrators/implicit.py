@@ -278,8 +278,10 @@ class ImplicitStepper(Stepper):
             return inverted
         reasons = (check_penetration(step, self.dt) for step in steps)
         with self.timings.phase("passage"):
-            return next(filter(None, reasons), "") or self.watch.vertices.check(
-                x_n, self.x, self._way
+            return (
+                next(filter(None, reasons), "")
+                or self.watch.springs.sunk(self.x)
+                or self.watch.vertices.check(x_n, self.x, self._way)
             )
 
     def _forces_at_start(self) -> Floats:

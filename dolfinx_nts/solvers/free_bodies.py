@@ -51,8 +51,9 @@ _NEUTRAL = 1e-3
 # inertia: in a solution, where facets of curved surfaces and nodes that do not match make up so
 # much, and on the way to one, where a larger one drives the body to another place.
 _NEGLIGIBLE, _DRIVING = 1e-2, 0.3
-# The same from which on a run says so: less is round-off.
-_TOLD = 1e-9
+# The same from which on a run says so: less is round-off; and by how much it grows until a run
+# says so again.
+_TOLD, _GROWN = 1e-9, 3.0
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ class FreeBodies:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self._num_motions = int(ends[-1])
-        self._told = False
+        self._told = _TOLD / _GROWN  # what was told last
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
@@ -295,10 +296,13 @@ class FreeBodies:
         return f"only contact holds {names}: bcs or friction against these motions may help"
 
     def tell(self, steps: Sequence[ContactStep]) -> None:
-        """Warn, once, of what inertia has to carry in a solution with these contacts. Local."""
-        if self._relief.share <= _TOLD or self._told:
+        """Warn of what inertia has to carry in a solution with these contacts. Local.
+
+        Once, and again where it has grown, as bodies deform or slide.
+        """
+        if self._relief.share <= _GROWN * self._told:
             return
-        self._told = True
+        self._told = self._relief.share
         if self._comm.rank == 0:
             names = "; ".join(map(str, self.bodies))
             holds = f"only contact without friction holds {names}"

@@ -21,7 +21,7 @@ from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
-from dolfinx_nts.contact.soft_springs import DEEP
+from dolfinx_nts.contact.soft_springs import deep_from
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -117,6 +117,7 @@ class ContactSprings:
         self._reduced_mass: Floats = 1 / (sides * compliance)
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
+        self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
 
     def forget(self) -> None:
@@ -250,7 +251,7 @@ class ContactSprings:
         )
         self.num_lost = self._count_lost(x, seen.current, segment)
         seen.current, inside = segment, gap < 0
-        self.num_deep = int(np.count_nonzero(gap < -DEEP * self._state.pair.segment_size))
+        self.num_deep = int(np.count_nonzero(gap < -self._deep))
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 

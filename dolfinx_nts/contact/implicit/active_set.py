@@ -43,7 +43,10 @@ class BlockPivoting:
         ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
-            changed with it, and would change to and fro with them, as do stick and slip.
+            changed with it, and would change to and fro with them, as do stick and slip. Where
+            one node at a time changes, violators are then counted anew: there were few while
+            nodes hardly moved, and slip that spreads along a surface, as on a belt, would need
+            some iterations for each node.
     """
 
     def __init__(self, comm: MPI.Comm, ids: GlobalInts, ends: Array, waits: bool = False) -> None:
@@ -70,7 +73,10 @@ class BlockPivoting:
         changes = violates
         if count.any():
             stays = count >= self._last
-            self._patience[stays & ~fewer & (count > 0)] -= 1
+            is_stuck = stays & ~fewer & (count > 0)
+            self._patience[is_stuck] -= 1
+            anew = is_stuck & (self._patience == -1) & self._waits
+            self._fewest[anew] = count[anew]
             single = (count > 0) & (self._patience < 0)
             waiting = stays & ~single & self._waits
             if (single | waiting).any():

@@ -1,4 +1,4 @@
-"""Springs into which nodes sink deep are told once, others are not."""
+"""Springs into which nodes sink deep are told once, others are not; bodies do not sink through."""
 
 import re
 
@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from helpers import scenes
 
 
@@ -71,3 +72,33 @@ def test_nodes_do_not_sink_through_a_sphere_by_soft_springs(comm, scheme, is_rig
     assert "RigidSphere" in str(error.value) and "eps_N = 0.5 N/m" in str(error.value)
     depth = 0.3 - np.linalg.norm(stepper.x - [0.1, 0.0, -0.3], axis=1).min()
     assert 0.13 < depth <= 0.15
+
+
+OBSTACLES = {
+    "plane": nts.RigidPlane((0, 0, 0), (0, 0, 1)),
+    "sphere": nts.RigidSphere((0, 0, -0.4), 0.4),
+    "cylinder": nts.RigidCylinder((0, 0, -0.4), (0, 1, 0), 0.4),
+}
+WHOLE = "block has sunk into a RigidPlane as a whole"
+DEEP = "nodes (that sank into a surface|sank too deep)"
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+@pytest.mark.parametrize("target", OBSTACLES)
+def test_bodies_that_sink_through_an_obstacle_end_the_run(comm, refused, scheme, target):
+    text = WHOLE if target == "plane" else DEEP
+
+    def fill(model):
+        parts.add_box(model, "block", corner=(-0.1, -0.1, 0), size=(0.2,) * 3, cells=(2, 2, 1))
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, 1e3))
+    pair = nts.ContactPair(nts.boundary_of(block), OBSTACLES[target], nts.Penalty(eps_N=1.0))
+    stepper = scheme([block], [pair], dt=2e-3)
+    stepper.set_velocity(block, (0.0, 0.0, -2.0))
+    with refused(nts.ConvergenceError, f"{text}.*stiffer springs"):
+        list(stepper.run(until=0.4))
+    # Explicit steppers look at bodies as a whole every 50 steps.
+    late = 0.1 if scheme is nts.CentralDifference and target == "plane" else 0.0
+    assert 0.09 < stepper.t < 0.11 + late
