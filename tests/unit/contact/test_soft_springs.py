@@ -5,6 +5,8 @@ import pytest
 import dolfinx_nts as nts
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 # Explicit steppers look at them every 50 steps.
 @pytest.mark.parametrize(

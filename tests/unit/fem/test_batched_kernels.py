@@ -22,6 +22,8 @@ from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 # Functions that UFL knows; each argument of the test law is near 1.
 FUNCTIONS = [
     *(ufl.acos, ufl.asin, ufl.atan, ufl.cos, ufl.cosh, ufl.erf, ufl.exp, ufl.ln, ufl.sin),
