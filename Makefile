@@ -25,8 +25,8 @@ bench-publish: ## put figures and tables of the last bench into the documentatio
 verification: ## closed forms, other programs, published data: table of the page (10 minutes)
 	$(RUN) $(PYTEST) --publish
 
-test: ## all tests, on 1, 2 and 3 ranks
-	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone"
+test: ## all tests, and on 2 and 3 ranks those that ranks can change
+	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone and not several_ranks"
 	$(RUN) $(PYTEST) -m alone
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial and not at_most_two_ranks"

@@ -25,6 +25,7 @@ version = release = dolfinx_nts.__version__
 
 extensions = [
     "api_pages",
+    "demo_runs",
     "sources",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",

@@ -48,6 +48,7 @@ __all__ = [
     "index_map",
     "kernel",
     "model_to_mesh",
+    "modules_loaded_once",
     "quicker_ffcx",
     "shared",
     "vtx_writer",
@@ -146,13 +147,46 @@ def model_to_mesh(
     return mesh, cells, facets
 
 
+# Modules of FFCx that this process has loaded, by folder of the cache and name.
+_loaded: dict[tuple[str, str], Any] = {}
+
+
+@contextmanager
+def modules_loaded_once() -> Iterator[None]:
+    """Context in which FFCx loads a module once in a process. Local.
+
+    It reads the names of all files of its cache twice for each form, of which there may be
+    thousands.
+    """
+    # All releases so far waste this time. Drop this when a later one does not.
+    jit: Any = import_module("ffcx.codegeneration.jit")
+    look_up: Any = getattr(jit, "get_cached_module", None)
+
+    def get_cached_module(name: str, objects: Any, folder: Any, *rest: Any) -> Any:
+        module = _loaded.get((str(folder), name))
+        if module is not None:
+            return [getattr(module.lib, each) for each in objects], module
+        found, module = look_up(name, objects, folder, *rest)
+        if module is not None:
+            _loaded[str(folder), name] = module
+        return found, module
+
+    if look_up is not None:
+        jit.get_cached_module = get_cached_module
+    try:
+        yield
+    finally:
+        if look_up is not None:
+            jit.get_cached_module = look_up
+
+
 @contextmanager
 def quicker_ffcx() -> Iterator[None]:
     """Context in which FFCx writes the same in two thirds of its time, or in half of it. Local.
 
     Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
     are found by their hash, instead of by comparisons with all of them. Python does not look for
-    garbage among the many expressions, which are all in use.
+    garbage among the many expressions, which are all in use. See also `modules_loaded_once`.
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
@@ -176,7 +210,8 @@ def quicker_ffcx() -> Iterator[None]:
     collects = gc.isenabled()
     gc.disable()
     try:
-        yield
+        with modules_loaded_once():
+            yield
     finally:
         if collects:
             gc.enable()

@@ -15,6 +15,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
+from dolfinx_nts import compat
 from helpers import traps, verified
 
 # Seconds that a rank on which a test failed waits for the others.
@@ -31,6 +32,10 @@ def pytest_configure(config: pytest.Config) -> None:
     """Give the fixtures' own messages a communicator and a way out."""
     config.stash[_ROWS] = []
     config.stash[_TALK] = MPI.COMM_WORLD.Dup()
+    # Tests compile the same forms again and again.
+    loaded_once = compat.modules_loaded_once()
+    loaded_once.__enter__()
+    config.add_cleanup(lambda: loaded_once.__exit__(None, None, None))
     # While tests run, what they write goes to pytest.
     config.stash[_STDERR] = os.dup(2)
 
@@ -59,9 +64,12 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip tests marked ``serial`` on several ranks."""
-    if item.get_closest_marker("serial") and MPI.COMM_WORLD.size > 1:
-        pytest.skip("runs on one rank only")
+    """Skip tests marked ``serial`` on several ranks, and ``several_ranks`` on one."""
+    if MPI.COMM_WORLD.size > 1:
+        if item.get_closest_marker("serial"):
+            pytest.skip("runs on one rank only")
+    elif item.get_closest_marker("several_ranks"):
+        pytest.skip("runs on several ranks only")
 
 
 @pytest.hookimpl(wrapper=True)

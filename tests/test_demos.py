@@ -1,11 +1,14 @@
-"""Every demo runs, shortened, in a folder of its own, on any number of ranks."""
+"""Every demo runs, shortened, in a folder of its own, on several ranks.
+
+`make docs` runs each as it is, on one rank.
+"""
 
 import runpy
 from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.at_most_two_ranks
+pytestmark = [pytest.mark.several_ranks, pytest.mark.at_most_two_ranks]
 
 DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("demo_*.py"))
 # Files beside pictures, movies and tables.

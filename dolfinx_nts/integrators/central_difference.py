@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
@@ -123,6 +123,7 @@ class CentralDifference(Stepper):
     )
     stable_step: float = math.inf
 
+    @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
     def __init__(
         self,
         bodies: Sequence[Body],

@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts import _kernels
+from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
@@ -86,6 +86,7 @@ class ImplicitStepper(Stepper):
     methods.
     """
 
+    @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
     def __init__(
         self,
         bodies: Sequence[Body],

@@ -11,9 +11,9 @@ import basix.ufl
 import numpy as np
 import ufl
 from ufl.algorithms import expand_derivatives
-from ufl.utils.stacks import StackDict
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.materials.evaluation import Evaluation
 
 __all__ = ["GENERIC_STRAIN", "EnergyCurve"]
 
@@ -47,7 +47,10 @@ class EnergyCurve:
         self._s, self._D = ufl.Constant(mesh), ufl.Constant(mesh, shape=(3, 3))
         at = ufl.variable(self._s)
         first = ufl.diff(psi(ufl.Identity(3) + at * self._D), at)
-        self._first, self._second = map(expand_derivatives, (first, ufl.diff(first, at)))
+        self._first, self._second = (
+            Evaluation(expand_derivatives(derivative))
+            for derivative in (first, ufl.diff(first, at))
+        )
 
     def slope(self, D: Floats, s: float = 0.0) -> float:
         """First derivative in the direction D, shape ``(3, 3)``, at s [J/m^3]."""
@@ -74,9 +77,8 @@ class EnergyCurve:
                 f"derivatives {slopes[1], curvatures[1]} and a difference of {difference}"
             )
 
-    def _value(self, derivative: Any, D: Floats, s: float) -> float:
+    def _value(self, derivative: Evaluation, D: Floats, s: float) -> float:
         with warnings.catch_warnings():
             # UFL warns before it raises.
             warnings.simplefilter("ignore")
-            values = {self._s: s, self._D: D.tolist()}
-            return float(derivative.evaluate((), values, (), StackDict()))
+            return derivative.value({self._s: s, self._D: D.tolist()})

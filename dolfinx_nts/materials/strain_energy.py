@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import ufl
+from ufl.algorithms import expand_derivatives
 from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import EnergyCurve
+from dolfinx_nts.materials.evaluation import Evaluation
 
 __all__ = ["StrainEnergy", "strain_basis"]
 
@@ -60,7 +62,8 @@ class StrainEnergy(Declaration):
 
     def value(self, C: Any, without: Iterable[str] = ()) -> float:
         """Energy of a constant tensor, UFL (3, 3), with some parameters zero [J/m^3]."""
-        return float(ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))(()))
+        energy = ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))
+        return Evaluation(expand_derivatives(energy)).value({})
 
     @property
     def has_fields(self) -> bool:

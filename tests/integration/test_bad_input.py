@@ -12,10 +12,11 @@ from dolfinx.mesh import create_unit_cube
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from helpers import scenes
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint)])
 
 
 def test_missing_file_is_named(comm, refused, tmp_path):
@@ -102,7 +103,7 @@ def test_node_on_both_sides_of_a_pair_is_refused(comm, refused):
         nts.ContactPair(side, top)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, *map(once, [np.inf, -np.inf])])
 @pytest.mark.parametrize("name", ["displacement", "velocity"])
 def test_state_that_is_no_number_is_refused(comm, bad, name, refused, agree):
     scene = scenes.blocks(comm)
@@ -162,7 +163,7 @@ def test_empty_surface_of_a_file_is_no_tag(comm, refused):
         nts.Surface(V, facets, tag["nothing"])
 
 
-@pytest.mark.parametrize("sideways", [True, False], ids=["held", "free sideways"])
+@pytest.mark.parametrize("sideways", [True, once(False)])
 def test_nodes_that_supports_drive_into_what_supports_hold_are_named(comm, refused, sideways):
     def build(model):
         parts.add_box(model, "floor", corner=(-1, -1, -1), size=(2, 2, 1), cells=(2, 2, 1))

@@ -112,6 +112,7 @@ def test_explicit_steps_let_nothing_pass_in_silence(comm, target):
     assert flight.outcome() != "passes"
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("ratio", [0.3, 1.5])
 def test_vertices_do_not_pass_the_facets_of_the_nodes_in_silence(comm, ratio):
     # The wrong way round: nodes of the coarse plate, segments of the small block.
@@ -148,6 +149,7 @@ def fall(comm, num_cells, how):
     return np.array([*diagnostics.body_velocity(top), peak])
 
 
+@pytest.mark.at_most_two_ranks
 def test_flush_bodies_bounce_the_same_by_their_whole_boundaries_and_by_their_faces(comm):
     boundaries, faces = (fall(comm, 4, how) for how in ("boundaries", "faces"))
     np.testing.assert_allclose(boundaries, faces, rtol=1e-2, atol=1e-6)

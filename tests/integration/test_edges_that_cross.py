@@ -9,6 +9,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.search.edge_candidates import EdgeCandidates
 from helpers.crossing import crossed, deepest
+from helpers.once import once
 from helpers.scenes import Motion, gathered
 
 
@@ -36,7 +37,8 @@ def check(first, last, given, tol=1e-11):
         assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
 
 
-@pytest.mark.parametrize("is_rigid", [True, False], ids=["rigid", "deformable"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("is_rigid", [once(True, id="rigid"), False])
 def test_cubes_bounce_off_each_others_edges_with_exact_energy_in_any_position(comm, is_rigid):
     motion = Motion.random(np.random.default_rng(7))
     dt = 0.01 if is_rigid else 0.004
@@ -105,6 +107,7 @@ def test_a_run_that_is_resumed_within_a_touch_is_the_whole_one_bit_for_bit(comm,
     assert np.array_equal(rest.x, whole.x)
 
 
+@pytest.mark.several_ranks
 def test_any_number_of_ranks_finds_the_same(comm):
     everywhere = crossed(comm, friction=nts.Coulomb(0.3))
     alone = crossed(MPI.COMM_SELF, friction=nts.Coulomb(0.3))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from helpers.once import once, once_except
 from helpers.plane import blocks
 from helpers.rigid import CENTRE, hinged, pressed, spin
 from helpers.scenes import Scene
@@ -20,7 +21,8 @@ def down(t):
     return 0.0, 0.0, -0.1 * t
 
 
-@pytest.mark.parametrize("friction", [None, STICK], ids=["frictionless", "friction"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("friction", [once(None, id="frictionless"), STICK])
 def test_force_control_is_displacement_control_in_statics(comm, agree, friction):
     stepper, _ = pressed(
         comm, nts.QuasiStatic, nts.Guide(motion=nts.Motion(down)), friction=friction
@@ -56,7 +58,7 @@ STATICS = {
 
 
 @pytest.mark.at_most_two_ranks
-@pytest.mark.parametrize("case", STATICS)
+@pytest.mark.parametrize("case", once_except(list(STATICS), "turns"))
 def test_static_tool_is_in_equilibrium_with_the_foot(comm, case):
     guide, friction, loads = STATICS[case]
     stepper, tool = pressed(comm, nts.QuasiStatic, guide, friction=friction, dt=0.5, **loads)
@@ -100,6 +102,7 @@ def check_ledger(stepper, num_steps, force=(0, 0, 0)):
     return reports
 
 
+@pytest.mark.at_most_two_ranks
 def test_led_tool_presses_and_turns_with_an_exact_ledger(comm):
     motion = nts.Motion(
         lambda t: (0.05 * t, 0.0, -DEPTH * t), lambda t: (0, 0, TURN * t), centre=CENTRE
@@ -126,7 +129,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("case", once_except(list(CASES), "spindle"))
 def test_pushed_tool_has_an_exact_ledger(comm, case):
     guide, force, moment = CASES[case]
     stepper, _ = pressed(
@@ -233,6 +237,7 @@ def test_guide_in_the_plane_slides_and_turns(comm):
     assert abs(diagnostics.centre_of_mass(upper)[0] - centre[0]) < 1e-12
 
 
+@pytest.mark.at_most_two_ranks
 def test_bad_guides_are_refused(comm, refused):
     with refused(ValueError, "expected letters of 'xyz' as slides, each once, given 'zz'"):
         nts.Guide(slides="zz")

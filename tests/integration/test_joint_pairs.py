@@ -7,6 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.joint_state import JointState, joined
+from helpers.once import once
 
 # Three balls that touch each other, and one on top of them.
 CENTRES = [(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.1, 0.1735, 0.0), (0.1, 0.0578, 0.1640)]
@@ -61,8 +62,8 @@ def states(stepper):
     ("integrator", "enforcement"),
     [
         (nts.EnergyMomentum, nts.LagrangeMultiplier()),
-        (nts.EnergyMomentum, nts.Penalty()),
-        (nts.Midpoint, nts.LagrangeMultiplier("plastic")),
+        once(nts.EnergyMomentum, nts.Penalty()),
+        once(nts.Midpoint, nts.LagrangeMultiplier("plastic")),
     ],
 )
 def test_joint_pairs_step_as_each_on_its_own(comm, integrator, enforcement, monkeypatch):
@@ -74,6 +75,7 @@ def test_joint_pairs_step_as_each_on_its_own(comm, integrator, enforcement, monk
     assert touching > 3
 
 
+@pytest.mark.at_most_two_ranks
 def test_nodes_may_touch_in_several_joint_pairs(comm, monkeypatch):
     scene = nts.EnergyMomentum, nts.LagrangeMultiplier()
     stepper, touching = compare(monkeypatch, box_in_corner, comm, *scene, moves=(0,))

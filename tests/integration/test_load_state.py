@@ -9,6 +9,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
+from helpers.once import once
 from helpers.scenes import BLOCK_STEP, blocks, gathered
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -43,9 +44,9 @@ def positions(stepper):
 @pytest.mark.parametrize(
     ("enforcement", "friction"),
     [
-        (None, None),
+        once(None, None),
         (None, nts.Coulomb(0.3)),
-        (nts.Penalty(eps_N=1e3), nts.Coulomb(0.3, eps_T=200.0)),
+        once(nts.Penalty(eps_N=1e3), nts.Coulomb(0.3, eps_T=200.0)),
     ],
     ids=["multipliers", "friction", "springs"],
 )
@@ -117,6 +118,7 @@ def test_another_mesh_is_refused_and_nothing_changes(comm, path, refused):
     assert stepper.t == 0 and not stepper.u.x.array.any()
 
 
+@pytest.mark.serial
 def test_wrong_arguments_are_named(comm, path, refused):
     stepper = new(comm)
     text = r"expected load_state\(path, stepper\), .*, given {} and {}"

@@ -7,6 +7,9 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.once import once
+
+pytestmark = pytest.mark.at_most_two_ranks
 
 BLOCK = {"corner": (0.0, 0.0, -0.21), "size": (1.0, 1.0, 0.2), "cells": (3, 3, 1)}
 BALL = {"centre": (0.45, 0.5, 0.52), "radius": 0.3, "cells_per_edge": 2, "layers": 1}
@@ -24,7 +27,7 @@ def build(model: Any) -> None:
     nts.parts.add_solid_ball(model, "ball", **BALL, cell="tetrahedron")
 
 
-@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+@pytest.mark.parametrize("friction", [once(None), nts.Coulomb(0.3)])
 def test_an_impact_through_three_kinds_of_cells_conserves_everything(comm, friction):
     data = nts.read_mesh(build, comm)
     V = fem.functionspace(data.mesh, ("Lagrange", 1, (3,)))

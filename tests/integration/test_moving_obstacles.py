@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from helpers.once import once
 from helpers.scenes import gathered
 from reference.bulk import rotation
 
@@ -65,12 +66,13 @@ TILE = nts.RigidSurface(CORNERS, [[0, 1, 2, 3]], outside=(0, 0, -5))
 SPRINGS, RUBS = nts.Penalty(eps_N=1e5), nts.Coulomb(mu=0.3)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("obstacle", "laws"),
     [
-        (BALL, (None, RUBS)),
+        once(BALL, (None, RUBS)),
         (TILE, (nts.LagrangeMultiplier("plastic"), RUBS)),
-        (nts.RigidPlane((0, 0, 0.01), (0, 0, -1)), (SPRINGS, RUBS)),
+        once(nts.RigidPlane((0, 0, 0.01), (0, 0, -1)), (SPRINGS, RUBS)),
     ],
     ids=["elastic", "plastic", "springs"],
 )
@@ -227,6 +229,7 @@ def test_a_tool_that_turns_too_far_cuts_the_step(comm, refused):
     assert step.rejected == 1 and stepper.t == pytest.approx(0.005)
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_motion_that_fails_on_one_rank_fails_on_all_and_leaves_the_state(comm, refused):
     def shift(t):
         return (0.0, 0.0, np.nan if t > 0.015 and comm.rank == comm.size - 1 else 0.0)

@@ -6,7 +6,7 @@ import pytest
 import dolfinx_nts as nts
 from helpers import scenes
 
-pytestmark = pytest.mark.at_most_two_ranks
+pytestmark = pytest.mark.serial
 
 # Relative to lengths of about one: rounding and Newton's tolerance,
 # amplified by the impacts.

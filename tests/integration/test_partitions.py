@@ -42,21 +42,32 @@ def compare(one, other, num_steps, numbers=None):
     assert max(first.num_active) >= 3
 
 
-@cells_
-@schemes
-@pytest.mark.parametrize("num_bodies", [2, 3])
+@pytest.mark.several_ranks
+@pytest.mark.parametrize(
+    ("cell", "scheme", "num_bodies"),
+    [
+        ("hexahedron", nts.EnergyMomentum, 2),
+        ("tetrahedron", nts.EnergyMomentum, 3),
+        ("hexahedron", MORTAR, 3),
+        ("tetrahedron", MORTAR, 2),
+        ("hexahedron", nts.Midpoint, 3),
+        ("tetrahedron", nts.Midpoint, 2),
+    ],
+)
 def test_blocks_on_all_ranks_and_on_each_alone_agree(comm, cell, scheme, num_bodies):
     together = scenes.blocks(comm, scheme, cell=cell, num_bodies=num_bodies)
     alone = scenes.blocks(MPI.COMM_SELF, scheme, cell=cell, num_bodies=num_bodies)
     compare(together, alone, 10)
 
 
+@pytest.mark.several_ranks
 def test_ball_and_plate_on_all_ranks_and_on_each_alone_agree(comm):
     together = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     alone = scenes.ball_plate(MPI.COMM_SELF, shift=scenes.NO_TIES)
     compare(together, alone, 15)
 
 
+@pytest.mark.at_most_two_ranks
 @cells_
 @schemes
 def test_renumbered_nodes_and_cells_give_the_same_result(comm, cell, scheme):
@@ -85,9 +96,25 @@ def scattered(middle):
     return np.random.default_rng(3).integers(MPI.COMM_WORLD.size, size=len(middle))
 
 
-@cells_
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, MORTAR, RESOLVED, RESOLVED_MORTAR])
-@pytest.mark.parametrize("owner", [one_rank_idle, body_by_rank, scattered])
+@pytest.mark.several_ranks
+@pytest.mark.parametrize(
+    # Each two of the three meet.
+    ("cell", "scheme", "owner"),
+    [
+        ("hexahedron", nts.EnergyMomentum, one_rank_idle),
+        ("tetrahedron", nts.EnergyMomentum, body_by_rank),
+        ("hexahedron", nts.EnergyMomentum, scattered),
+        ("tetrahedron", MORTAR, one_rank_idle),
+        ("hexahedron", MORTAR, body_by_rank),
+        ("tetrahedron", MORTAR, scattered),
+        ("hexahedron", RESOLVED, one_rank_idle),
+        ("tetrahedron", RESOLVED, body_by_rank),
+        ("hexahedron", RESOLVED, scattered),
+        ("tetrahedron", RESOLVED_MORTAR, one_rank_idle),
+        ("hexahedron", RESOLVED_MORTAR, body_by_rank),
+        ("tetrahedron", RESOLVED_MORTAR, scattered),
+    ],
+)
 def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner):
     layers = layers_of(scheme)
     special = scenes.blocks(comm, scheme, cell=cell, layers=layers, owner=owner)
@@ -95,6 +122,7 @@ def test_any_owner_of_the_cells_gives_the_same_result(comm, cell, scheme, owner)
     compare(special, alone, 10)
 
 
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_surfaces_in_the_plane_on_all_ranks_and_on_one_agree(comm, cell):
     def energies(comm):
@@ -115,6 +143,7 @@ def test_surfaces_in_the_plane_on_all_ranks_and_on_one_agree(comm, cell):
     np.testing.assert_allclose(together, alone, rtol=ENERGY_TOLERANCE, atol=1e-9)
 
 
+@pytest.mark.several_ranks
 def test_ranks_without_surfaces_take_part(comm):
     # Two thirds of a tall lower body are far from its top.
     def owner(middle):
@@ -128,6 +157,7 @@ def test_ranks_without_surfaces_take_part(comm):
     compare(scene, scenes.tower(MPI.COMM_SELF), 10)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("name", "num_steps"),
     [
@@ -152,6 +182,7 @@ def test_segments_are_the_same_however_linear_systems_are_solved(
     assert comm.allreduce(np.abs(ends[1] - ends[0]).max(), op=MPI.MAX) <= POSITION_TOLERANCE
 
 
+@pytest.mark.several_ranks
 def test_meshes_with_ghost_cells_and_supports_by_facets_give_what_one_rank_does(comm):
     """As `dolfinx.mesh.create_box` makes them, with a condition of a constant value."""
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from helpers.once import once
 from helpers.readers import read_grids
 from helpers.scenes import BLOCK_STEP, blocks, gathered, input_ids
 
@@ -21,9 +22,9 @@ VERTICES = {"hexahedron": 8, "tetrahedron": 4}
 VTK_ORDER = {"hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "tetrahedron": [0, 1, 2, 3]}
 
 readers = pytest.mark.parametrize(
-    ("reader", "fields"), [("vtk", "vtkhdf"), ("vtk", "xdmf"), ("meshio", "xdmf")]
+    ("reader", "fields"), [("vtk", "vtkhdf"), once("vtk", "xdmf"), ("meshio", "xdmf")]
 )
-cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 
 
 @dataclass
@@ -161,7 +162,7 @@ def test_files_of_any_name_can_be_read(comm, tmp_path, name):
         assert not file.nodal[0]["displacement"].any()
 
 
-@pytest.mark.parametrize("name", ["a:b", "a\\b", "a\nb", "a/", "a/..", "", "a\udcff"])
+@pytest.mark.parametrize("name", [*map(once, ["a\\b", "a\nb", "a/", "a/..", "", "a\udcff"]), "a:b"])
 def test_names_that_no_reader_would_take_are_refused(comm, tmp_path, refused, name):
     path = f"{comm.bcast(tmp_path)}/{name}"
     with refused(ValueError, "expected the path of files|expected a name that readers"):

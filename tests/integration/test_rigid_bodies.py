@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.integrators.rigid import redundant
+from helpers.once import once
 from helpers.plane import blocks, throw
 from helpers.rigid import bonded, brick, eulers, impact, spin
 from helpers.scenes import Motion, boxes, distribute
@@ -68,7 +69,8 @@ def check_balances(first, last, given, tol=1e-11):
         assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
 
 
-@pytest.mark.parametrize("friction", [None, STICK], ids=["frictionless", "friction"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("friction", [once(None, id="frictionless"), STICK])
 def test_impact_on_a_free_block_keeps_energy_and_momenta_in_any_position(comm, friction):
     motion = Motion.random(np.random.default_rng(5))
     scene = impact(comm, motion=motion, friction=friction)
@@ -126,7 +128,10 @@ def falling(
 FALLS = {"edge": (0.3, None), "face": (0.0, STICK), "corner": (0.05, nts.Coulomb(mu=0.8))}
 
 
-@pytest.mark.parametrize(("tilt", "friction"), FALLS.values(), ids=FALLS)
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(
+    ("tilt", "friction"), [once(*FALLS["edge"]), FALLS["face"], once(*FALLS["corner"])]
+)
 def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
     # All nine nodes of a face touch at once: their forces are not unique, their sum is.
     stepper = falling(comm, tilt, friction)
@@ -194,6 +199,7 @@ def test_springs_left_open_let_a_rigid_body_sink_in_by_its_way_in_a_step_or_two(
     assert 0.2 * dt < depth / -min(speeds) < 2 * dt
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("rigid_nodes", [False, True])
 def test_springs_left_open_follow_the_lighter_of_two_rigid_bodies(comm, agree, rigid_nodes):
     scene = impact(comm, enforcement=nts.Penalty(), rigid_nodes=rigid_nodes, both_rigid=True)
@@ -206,6 +212,7 @@ def test_springs_left_open_follow_the_lighter_of_two_rigid_bodies(comm, agree, r
     assert agree(contact.eps_N == pytest.approx(0.5 * light / 0.01**2, rel=1e-12))
 
 
+@pytest.mark.at_most_two_ranks
 def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(comm, agree):
     stiffness = []
     for rigid_nodes in (False, True):
@@ -217,12 +224,14 @@ def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(com
     assert agree(stiffness[1] == pytest.approx(stiffness[0].max(), rel=1e-12))
 
 
+@pytest.mark.serial
 def test_statics_of_rigid_bodies_alone_is_refused(comm, refused):
     with refused(ValueError, r"a body that deforms in statics, given rigid ones alone \(body 0\)"):
         falling(comm, 0.0, None, scheme=nts.QuasiStatic)
 
 
-@pytest.mark.parametrize("what", ["a body", "an obstacle"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("what", ["a body", once("an obstacle")])
 def test_soft_springs_are_named_as_the_cause_of_a_failure(comm, refused, what):
     law = nts.Penalty(eps_N=2.0)
     if what == "a body":
@@ -260,6 +269,7 @@ def test_plane_has_rigid_bodies_with_three_unknowns(cell):
     check_balances(first, diagnostics.balance(), given)
 
 
+@pytest.mark.several_ranks
 def test_motion_is_the_same_on_any_number_of_ranks(comm, agree):
     here, alone = (impact(each, friction=STICK) for each in (comm, MPI.COMM_SELF))
     for _ in range(12):
@@ -278,6 +288,7 @@ def test_linear_systems_need_few_iterations_and_converge_quadratically(comm):
     assert solver.num_iterations < 5 * newton and solver.num_direct == 0
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_resumed_run_is_the_same_run(comm, tmp_path):
     folder = comm.bcast(tmp_path)
 
@@ -296,6 +307,7 @@ def test_a_resumed_run_is_the_same_run(comm, tmp_path):
     assert np.array_equal(scene.stepper.v.x.array, whole.stepper.v.x.array)
 
 
+@pytest.mark.at_most_two_ranks
 def test_body_that_shares_nodes_with_a_rigid_one_is_bonded_to_it(comm):
     soft, rigid, *_ = bonded(comm)
     stepper = nts.EnergyMomentum([soft, rigid], dt=0.02)
@@ -317,6 +329,7 @@ def held(body):
     return fem.dirichletbc(np.zeros(3), dofs, body.V)
 
 
+@pytest.mark.at_most_two_ranks
 def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
     soft, rigid, facets, tag = bonded(comm)
     bodies = [soft, rigid]
@@ -331,6 +344,7 @@ def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
         nts.EnergyMomentum(bodies, [resolved], dt=0.1)
 
 
+@pytest.mark.at_most_two_ranks
 def test_state_that_would_deform_a_rigid_body_is_refused(comm, refused):
     soft, rigid, *_ = bonded(comm)
     for name, value in (

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from helpers.once import once
 from helpers.scenes import gathered
 from stress.parts import box, rotation
 from stress.rows import Case, Setup, run
@@ -69,7 +70,15 @@ def scene(comm: MPI.Comm, numbers, motion=HERE) -> Setup:
     return Setup(stepper, 10 * numbers["h"], ledger=numbers["law"] != "elastic")
 
 
-@pytest.mark.parametrize("numbers", [KINK, *map(drawn, range(11))], ids=["kink", *range(11)])
+@pytest.mark.parametrize(
+    "numbers",
+    # Of each law one on several ranks.
+    [
+        once(KINK, id="kink"),
+        *(once(drawn(n), id=f"{n}") for n in range(5)),
+        *map(drawn, range(5, 11)),
+    ],
+)
 def test_random_scenes_conserve_what_they_must_or_stop(comm, numbers):
     outcome = run(Case("random", "numbers", str(numbers), lambda c: scene(c, numbers)), comm)
     if outcome.row["outcome"] == "stopped":
@@ -80,6 +89,7 @@ def test_random_scenes_conserve_what_they_must_or_stop(comm, numbers):
         assert not outcome.wrong
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("seed", range(4))
 def test_random_scenes_do_not_depend_on_where_they_are(comm, seed):
     # Long runs amplify the last digit, and sets of exact friction may differ.

@@ -10,6 +10,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from benchmarks.scenes import sliding_block
 from dolfinx_nts import parts
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -58,9 +59,9 @@ class Blocks:
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("mu", [0.0, 0.05, 0.3, 1.0])
-@pytest.mark.parametrize("ramped", [False, True])
+@pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
+@pytest.mark.parametrize("mu", [0.0, once(0.05), 0.3, once(1.0)])
+@pytest.mark.parametrize("ramped", [False, once(True)])
 def test_a_block_rests_on_a_block(cell, mu, ramped):
     blocks = Blocks(cell=cell)
     pair = blocks.pair(friction=nts.Coulomb(mu) if mu else None)
@@ -79,7 +80,7 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
 @pytest.mark.parametrize(
     # In the second step of the first all nodes are at their limit and none has far to slide.
     ("mu", "ramped"),
-    [(0.003, False), (0.003, True), (0.01, False)],
+    [(0.003, False), once(0.003, True), once(0.01, False)],
 )
 def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     blocks = Blocks(cell="tetrahedron")
@@ -88,6 +89,7 @@ def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     assert max(step.newton_iterations for step in stepper.run(until=1.0)) <= FEW
 
 
+@pytest.mark.serial
 def test_a_rim_that_leaves_in_an_iteration_comes_back_sliding():
     """The trailing rim of a block that is drawn pulls while other nodes still stick.
 
@@ -97,7 +99,7 @@ def test_a_rim_that_leaves_in_an_iteration_comes_back_sliding():
     assert max(stepper.advance().newton_iterations for _ in range(4)) <= FEW
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("mu", [once(0.0), 0.3])
 def test_a_ball_finds_its_place_on_a_plate_as_fast_as_with_inertia(mu):
     """It touches in one point at first, and nothing else holds it."""
 
@@ -130,7 +132,7 @@ def test_a_ball_finds_its_place_on_a_plate_as_fast_as_with_inertia(mu):
     assert "statics without waves" in str(static) and "waves cross" in str(dynamic)
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("mu", [once(0.0), 0.3])
 def test_pressure_is_weight_over_area_on_a_matching_mesh(mu):
     """Without Poisson's ratio nothing moves sideways: the state is uniaxial."""
     blocks = Blocks(wide=0.0, nu=0.0)
@@ -142,6 +144,7 @@ def test_pressure_is_weight_over_area_on_a_matching_mesh(mu):
     assert sideways <= 1e-9 * 0.1
 
 
+@pytest.mark.serial
 def test_springs_carry_the_same_load_at_the_same_depth_in_every_step():
     stiffness = 2e4
     blocks = Blocks(wide=0.0, nu=0.0)
@@ -154,6 +157,7 @@ def test_springs_carry_the_same_load_at_the_same_depth_in_every_step():
         assert comm.allreduce(history.lambda_N.sum()) == pytest.approx(-WEIGHT, rel=FACETS)
 
 
+@pytest.mark.serial
 def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
     blocks = Blocks(lowest=1e-3)
     stepper = blocks.stepper([blocks.pair(friction=nts.Coulomb(0.5))], (0, 0, -9.81))
@@ -162,7 +166,7 @@ def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
     assert force[2] == pytest.approx(WEIGHT, rel=ROUND_OFF)
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("mu", [once(0.0), 0.3])
 def test_what_inertia_carries_is_told_with_the_reason(mu, caplog):
     """The lower block sags away from the upper one, which a slight load pushes sideways.
 
@@ -186,7 +190,7 @@ def test_what_inertia_carries_is_told_with_the_reason(mu, caplog):
         assert text.startswith("only contact without friction holds") == (mu == 0)
 
 
-@pytest.mark.parametrize("g", [(0, 0, 9.81), (9.81, 0, -9.81)], ids=["up", "sideways"])
+@pytest.mark.parametrize("g", [once((0, 0, 9.81), id="up"), (9.81, 0, -9.81)])
 def test_a_body_that_nothing_holds_is_named_with_its_motions(g):
     blocks = Blocks()
     stepper = blocks.stepper([blocks.pair()], g)
@@ -217,6 +221,7 @@ def test_motions_that_supports_leave_are_told():
         stepper.advance()
 
 
+@pytest.mark.serial
 def test_motions_in_which_all_nodes_are_held_are_not_free():
     blocks = Blocks()
     Vz = blocks.V.sub(2)
@@ -231,13 +236,14 @@ def test_motions_in_which_all_nodes_are_held_are_not_free():
         stepper.advance()
 
 
+@pytest.mark.serial
 def test_a_pair_that_is_given_twice_is_refused():
     blocks = Blocks()
     with pytest.raises(ValueError, match=r"each pair once.*pairs\[0\] and pairs\[1\]"):
         blocks.stepper([blocks.pair(), blocks.pair()], (0, 0, -9.81))
 
 
-@pytest.mark.parametrize("value", [0.0, np.nan])
+@pytest.mark.parametrize("value", [once(0.0), np.nan])
 def test_cells_without_volume_are_refused(value):
     blocks = Blocks()
     z = blocks.V.mesh.geometry.x[:, 2]

@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.once import once
 from helpers.plane import blocks
 from helpers.scenes import Motion, Scene, boxes, distribute
 
@@ -33,7 +34,8 @@ def tearing(X):
     return np.cross(OMEGA, X.T).T + np.array([0 * X[0], 3 * X[2] ** 2, 2 * X[0] * X[2]])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("method", ["node-to-segment", once("mortar")])
 def test_tie_keeps_energy_and_momenta_while_it_pulls(comm, agree, method):
     motion = Motion.random(np.random.default_rng(3))
     bodies, surfaces, *_ = stacked(comm, gap=2e-3, motion=motion)
@@ -87,7 +89,8 @@ def test_tied_boxes_of_matching_meshes_are_one_body(comm, method):
     assert np.abs(tied.x - one.x[same]).max() < 1e-10
 
 
-@pytest.mark.parametrize(("method", "tol"), [("mortar", 1e-11), ("node-to-segment", None)])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(("method", "tol"), [("mortar", 1e-11), once("node-to-segment", None)])
 def test_mortar_tie_passes_the_patch_test_in_tension(comm, agree, method, tol):
     bodies, surfaces, facets, tag = stacked(comm)
     V = bodies[0].V
@@ -149,6 +152,7 @@ def test_tie_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_pat
     assert agree(np.abs(there - other).max() < 1e-10)
 
 
+@pytest.mark.at_most_two_ranks
 def test_bad_ties_are_refused(comm, refused):
     bodies, surfaces, *_ = stacked(comm, gap=0.1)
     with refused(ValueError, "no friction, as tied nodes never slide"):

@@ -3,10 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import dolfinx_nts as nts
 from stress.parts import box
 from stress.world import Touch, World
+
+pytestmark = pytest.mark.at_most_two_ranks
 
 STONE = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3)
 FLOOR = nts.RigidPlane((0, 0, 0), (0, 0, 1))

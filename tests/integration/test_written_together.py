@@ -46,6 +46,7 @@ def arrays(path):
     return found
 
 
+@pytest.mark.several_ranks
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_files_of_several_ranks_are_those_of_one_bit_for_bit(comm, folder, agree, cell, degree):
     def written(on, name, kind):
@@ -94,6 +95,7 @@ def peak(write):
         tracemalloc.stop()
 
 
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("what", ["vtkhdf", "xdmf", "checkpoint"])
 def test_memory_for_writing_is_shared_by_the_ranks(comm, folder, agree, what):
     stepper = nts.EnergyMomentum([Box(comm, shape=(14, 14, 14)).body], dt=0.1)

@@ -253,6 +253,7 @@ def test_energy_is_conserved_in_the_long_run(to_five):
     assert max(to_five.history.iterations) <= MOST_ITERATIONS
 
 
+@pytest.mark.several_ranks
 def test_first_impacts_agree_with_the_reference_on_any_number_of_ranks():
     result = run(nts.EnergyMomentum, nts.LagrangeMultiplier(), 0.01, 0.25)
     history = result.history

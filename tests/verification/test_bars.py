@@ -262,6 +262,7 @@ def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender(told)
     assert slender.kinetic < thick.kinetic
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("name", ["wall", "SDNV100", "Norma.jl"])
 def test_data_of_the_case_lead_to_the_published_numbers(name):
     """Speed of the wave, force, duration and energy as published, rounded."""
@@ -276,6 +277,7 @@ def test_data_of_the_case_lead_to_the_published_numbers(name):
     np.testing.assert_allclose(found, expected, rtol=5e-4)
 
 
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("name", ["wall", "two bars"])
 def test_impact_of_a_bar_is_the_same_on_any_number_of_ranks(name):
     """Wave theory, as far as 25 cells resolve it."""

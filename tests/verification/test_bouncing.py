@@ -283,6 +283,7 @@ def check(result: Caught) -> None:
     assert 0.98 <= result.speed[0] <= 1
 
 
+@pytest.mark.serial
 def test_ball_comes_back_from_a_plate():
     result = caught(4.0)
     assert len(result.speed) == 2

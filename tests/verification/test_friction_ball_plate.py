@@ -183,6 +183,7 @@ def test_variant_of_the_paper_agrees_with_the_reference_program(told):
     assert np.mean(result.history.iterations) <= MEAN_ITERATIONS
 
 
+@pytest.mark.several_ranks
 @pytest.mark.parametrize("name", variants())
 def test_first_slip_is_in_balance_on_any_number_of_ranks(name):
     result = run(name, 0.15)

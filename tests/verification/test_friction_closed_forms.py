@@ -20,6 +20,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import meshing
 from helpers import shapes
+from helpers.once import once, once_except
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -124,7 +125,7 @@ def test_block_slides_the_distance_of_a_rigid_one(told):
     assert result.speed <= 0.01
 
 
-@pytest.mark.parametrize("dt", [0.02, pytest.param(0.005, marks=pytest.mark.serial)])
+@pytest.mark.parametrize("dt", [0.02, once(0.005)])
 def test_stopping_distance_does_not_depend_on_the_step(dt):
     result = stop(dt)
     assert abs(result.distance - 1) <= DISTANCE_TOLERANCE
@@ -322,7 +323,7 @@ def bounce(kind: str, cells: int, mu: float) -> Bounce:
     )
 
 
-@pytest.mark.parametrize("kind", BETA)
+@pytest.mark.parametrize("kind", once_except(list(BETA), "solid"))
 def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind, told):
     """Full slip: dv_t = -mu (1 + e) v_n, omega = mu (1 + e) v_n / (beta R)."""
     result = bounce(kind, 8, 0.2)

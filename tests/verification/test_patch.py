@@ -20,6 +20,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.compressed_blocks import compress
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -65,6 +66,7 @@ FINER_AS_NODES, COARSER_AS_NODES = 0.118, 0.387
 CHANGE = 0.05
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("finer_as_nodes", [True, False])
 def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, told):
     """4 cells along an edge against 6, 8 against 12: no convergence at the contact."""
@@ -86,7 +88,7 @@ def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, told):
 BOTH = 0.0421
 
 
-@pytest.mark.parametrize("meshes", [(4, 6), (6, 4)])
+@pytest.mark.parametrize("meshes", [(4, 6), once((6, 4))])
 def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes, told):
     largest, _, pressed = stress_error(*meshes, nts.two_half_passes)
     told(

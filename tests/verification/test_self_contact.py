@@ -7,6 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
+from helpers.once import once_except
 from helpers.scenes import part
 
 CONSERVED = 1e-11
@@ -64,7 +65,8 @@ def check(stepper, pair, until, comm):
     return most, lost / before.total_energy
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("law", once_except(list(LAWS), "sticking"))
 def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
     body, inner = ring(comm)
     pair = nts.ContactPair(inner, inner, **LAWS[law])
@@ -76,6 +78,8 @@ def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
     assert nts.Diagnostics(stepper).min_gap() > -0.02
 
 
+@pytest.mark.serial
+@pytest.mark.at_most_two_ranks
 def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
     body, inner = ring(comm)
     found = []
@@ -87,6 +91,8 @@ def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
     assert np.abs(found[1] - found[0]).max(initial=0.0) < 1e-9
 
 
+@pytest.mark.serial
+@pytest.mark.at_most_two_ranks
 def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
     body, inner = ring(comm, "tetrahedron")
     pair = nts.ContactPair(inner, inner)
@@ -95,6 +101,7 @@ def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
     assert abs(lost) < CONSERVED
 
 
+@pytest.mark.at_most_two_ranks
 def test_failed_steps_are_cut_and_leave_no_trace(comm):
     body, inner = ring(comm)
     pair = nts.ContactPair(inner, inner)
@@ -128,6 +135,7 @@ def test_run_goes_on_from_a_checkpoint_on_any_number_of_ranks(comm, tmp_path):
         assert np.allclose(other, balances[0], rtol=1e-9, atol=1e-9, equal_nan=True)
 
 
+@pytest.mark.at_most_two_ranks
 def test_crushed_ball_keeps_energy_and_momenta(comm):
     body, inner = ball(comm)
     pair = nts.ContactPair(inner, inner)
@@ -136,6 +144,7 @@ def test_crushed_ball_keeps_energy_and_momenta(comm):
     assert abs(lost) < CONSERVED
 
 
+@pytest.mark.at_most_two_ranks
 def test_explicit_ring_keeps_its_momenta_and_its_energy_to_one_per_cent(comm):
     body, inner = ring(comm)
     pair = nts.ContactPair(inner, inner, nts.Penalty())

@@ -7,6 +7,8 @@ import pytest
 
 from dolfinx_nts.contact.implicit.active_set import BlockPivoting
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 def ids_of(comm, n=4):
     """Global numbers of n items on each rank, the lowest on the last one."""

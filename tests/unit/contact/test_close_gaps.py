@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers import plane, rings, scenes
+from helpers.once import once
 
 EPS = np.finfo(float).eps
 GAP = 0.01  # at most [m]
@@ -52,7 +53,8 @@ class Blocks:
         return nts.QuasiStatic(self.bodies, [pair], dt=1.0, bcs=bcs)
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 @pytest.mark.parametrize(
     # Of surfaces that touch, mean gaps vanish where both are flat.
     ("method", "wavy"),
@@ -79,6 +81,7 @@ def test_nodes_lie_on_segments_and_touch_from_the_first_step_on(cell, method, wa
     assert unadjusted.press(unadjusted.pair(method=method)).advance().num_active < 16
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_gaps_in_the_plane_are_closed(cell):
     scene = plane.blocks(cell, angle=0.4)
@@ -90,6 +93,7 @@ def test_gaps_in_the_plane_are_closed(cell):
     assert nts.Diagnostics(stepper).strain_energy() == 0.0
 
 
+@pytest.mark.at_most_two_ranks
 def test_what_is_farther_away_stays():
     scene = Blocks()
     before = scene.mesh.geometry.x.copy()
@@ -109,6 +113,7 @@ def test_ranks_agree_on_the_adjusted_mesh():
     np.testing.assert_array_equal(x, x[first][np.searchsorted(number[first], number)])
 
 
+@pytest.mark.at_most_two_ranks
 def test_what_cannot_be_adjusted_is_refused():
     scene = Blocks(sharp=True)
     pair, before = scene.pair(), scene.mesh.geometry.x.copy()

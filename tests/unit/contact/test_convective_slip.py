@@ -11,6 +11,8 @@ from helpers import scenes
 from reference import nts as reference
 from reference.bulk import rotation, sample_pairs, taylor_order
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e4 * np.finfo(float).eps
 
 kinds = pytest.mark.parametrize("k", [3, 4])

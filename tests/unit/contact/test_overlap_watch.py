@@ -11,6 +11,8 @@ from dolfinx_nts import parts
 from dolfinx_nts.contact import reverse_passage
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 SOFT = nts.NeoHookean(E=1e4, nu=0.3, rho=1e3)
 STIFF = nts.NeoHookean(E=1e7, nu=0.3, rho=1e3)
 FORGOTTEN = "no contact pair names the two"

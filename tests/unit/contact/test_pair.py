@@ -14,6 +14,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
 from helpers import scenes
+from helpers.once import once
 from helpers.scenes import BLOCK_STEP
 from reference import nts as reference
 
@@ -23,7 +24,7 @@ ROUNDING = 1e3 * EPS
 # Newton's tolerance of gaps, cells of size 0.4 [m].
 CLOSED = 1e-10
 
-cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 schemes = pytest.mark.parametrize("scheme", ["midpoint", "conserving"])
 DT = 0.04  # several nodes pass through the surface in such a step
 
@@ -85,6 +86,7 @@ def test_nodal_forces_of_all_ranks_sum_to_zero(comm, cell, scheme):
     assert largest > 0.5
 
 
+@pytest.mark.at_most_two_ranks
 @schemes
 def test_energy_momentum_force_works_with_the_change_of_the_gap(comm, scheme):
     # The discrete gradient does so exactly, the midpoint one does not.
@@ -103,6 +105,7 @@ def test_energy_momentum_force_works_with_the_change_of_the_gap(comm, scheme):
         assert defect > 1e3 * ROUNDING
 
 
+@pytest.mark.at_most_two_ranks
 def test_evaluation_leaves_the_history_untouched(comm, agree):
     scene = scenes.blocks(comm)
     scene.run(4)
@@ -136,6 +139,7 @@ def test_penetrating_nodes_are_active_first_then_those_that_push(comm):
     assert step.num_active == comm.allreduce(np.count_nonzero(state.active))
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("value", [np.nan, 1.0])
 def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeypatch, value):
     # A node without a gap must not go through unnoticed.
@@ -185,6 +189,7 @@ def test_cycling_active_sets_end_in_changes_of_the_lowest_node_alone(comm):
     assert sorted(changed[-3:]) == sorted(changed[-6:-3]) == [[], [], [lowest]]
 
 
+@pytest.mark.at_most_two_ranks
 def test_multipliers_balance_the_residual_along_the_normal(comm, rng):
     scene = scenes.blocks(comm)
     step, x, _ = attempt(scene, "conserving")
@@ -220,12 +225,13 @@ def test_accepted_history_holds_pushing_forces_along_the_normals(comm, agree):
     assert comm.allreduce(np.count_nonzero(history.active)) >= 3
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("scheme", "law", "friction"),
     [
         (nts.EnergyMomentum, nts.LagrangeMultiplier(), None),
-        (nts.Midpoint, nts.Penalty(), nts.Coulomb(0.3)),
-        (nts.CentralDifference, nts.Penalty(), None),
+        once(nts.Midpoint, nts.Penalty(), nts.Coulomb(0.3)),
+        once(nts.CentralDifference, nts.Penalty(), None),
         (nts.CentralDifference, nts.Penalty(), nts.Coulomb(0.3)),
     ],
 )
@@ -265,12 +271,14 @@ def gaps_of_active_nodes(comm, impact):
     return np.concatenate(comm.allgather(np.concatenate(found)))
 
 
+@pytest.mark.at_most_two_ranks
 def test_plastic_impact_closes_the_gap(comm):
     gaps = gaps_of_active_nodes(comm, "plastic")
     assert len(gaps) > 5
     assert np.abs(gaps[:, 1]).max() <= CLOSED
 
 
+@pytest.mark.at_most_two_ranks
 def test_elastic_impact_keeps_the_gap_with_which_a_node_came(comm):
     gaps = gaps_of_active_nodes(comm, "elastic")
     assert len(gaps) > 5
@@ -301,6 +309,7 @@ def _outside(xi, cell):
     return xi.sum() - 1 if cell == "tetrahedron" else xi.max() - 1
 
 
+@pytest.mark.at_most_two_ranks
 def test_gap_beyond_the_surface_is_not_a_number(comm, agree):
     scene = scenes.blocks(comm)
     (pair,) = scene.stepper.pairs
@@ -309,6 +318,7 @@ def test_gap_beyond_the_surface_is_not_a_number(comm, agree):
     assert agree(np.isnan(pair.gap(x)).all())
 
 
+@pytest.mark.at_most_two_ranks
 def test_pair_refuses_wrong_arguments(comm, refused):
     data = scenes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.5, 0.5, 0.3)])
     data.surfaces["overlap"] = np.union1d(data.surfaces["top 0"], data.surfaces["bottom 1"])
@@ -354,6 +364,7 @@ def test_pair_tells_the_springs_that_it_uses(comm, caplog):
     assert caplog.messages == ([str(pair)] if comm.rank == 0 else [])
 
 
+@pytest.mark.at_most_two_ranks
 def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
     (old,) = scenes.blocks(comm).stepper.pairs
     printed = []
@@ -409,6 +420,7 @@ def test_springs_left_open_have_the_static_stiffness_of_their_nodes(
     assert agree("eps_N = " in str(contact))
 
 
+@pytest.mark.at_most_two_ranks
 def test_exact_contact_has_no_springs(comm):
     scene = scenes.blocks(comm)
     scene.run(1)
@@ -431,6 +443,7 @@ def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refus
         unused.history  # noqa: B018 (it is a property)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("law", ["elastic", "penalty", "friction", "explicit"])
 def test_steppers_that_share_their_pairs_do_not_disturb_each_other(comm, agree, law):
     enforcement = nts.LagrangeMultiplier() if law == "elastic" else nts.Penalty()
@@ -467,7 +480,8 @@ def test_steppers_that_share_their_pairs_do_not_disturb_each_other(comm, agree, 
             assert agree(same(contact.history, copy(twin.history)))
 
 
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint, nts.CentralDifference])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), nts.CentralDifference])
 def test_contact_goes_with_its_stepper(comm, agree, scheme):
     # Without a collection of garbage: nothing in a stepper refers back to it.
     enforcement = nts.Penalty() if scheme is nts.CentralDifference else None

@@ -10,6 +10,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.contact.reverse_passage import ReversePassages
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 STONE = nts.NeoHookean(1e5, 0.3, 1e3)
 
 

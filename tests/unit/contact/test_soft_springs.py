@@ -10,6 +10,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 @pytest.mark.parametrize(
     ("scheme", "dt"),

@@ -10,6 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.balance import Diagnostics
+from helpers.once import once
 from helpers.scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
 from reference.bulk import Bulk, rotation
 
@@ -45,7 +46,7 @@ def reference(V):
     return X, Bulk(X, cells, lmbda=lmbda, mu=mu, rho=rho)
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 def test_rigid_boxes_have_the_momenta_of_solid_boxes(comm, cell):
     stepper = two_boxes(comm, cell)
     Q = rotation([1, 2, 0.5], 0.7)
@@ -89,7 +90,7 @@ def test_rigid_boxes_have_the_momenta_of_solid_boxes(comm, cell):
         assert np.allclose(diagnostics.body_velocity(body), v_c, rtol=TOLERANCE, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.EnergyMomentum])
+@pytest.mark.parametrize("scheme", [once(nts.Midpoint), nts.EnergyMomentum])
 def test_energies_and_bulk_defect_match_the_reference_program(comm, scheme):
     stepper = blocks(comm, scheme).stepper
     V = stepper.u.function_space
@@ -171,7 +172,7 @@ def test_block_on_a_plane_presses_with_its_load_on_its_whole_face(comm):
     assert np.allclose(balance.torque, np.cross(centre, [0, 0, force]), atol=1e-9 * force)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.3])
+@pytest.mark.parametrize("angle", [once(0.0), 0.3])
 def test_min_gap_is_the_distance_of_parallel_faces(comm, angle):
     stepper = two_boxes(comm)
     Q = rotation([1, 0, 0], angle)

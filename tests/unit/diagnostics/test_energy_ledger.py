@@ -93,6 +93,7 @@ def test_every_cause_is_summed_on_its_own_and_the_remainder_is_unaccounted(ledge
     assert [each.tolist() for each in ledger.each.values()] == [[20.0, 12.0], [64.0]]
 
 
+@pytest.mark.serial
 def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
     assert (ledger.step, ledger.num_steps) == (9, 2)
     assert ledger.iterations() == "Newton iterations: 7, mean 3.50, max 5"
@@ -104,6 +105,7 @@ def test_lines_of_the_summary_count_steps_and_largest_drifts(ledger):
     ]
 
 
+@pytest.mark.serial
 def test_ledger_without_steps_has_a_mean_of_zero():
     assert EnergyLedger(0, balance(0.0, 1.0)).iterations() == (
         "Newton iterations: 0, mean 0.00, max 0"

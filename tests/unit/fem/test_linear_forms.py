@@ -83,6 +83,7 @@ def assert_same(form, reference, rounding=ROUNDING):
     assert abs(given - expected).max() <= rounding * abs(expected).max()
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
 def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
     case = Case(comm, cell, degree)
@@ -94,6 +95,7 @@ def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
         assert_same(form, reference)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_an_argument_that_is_constant_in_cells_gives_what_each_cell_has(comm, cell, degree):
     case = Case(comm, cell, degree)
@@ -109,6 +111,7 @@ def test_an_argument_that_is_constant_in_cells_gives_what_each_cell_has(comm, ce
     assert_same(CellForm(form, V=case.V), compile_form(form), rounding=10 * ROUNDING)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
 def test_single_precision_where_it_is_enough(comm, cell, degree):
     work = Case(comm, cell, degree).action()
@@ -120,6 +123,7 @@ def test_single_precision_where_it_is_enough(comm, cell, degree):
     assert not np.array_equal(given, expected)
 
 
+@pytest.mark.at_most_two_ranks
 def test_values_of_constants_are_those_of_the_moment(comm):
     case = Case(comm)
     work = case.action()
@@ -129,6 +133,7 @@ def test_values_of_constants_are_those_of_the_moment(comm):
         assert_same(form, reference)
 
 
+@pytest.mark.at_most_two_ranks
 def test_only_functions_of_other_spaces_are_packed_and_only_if_they_changed(comm, packings):
     case = Case(comm)
     form = CellForm(case.action())
@@ -139,6 +144,7 @@ def test_only_functions_of_other_spaces_are_packed_and_only_if_they_changed(comm
         assert len(packings) == count
 
 
+@pytest.mark.at_most_two_ranks
 def test_parts_of_the_cells_add_up(comm):
     case = Case(comm)
     form = CellForm(case.action())
@@ -150,6 +156,7 @@ def test_parts_of_the_cells_add_up(comm):
     np.testing.assert_allclose(parts[0] + parts[1], parts[2], rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.at_most_two_ranks
 def test_functions_on_facets_are_packed_if_one_changed(comm, packings):
     case = Case(comm)
     work = ufl.inner(case.u, ufl.TestFunction(case.V)) * ufl.ds
@@ -162,6 +169,7 @@ def test_functions_on_facets_are_packed_if_one_changed(comm, packings):
     assert len(packings) == 2
 
 
+@pytest.mark.at_most_two_ranks
 def test_form_without_functions(comm):
     case = Case(comm)
     work = ufl.TestFunction(case.V)[0] * ufl.dx(domain=case.V.mesh)

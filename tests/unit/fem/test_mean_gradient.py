@@ -12,6 +12,8 @@ from dolfinx.mesh import CellType, create_unit_square
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e-13
 # Exact for all products of gradients and volumes below.
 MANY = {"quadrature_degree": 6}

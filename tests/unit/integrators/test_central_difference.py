@@ -13,13 +13,14 @@ from dolfinx_nts.contact.explicit import neighbour_list
 from dolfinx_nts.integrators import central_difference, stability
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
+from helpers.once import once, once_except
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 CONSERVED = 1e-12
 
-cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-FRICTION = pytest.mark.parametrize("friction", [None, nts.Coulomb(0.4)], ids=["smooth", "rough"])
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
+FRICTION = pytest.mark.parametrize("friction", [once(None, id="smooth"), nts.Coulomb(0.4)])
 
 
 def blocks(comm, *, cell="hexahedron", friction=None, dt=0.005, owner=None):
@@ -89,6 +90,7 @@ def test_ledger_with_loads_damping_and_moving_supports_closes(comm, cell):
     assert ledger.total("damping_work") < -1e-3 * ledger.scale
 
 
+@pytest.mark.serial
 @cells_
 def test_error_falls_with_the_square_of_the_step(comm, cell):
     def result(dt):
@@ -116,6 +118,7 @@ def test_steps_of_different_length_conserve_momenta(comm):
     assert np.abs(momenta(diagnostics) - start).max() <= CONSERVED * np.linalg.norm(start)
 
 
+@pytest.mark.serial
 def test_box_falls_as_a_stone(comm):
     """Velocity Verlet is exact for a constant force."""
     box = Box(comm)
@@ -131,6 +134,7 @@ def test_box_falls_as_a_stone(comm):
     np.testing.assert_allclose(balance.linear_momentum, RHO * VOLUME * (v + g * t), rtol=1e-12)
 
 
+@pytest.mark.serial
 def test_difference_to_the_energy_momentum_scheme_is_that_of_the_mass(comm):
     """It falls with the square of the cells, as lumped mass is of second order."""
 
@@ -156,6 +160,7 @@ def test_difference_to_the_energy_momentum_scheme_is_that_of_the_mass(comm):
 BAR = nts.SaintVenantKirchhoff(1.0, 0.0, 1.0)
 
 
+@pytest.mark.serial
 def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm, told):
     """Mean force rho c v times the section, for 2 L/c; all speed is back."""
     v, cells, side = 0.001, 80, 0.2
@@ -197,7 +202,7 @@ OBSTACLES = {
 
 
 @FRICTION
-@pytest.mark.parametrize("obstacle", OBSTACLES)
+@pytest.mark.parametrize("obstacle", once_except(list(OBSTACLES), "facets"))
 def test_box_bounces_off_an_obstacle(comm, obstacle, friction):
     box = Box(comm)
     pair = nts.ContactPair(box.surface("bottom 0"), OBSTACLES[obstacle], nts.Penalty(), friction)
@@ -269,6 +274,7 @@ def test_ball_on_plate(comm, friction, told):
         assert 290 <= dissipated <= 315
 
 
+@pytest.mark.several_ranks
 def test_contact_does_not_depend_on_the_number_of_ranks(comm):
     distributed, alone = (blocks(c, friction=nts.Coulomb(0.4)) for c in (comm, MPI.COMM_SELF))
     for _ in range(60):
@@ -291,6 +297,7 @@ def test_step_above_the_estimate_is_refused_by_its_name(comm, refused):
     assert stepper.dt == stable
 
 
+@pytest.mark.serial
 @cells_
 def test_default_step_leaves_room(comm, cell):
     box = Box(comm, cell)
@@ -300,6 +307,7 @@ def test_default_step_leaves_room(comm, cell):
     assert 0.6 <= scene.stepper.dt / scene.stepper.stable_step <= 0.9
 
 
+@pytest.mark.serial
 @cells_
 def test_motion_is_bounded_at_the_estimate(comm, cell):
     """Many steps just below it, from a state with all frequencies."""
@@ -350,6 +358,7 @@ def test_state_that_is_not_finite_is_refused_between_steps(comm, refused, agree,
     assert agree(all(same))
 
 
+@pytest.mark.serial
 def test_body_without_motion_stays_where_it_is(comm):
     """Round-off is not taken for growing energy."""
     box = Box(comm)

@@ -23,12 +23,14 @@ def lengths(cells):
     )
 
 
+@pytest.mark.serial
 def test_length_of_a_brick_is_its_shortest_edge():
     corners = np.array(list(np.ndindex(2, 2, 2)))
     bricks = np.array([1.0 * corners * edges for edges in ((1, 1, 1), (3, 0.1, 2), (5, 5, 4))])
     np.testing.assert_allclose(lengths(bricks), [1, 0.1, 4])
 
 
+@pytest.mark.serial
 def test_length_does_not_depend_on_the_frame(rng):
     cells = rng.normal(size=(5, 4, 3))
     motion = scenes.Motion.random(rng)
@@ -36,6 +38,7 @@ def test_length_does_not_depend_on_the_frame(rng):
     np.testing.assert_allclose(lengths(moved), lengths(cells))
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("k", [4, 8, 27])
 def test_length_is_that_of_eigenvalues(rng, k):
     x = rng.normal(size=(30, 3))
@@ -47,6 +50,7 @@ def test_length_is_that_of_eigenvalues(rng, k):
         _kernels.cell_lengths(x, cells + 30)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("nu", [0.0, 0.4])
 def test_frequency_of_a_cube_is_that_of_its_swelling(nu):
     """Dilation by e: energy 9 K e^2 h^3/2, kinetic energy 3 rho h^5 e'^2/8."""
@@ -81,6 +85,7 @@ def test_estimate_is_on_the_safe_side_and_not_far_from_the_limit(comm, rng, cell
     assert highest <= bound <= 4 * highest
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("alpha, beta", [(0.0, 0.0), (5.0, 0.0), (0.0, 0.02), (3.0, 0.3)])
 def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
     """Steps v += dt (-w^2 u - c v), u += dt v: eigenvalues within the unit circle."""
@@ -98,6 +103,7 @@ def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
     assert radius(1.001 * limit) > 1
 
 
+@pytest.mark.serial
 def test_no_step_is_stable_for_a_cell_without_length(comm):
     stepper = scenes.blocks(comm).stepper
     squared, shortest = stability.Cells(stepper.bodies).limits(np.zeros_like(stepper.x))

@@ -13,6 +13,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.solvers import newton
+from helpers.once import once
 from helpers.readers import read_grids
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
 from reference.bulk import Bulk
@@ -47,8 +48,9 @@ def read_table(path):
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
-@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.EnergyMomentum])
-@pytest.mark.parametrize("impact", ["elastic", "plastic"])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("scheme", [once(nts.Midpoint), nts.EnergyMomentum])
+@pytest.mark.parametrize("impact", [once("elastic"), "plastic"])
 def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, impact):
     scene = blocks(comm, scheme, nts.LagrangeMultiplier(impact))
     record(scene.stepper, folder / "run", 6)
@@ -102,7 +104,8 @@ def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, imp
     assert agree(all(checks.values())), {name for name, passed in checks.items() if not passed}
 
 
-@pytest.mark.parametrize("enforcement", [nts.LagrangeMultiplier("plastic"), nts.Penalty()])
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("enforcement", [nts.LagrangeMultiplier("plastic"), once(nts.Penalty())])
 def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcement):
     old = blocks(comm).stepper
     pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, nts.Coulomb(0.3)) for p in old.pairs]
@@ -118,6 +121,7 @@ def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcemen
     assert agree(table["contact_energy"].any() == isinstance(enforcement, nts.Penalty))
 
 
+@pytest.mark.at_most_two_ranks
 def test_columns_are_named_in_words_and_parts_have_the_numbers_of_the_api(comm, folder, agree):
     old = blocks(comm).stepper
     (pair,) = old.pairs
@@ -155,6 +159,7 @@ def test_columns_are_named_in_words_and_parts_have_the_numbers_of_the_api(comm, 
     assert agree(np.allclose(loads, table["energy_loads"], rtol=1e-12))
 
 
+@pytest.mark.at_most_two_ranks
 def test_table_has_the_columns_of_the_parts_that_are_asked_for(comm, folder, refused):
     record(blocks(comm).stepper, folder / "run", 1, columns_of=())
     columns = (folder / "run.csv").read_text().splitlines()[0]
@@ -163,6 +168,7 @@ def test_table_has_the_columns_of_the_parts_that_are_asked_for(comm, folder, ref
         Recorder(folder / "run", blocks(comm).stepper, columns_of=["body"])
 
 
+@pytest.mark.at_most_two_ranks
 def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
     record(blocks(comm, num_bodies=3).stepper, folder / "run", 5, every=3)
     times, _ = read_grids(folder / "run.vtkhdf")
@@ -170,6 +176,7 @@ def test_fields_come_every_so_many_steps_and_at_the_end(comm, folder, agree):
     assert agree(len(read_table(folder / "run.csv")["time"]) == 6)
 
 
+@pytest.mark.at_most_two_ranks
 def test_files_without_pairs_have_no_contact_fields(comm, folder, agree):
     scene = blocks(comm)
     stepper = nts.Midpoint(scene.stepper.bodies, dt=BLOCK_STEP)
@@ -180,6 +187,7 @@ def test_files_without_pairs_have_no_contact_fields(comm, folder, agree):
     assert agree(np.isnan(read_table(folder / "run.csv")["min_gap"]).all())
 
 
+@pytest.mark.at_most_two_ranks
 def test_files_are_valid_after_an_exception_in_the_loop(comm, folder, agree):
     stepper = blocks(comm).stepper
     with pytest.raises(ZeroDivisionError), Recorder(folder / "run", stepper) as recorder:
@@ -208,6 +216,7 @@ def test_a_failed_step_leaves_the_last_state_in_the_files(comm, folder, agree, m
     assert agree(len(read_table(folder / "run.csv")["time"]) == 4)
 
 
+@pytest.mark.at_most_two_ranks
 def test_rows_and_states_can_be_read_at_once(comm, folder, agree):
     stepper = blocks(comm).stepper
     with Recorder(folder / "run", stepper, fields="xdmf") as recorder:
@@ -222,6 +231,7 @@ def test_rows_and_states_can_be_read_at_once(comm, folder, agree):
     assert stepper.step == 3
 
 
+@pytest.mark.at_most_two_ranks
 def test_files_of_the_same_name_are_replaced(comm, folder, agree):
     stepper = blocks(comm).stepper
     record(stepper, folder / "run", 3)
@@ -232,6 +242,7 @@ def test_files_of_the_same_name_are_replaced(comm, folder, agree):
     assert agree(np.array_equal(table["step"], [3, 4]) and table["energy_solver"][0] == 0)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     "name", ["run.csv", "run.vtkhdf", "run_fields/grid.h5", "run_fields/000000007-000000009.h5"]
 )
@@ -257,6 +268,7 @@ def test_nothing_is_created_when_the_folder_of_the_fields_is_a_file(comm, folder
     assert [path.name for path in folder.iterdir()] == ["run_fields"]
 
 
+@pytest.mark.at_most_two_ranks
 def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm, folder, agree):
     def part(until):
         stepper = blocks(comm).stepper
@@ -304,6 +316,7 @@ def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm
     assert agree(np.allclose(added, np.array([0, 0, 1, 0, 1])[:, None], rtol=0, atol=1e-12))
 
 
+@pytest.mark.at_most_two_ranks
 def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder, refused):
     stepper = blocks(comm).stepper
     V = stepper.u.function_space
@@ -333,6 +346,7 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
         enter(stress=True, fields="vtx")
 
 
+@pytest.mark.at_most_two_ranks
 def test_it_tells_its_arguments(comm, folder, monkeypatch):
     monkeypatch.chdir(folder)
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
@@ -344,6 +358,7 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
     )
 
 
+@pytest.mark.at_most_two_ranks
 def test_wrong_use_is_refused(comm, folder, refused):
     stepper = blocks(comm).stepper
     with refused(ValueError, "every 1 step or more, given 0"):
@@ -360,6 +375,7 @@ def test_wrong_use_is_refused(comm, folder, refused):
             recorder.write(stepper.advance())
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("checkpoint_every", [None, 2])
 def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoint_every):
     stepper = blocks(comm).stepper
@@ -379,6 +395,7 @@ def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoin
     assert all(re.search(text, message) for message in told)
 
 
+@pytest.mark.at_most_two_ranks
 def test_the_summary_counts_and_is_logged_on_the_first_rank(comm, folder, caplog):
     stepper = blocks(comm).stepper
     with caplog.at_level(logging.INFO, logger="dolfinx_nts"):

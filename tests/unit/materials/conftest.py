@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
+from dolfinx_nts.fem.jit import compile_expression
 from helpers.boxed import Box
 
 
@@ -14,7 +15,7 @@ def at(comm):
     C = fem.Constant(mesh, np.eye(3))
 
     def compiled(function):
-        expression = fem.Expression(function(C), np.full((1, 3), 0.25))
+        expression = compile_expression(function(C), np.full((1, 3), 0.25))
 
         def value(number):
             C.value[:] = number

@@ -12,6 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
 import dolfinx_nts as nts
+from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.materials.strain_energy import strain_basis
 from reference.bulk import rotation, taylor_order
 
@@ -67,7 +68,7 @@ def evaluate() -> Evaluate:
             "conserving": material.conserving_stress(C_n, C, **numbers),
         }
         for quantity, expression in quantities.items():
-            compiled[name, quantity] = fem.Expression(expression, point)
+            compiled[name, quantity] = compile_expression(expression, point)
 
     def at(name: str, quantity: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         C_n.value[:], C.value[:] = before, after

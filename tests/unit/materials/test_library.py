@@ -59,6 +59,7 @@ CASES = {
 cases = pytest.mark.parametrize("name", CASES)
 
 
+@pytest.mark.serial
 @cases
 def test_energy_agrees_with_its_closed_form(name, at, rng):
     material, psi, *_ = CASES[name]
@@ -69,6 +70,7 @@ def test_energy_agrees_with_its_closed_form(name, at, rng):
         assert evaluate(C)[0] == pytest.approx(psi(C), rel=1e2 * EPS, abs=1e3 * EPS * E)
 
 
+@pytest.mark.serial
 @cases
 def test_small_strains_meet_hookes_law(name, at, rng):
     material, _, mu, lmbda = CASES[name]
@@ -84,6 +86,7 @@ def test_small_strains_meet_hookes_law(name, at, rng):
     np.testing.assert_allclose(slope, hooke, atol=1e-7 * E)
 
 
+@pytest.mark.serial
 def test_stress_is_symmetric_for_an_energy_that_names_entries_of_C(at, rng):
     material = nts.Hyperelastic(
         lambda C: 3 * C[0, 1] ** 2 + 5 * C[2, 0] ** 2 + (C[1, 1] - 1) ** 2, rho=1.0
@@ -92,6 +95,7 @@ def test_stress_is_symmetric_for_an_energy_that_names_entries_of_C(at, rng):
     np.testing.assert_allclose(S.reshape(3, 3), [[0, 1.8, 1], [1.8, -0.4, 0], [1, 0, 0]], atol=EPS)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     "material",
     [NeoHookean(E, NU, RHO), NeoHookean(E, NU, RHO, mass_damping=2.0)],
@@ -134,6 +138,7 @@ def test_body_of_an_anisotropic_energy_with_a_field_conserves_energy(comm):
     assert abs(ledger.gained) <= 1e-11 * ledger.scale
 
 
+@pytest.mark.serial
 def test_impossible_materials_are_refused():
     with pytest.raises(ValueError, match="Young's modulus E > 0, given -1"):
         NeoHookean(-1.0, 0.3, 1.0)
@@ -147,6 +152,7 @@ def test_impossible_materials_are_refused():
         Yeoh(1.0, 0.0, 0.0, 0.0, 1.0)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(("E", "nu"), [(2.0e3, 0.3), (1.0, 0.0), (5.0, -0.5), (1.0e5, 0.49)])
 def test_young_and_poisson_are_those_of_uniaxial_stress(E, nu):
     # Strain (e, -nu e, -nu e) has the stress (E e, 0, 0) in Hooke's law.
@@ -159,6 +165,7 @@ def test_young_and_poisson_are_those_of_uniaxial_stress(E, nu):
     np.testing.assert_allclose(stress, [0.1 * E, 0, 0], atol=rounding)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [

@@ -61,6 +61,7 @@ def test_each_kind_becomes_its_number_of_hexahedra(comm):
         assert measure(data, name) == pytest.approx(1, rel=ROUNDING)
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_live_model_stays_as_it_is(comm, model):
     def state() -> Any:
         import gmsh
@@ -90,6 +91,7 @@ def test_a_live_model_stays_as_it_is(comm, model):
         assert state() == before
 
 
+@pytest.mark.at_most_two_ranks
 def test_cells_of_one_kind_are_left_alone(comm, caplog):
     with caplog.at_level(logging.WARNING, logger="dolfinx_nts"):
         for cell in ("hexahedron", "tetrahedron"):
@@ -98,6 +100,7 @@ def test_cells_of_one_kind_are_left_alone(comm, caplog):
     assert not caplog.text
 
 
+@pytest.mark.at_most_two_ranks
 def test_elements_in_no_group_are_refused_as_ever(comm):
     def build(model: Any) -> None:
         add_box(model, "a", **BOX)
@@ -108,6 +111,7 @@ def test_elements_in_no_group_are_refused_as_ever(comm):
         read_mesh(build, comm)
 
 
+@pytest.mark.at_most_two_ranks
 def test_flat_prisms_are_refused(comm):
     def build(model: Any) -> None:
         volume = model.addDiscreteEntity(3)

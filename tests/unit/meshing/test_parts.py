@@ -12,6 +12,7 @@ from dolfinx.mesh import entities_to_geometry
 
 from dolfinx_nts import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -91,6 +92,7 @@ def measure(data: MeshData, name: str | None, kind: str) -> float:
     return float(data.mesh.comm.allreduce(local))
 
 
+@pytest.mark.serial
 @CELLS
 @each
 def test_volume_and_areas_converge_with_second_order(comm, part, cell):
@@ -105,7 +107,7 @@ def test_volume_and_areas_converge_with_second_order(comm, part, cell):
     assert np.abs(order - 2).max() < 0.25, order
 
 
-@CELLS
+@pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
 @each
 def test_blocks_are_joined_and_named_surfaces_are_the_whole_surface(comm, part, cell):
     data = read_mesh(lambda model: part.add(model, "p", **part.given, cell=cell), comm)
@@ -116,6 +118,7 @@ def test_blocks_are_joined_and_named_surfaces_are_the_whole_surface(comm, part, 
     assert measure(data, None, "ds") == pytest.approx(named, rel=ROUNDING)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     ("part", "axis"), [("ring", (1, -2, -3)), ("ring", (0, 0, -1)), ("torus", (0, 3, 4))]
 )
@@ -179,6 +182,7 @@ def test_cells_are_right_handed_and_surfaces_anticlockwise_from_outside(cell):
     read_mesh(build, MPI.COMM_SELF)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     ("add", "good", "wrong", "match"),
     [

@@ -7,11 +7,12 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.boxed import CLOSED, RHO, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
+cells_ = pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
+schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint)])
 
 
 @cells_
@@ -74,6 +75,7 @@ def test_a_follower_load_has_its_tangent(comm, cell):
     assert depth > 0.01  # something happens
 
 
+@pytest.mark.serial
 def test_time_is_that_in_the_middle_of_a_step(comm):
     # Linear in time, for which the middle is exact.
     box, b = Box(comm), np.array([2.0, -1.0, 4.0])
@@ -89,6 +91,7 @@ def test_time_is_that_in_the_middle_of_a_step(comm):
     )
 
 
+@pytest.mark.serial
 def test_constants_are_set_between_steps(comm):
     box = Box(comm)
     f = fem.Constant(box.mesh, np.zeros(3))

@@ -39,6 +39,7 @@ def test_mass_and_centre_are_those_of_the_bodies(comm, rng, cell, degree):
         assert comm.allreduce(nodal.sum()) == pytest.approx(expected, rel=ROUNDING)
 
 
+@pytest.mark.at_most_two_ranks
 @cells_
 def test_mass_of_degree_1_is_the_sum_of_the_rows(comm, rng, cell):
     V, bodies = distorted(comm, rng, cell, 1)

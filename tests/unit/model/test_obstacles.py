@@ -56,6 +56,7 @@ def states(rng, m=30):
     return x_n, x_n + 0.3 * rng.normal(size=(m, 3)), np.zeros(m, dtype=np.int32)
 
 
+@pytest.mark.serial
 @obstacles
 def test_gap_is_the_signed_distance_and_the_normal_its_gradient(name, rng):
     obstacle, distance = CASES[name]
@@ -71,6 +72,7 @@ def test_gap_is_the_signed_distance_and_the_normal_its_gradient(name, rng):
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=ROUNDING)
 
 
+@pytest.mark.serial
 @obstacles
 def test_work_of_the_conserving_force_is_the_change_of_the_gap(name, rng):
     obstacle, distance = CASES[name]
@@ -81,6 +83,7 @@ def test_work_of_the_conserving_force_is_the_change_of_the_gap(name, rng):
     np.testing.assert_allclose(gap - gap_n, work, atol=ROUNDING)
 
 
+@pytest.mark.serial
 @obstacles
 @schemes
 def test_tangent_is_the_derivative_of_the_force(name, scheme, rng):
@@ -99,6 +102,7 @@ def test_tangent_is_the_derivative_of_the_force(name, scheme, rng):
         assert taylor_order(force, x, d, slope) > 1.9
 
 
+@pytest.mark.serial
 @obstacles
 def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
     obstacle, _ = CASES[name]
@@ -169,6 +173,7 @@ def test_body_that_is_put_into_an_obstacle_between_steps_is_refused(comm, refuse
     assert stepper.advance().step == step + 1
 
 
+@pytest.mark.serial
 def test_numbers_that_make_no_obstacle_are_refused():
     with pytest.raises(ValueError, match=r"radius > 0, given -1"):
         nts.RigidSphere((0, 0, 0), -1)

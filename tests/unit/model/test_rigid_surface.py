@@ -7,6 +7,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.model.facing import Facing
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e3 * np.finfo(float).eps
 
 schemes = pytest.mark.parametrize("scheme", ["conserving", "midpoint", "static"])

@@ -6,6 +6,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.model.rims import is_nearest_a_rim
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 X = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [1, 1, 0], [2, 1, 0]])
 FACETS = {
     "quadrilateral": [[0, 1, 3, 4], [1, 2, 4, 5]],

@@ -83,6 +83,7 @@ def test_ball_has_the_nodes_and_segments_of_its_outside(comm):
     np.testing.assert_allclose(plate.size, 0.4 * np.sqrt(2), rtol=ROUNDING)
 
 
+@pytest.mark.at_most_two_ranks
 def test_normals_of_the_ball_point_away_from_its_centre(comm):
     mesh, _, facets, tag = read_mesh(scenes.BALL_PLATE, comm)
     V = space(mesh)
@@ -96,9 +97,16 @@ def test_normals_of_the_ball_point_away_from_its_centre(comm):
     assert comm.allreduce(wrong) == 0
 
 
-@cells_
-@ghosts_
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    # Each two of the three meet in all ways.
+    ("cell", "ghosts", "degree"),
+    [
+        ("hexahedron", GhostMode.none, 1),
+        ("tetrahedron", GhostMode.shared_facet, 1),
+        ("hexahedron", GhostMode.shared_facet, 2),
+        ("tetrahedron", GhostMode.none, 2),
+    ],
+)
 def test_normals_of_a_renumbered_mesh_point_out_of_the_box(comm, cell, ghosts, degree, rng):
     # Renumbered cells are mirrored too, so that both orientations occur.
     data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell).permuted(rng)
@@ -136,6 +144,7 @@ def test_areas_of_the_nodes_sum_to_the_area_of_the_surface(comm, cell, ghosts):
         np.testing.assert_array_equal(parts, [[1, 2, 4], [4, 10, 6]])
 
 
+@pytest.mark.at_most_two_ranks
 def test_area_of_the_ball_is_that_of_its_facets(comm):
     # Bilinear facets, |a1 x a2| integrated by a much higher rule.
     mesh, _, facets, tag = read_mesh(scenes.BALL_PLATE, comm)
@@ -153,6 +162,7 @@ def test_area_of_the_ball_is_that_of_its_facets(comm):
     np.testing.assert_allclose(area, expected, rtol=1e-6)
 
 
+@pytest.mark.at_most_two_ranks
 @cells_
 def test_vectors_of_a_closed_surface_sum_to_zero_and_are_as_long_as_it_is_large(comm, cell):
     data = scenes.boxes([(4, 3, 2)], [(2.0, 1.5, 0.5)], cell)
@@ -234,6 +244,7 @@ def test_facets_between_two_cells_are_refused(comm, cell, cut, refused):
         nts.Surface(space(mesh), facets, tag["middle"])
 
 
+@pytest.mark.at_most_two_ranks
 def test_surface_refuses_wrong_arguments(comm, refused):
     data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
     mesh, cells, facets, tag = scenes.distribute(comm, data)
@@ -255,6 +266,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
         nts.Surface(space(mesh, 3), facets, 1)
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("side", ["top", "bottom"])  # of either orientation
 @pytest.mark.parametrize("collapsed", [(0, 1), (1, 3), (3, 2), (2, 0)])
 def test_facets_with_an_edge_without_length_still_point_outwards(comm, collapsed, side):

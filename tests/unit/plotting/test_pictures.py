@@ -14,17 +14,13 @@ from dolfinx_nts.plotting.canvas import aim
 from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.scales import prefixed, rounded
 from dolfinx_nts.plotting.stress import von_mises
+from helpers.once import once
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 pytest.importorskip("pyvista")
 image = pytest.importorskip("matplotlib.image")
-
-
-def once(value):
-    """Parameter of tests that run on one rank only: one rank draws, and slowly."""
-    return pytest.param(value, marks=pytest.mark.serial)
 
 
 def colours(comm, path):
@@ -206,6 +202,7 @@ def test_pictures_are_displayed_by_a_notebook_and_need_no_file(comm, folder, agr
     }
 
 
+@pytest.mark.serial
 def test_picture_that_was_not_drawn_here_shows_and_writes_nothing(tmp_path):
     picture = plotting.Picture(b"")
     picture.save(tmp_path / "a.png")
@@ -301,7 +298,7 @@ def test_a_field_that_is_not_there_is_refused(comm, folder, recorded):
         assert not (folder / "run.gif").exists()
 
 
-@pytest.mark.parametrize("place", ["notebook", "window", "nowhere"])
+@pytest.mark.parametrize("place", [once("notebook"), "window", "nowhere"])
 def test_pictures_to_turn_appear_where_there_is_a_place(comm, monkeypatch, refused, place):
     monkeypatch.setattr("scooby.in_ipykernel", lambda: place == "notebook")
     monkeypatch.setattr("sys.platform", "linux")

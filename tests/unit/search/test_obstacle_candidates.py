@@ -11,6 +11,8 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates, ObstacleS
 from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 OBSTACLES = {
     "sphere": nts.RigidSphere((0.5, 0.5, -1.0), 1.1),
     "facets": nts.RigidSurface(

@@ -7,6 +7,8 @@ import pytest
 
 from dolfinx_nts.search.walls import thinnest_wall
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 ROUNDING = 1e-4  # the ways begin just below the triangles
 
 

@@ -7,6 +7,8 @@ from dolfinx import fem
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_nodes_have_the_size_of_their_largest_cell(comm, agree, degree):

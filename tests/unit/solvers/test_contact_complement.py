@@ -79,6 +79,7 @@ def test_columns_belong_to_nodes_and_factors(comm, rng):
     assert complement.num_columns == expected + 3 * len(reached[0])
 
 
+@pytest.mark.at_most_two_ranks
 def test_columns_of_former_contacts_are_dropped_when_they_are_many(comm, rng, monkeypatch):
     bulk, arrays = Bulk(comm, rng), [blocks(3, rng) for _ in range(2)]
     first, second = (np.union1d(some[1], some[-2]) for some in arrays)
@@ -90,6 +91,7 @@ def test_columns_of_former_contacts_are_dropped_when_they_are_many(comm, rng, mo
     assert complement.num_columns == 3 * (len(first) + len(second))
 
 
+@pytest.mark.at_most_two_ranks
 def test_singular_contact_is_left_to_others(comm, rng):
     bulk, arrays = Bulk(comm, rng), list(blocks(3, rng))
     arrays[4] = 0 * arrays[4]  # gradients
@@ -101,6 +103,7 @@ def test_singular_contact_is_left_to_others(comm, rng):
     np.testing.assert_array_equal(z, before)
 
 
+@pytest.mark.at_most_two_ranks
 def test_restored_nodes_are_solved_for_as_before(comm, rng):
     bulk, first, second = Bulk(comm, rng), blocks(3, rng), blocks(4, rng)
     complement = ContactComplement(bulk.tangent, bulk)
@@ -116,6 +119,7 @@ def test_restored_nodes_are_solved_for_as_before(comm, rng):
     assert len(calls) == 4 and calls[:2] == calls[2:]
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_nearly_incompressible_contact_takes_few_iterations(comm, mu):
     law = nts.Coulomb(mu) if mu else None

@@ -9,6 +9,7 @@ from dolfinx_nts.solvers.elimination import active_pairs
 from dolfinx_nts.solvers.projected_krylov import KrylovMethod
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from helpers import scenes
+from helpers.once import once
 from helpers.rigid import impact
 
 # Of a Krylov solution asked for 1e-11, relative to the largest increment.
@@ -46,7 +47,7 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 @pytest.mark.parametrize("law", LAWS)
 def test_increments_are_those_of_the_saddle_system(comm, monkeypatch, cell, law):
     enforcement, friction, expected = LAWS[law]
@@ -57,13 +58,14 @@ def test_increments_are_those_of_the_saddle_system(comm, monkeypatch, cell, law)
     assert solver.num_direct == 0 and solver.num_iterations > 0
 
 
+@pytest.mark.at_most_two_ranks
 def test_three_bodies_and_two_pairs_are_solved_together(comm, monkeypatch):
     scene = scenes.blocks(comm, num_bodies=3)
     differences, _, _ = compare(monkeypatch, scene, 10)
     assert len(differences) > 3 and max(differences) < AGREEMENT
 
 
-@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+@pytest.mark.parametrize("friction", [once(None), nts.Coulomb(0.3)])
 def test_increments_with_rigid_bodies_are_those_of_the_saddle_system(comm, monkeypatch, friction):
     scene = impact(comm, friction=friction)
     differences, _, solver = compare(monkeypatch, scene, 10)
@@ -71,7 +73,7 @@ def test_increments_with_rigid_bodies_are_those_of_the_saddle_system(comm, monke
     assert solver.num_direct == 0 and solver.num_iterations > 0
 
 
-@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3), nts.Coulomb(0.6)])
+@pytest.mark.parametrize("friction", [once(None), once(nts.Coulomb(0.3)), nts.Coulomb(0.6)])
 def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
     ends, iterations = [], []
     for direct in (False, True):
@@ -86,6 +88,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
     assert np.all(np.abs(np.subtract(*iterations)) <= 1)
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_method_that_keeps_failing_is_tried_less_and_less_often(comm, monkeypatch):
     scene, tried = scenes.blocks(comm), []
 
@@ -102,6 +105,7 @@ def test_a_method_that_keeps_failing_is_tried_less_and_less_often(comm, monkeypa
     assert work.num_builds <= 4 * 2 and len(tried) <= 4 * 3
 
 
+@pytest.mark.at_most_two_ranks
 def test_one_preconditioner_lasts_for_many_steps(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     stepper = scene.stepper
@@ -113,6 +117,7 @@ def test_one_preconditioner_lasts_for_many_steps(comm):
     assert work.num_builds <= 3 and work.num_tangents <= 4
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES, friction=nts.Coulomb(mu))
@@ -129,6 +134,7 @@ def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     assert solver.num_direct == 0
 
 
+@pytest.mark.at_most_two_ranks
 def test_cells_that_are_nearly_incompressible_and_do_not_lock_take_factors_with_fill(comm):
     rubber = nts.SaintVenantKirchhoff(1e5, 0.49, 1e3, one_point="volumetric")
     stepper = scenes.ball_plate(comm, shift=scenes.NO_TIES, dt=0.03, rubber=rubber).stepper
@@ -154,6 +160,7 @@ def iterations_of_wide_contact(comm, enforcement, friction):
     return work.num_iterations / sum(report.newton_iterations for report in reports)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("enforcement", "friction"),
     [(nts.LagrangeMultiplier(), 0.3), (nts.Penalty(), 0.0), (nts.Penalty(), 0.3)],
@@ -163,6 +170,7 @@ def test_wide_friction_and_springs_take_few_iterations(comm, wide_free, enforcem
     assert iterations_of_wide_contact(comm, enforcement, law) <= 1.5 * wide_free
 
 
+@pytest.mark.at_most_two_ranks
 def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(comm):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     for _ in range(10):
@@ -187,6 +195,7 @@ def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(
         assert schwarz.num_builds == count + builds
 
 
+@pytest.mark.at_most_two_ranks
 def test_waves_cross_any_number_of_cells_where_there_is_no_inertia(comm, monkeypatch):
     solver = scenes.blocks(comm, nts.QuasiStatic).stepper._solver
     stiffness = np.full_like(solver.tangent.nodal_stiffness(), 1e9)

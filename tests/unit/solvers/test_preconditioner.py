@@ -86,6 +86,7 @@ def test_factors_for_one_rank_are_refused_on_several(comm, default, refused, kin
         with_options(scene, {"pc_type": kind})
 
 
+@pytest.mark.at_most_two_ranks
 def test_options_may_choose_another_krylov_method(comm, default):
     stepper = with_options(scenes.blocks(comm), {"ksp_type": "gmres"})
     for _ in range(NUM_STEPS):
@@ -95,6 +96,7 @@ def test_options_may_choose_another_krylov_method(comm, default):
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("options", "unused"),
     [
@@ -114,6 +116,7 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
     assert not any(name.endswith(f"_{key}") for name in left for key in unused.split(", "))
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -132,6 +135,7 @@ def test_options_that_petsc_does_not_understand_are_refused_with_its_reason(
     assert not PETSc.Options().getAll().keys() - before
 
 
+@pytest.mark.at_most_two_ranks
 def test_options_for_levels_may_wait_for_a_mesh_that_has_some(comm, caplog):
     scene = scenes.blocks(comm)
     with_options(scene, {"pc_type": "gamg", "mg_levels_9_ksp_max_it": 1}).advance()
@@ -179,6 +183,7 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
+@pytest.mark.at_most_two_ranks
 def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
     monkeypatch.setattr("dolfinx_nts.solvers.krylov._FILL_PAYS", 0.0)
     stepper = scenes.blocks(comm).stepper
@@ -241,6 +246,7 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
     np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agree):
     # PETSc keeps options by name: those of MUMPS do not fit an incomplete factorisation.
     stepper = scenes.blocks(comm).stepper

@@ -86,6 +86,7 @@ def test_forces_keep_resultant_and_moment(comm, body, agree):
     assert agree(np.abs(sums[1] - sums[0]).max() <= 1e-12 * np.sqrt(len(massless) + 1))
 
 
+@pytest.mark.at_most_two_ranks
 def test_a_body_with_one_layer_of_nodes_below_is_refused(comm):
     data = scenes.boxes([(3, 3, 1)], [(1.0, 1.0, 0.2)])
     mesh, cells, _, tag = scenes.distribute(comm, data)

@@ -13,6 +13,8 @@ from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 COUNTED = {
     "num_residuals": (Bulk, "forces"),
     "num_actions": (Bulk, "action"),
