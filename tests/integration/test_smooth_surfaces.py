@@ -42,6 +42,7 @@ LAWS = {
 }
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("law", LAWS)
 def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
     first, last, given, active = run(rings(comm, angle=0.4, **LAWS[law]), 30)
@@ -53,7 +54,9 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
         assert given < -1e-4 * first.total_energy
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(
+    "cell", ["hexahedron", pytest.param("tetrahedron", marks=pytest.mark.serial)]
+)
 def test_balls_bounce_with_exact_energy_and_momenta(comm, cell):
     first, last, given, active = run(balls(comm, cell=cell), 8)
     check(first, last, given)
@@ -78,3 +81,47 @@ def test_any_number_of_ranks_finds_the_same(comm):
         assert report.num_active > 0
     places = [gathered(s.u.function_space, s.x) for s in steppers]
     assert np.abs(places[0] - places[1]).max() < 1e-9
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.GeneralizedAlpha])
+def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme):
+    stepper = rings(comm, scheme=scheme, enforcement=nts.Penalty())
+    first, last, given, active = run(stepper, 20)
+    check(first, last, given, tol=1e-3)
+    assert active > 0
+    change = last.linear_momentum - first.linear_momentum
+    assert np.linalg.norm(change) < 1e-11 * np.linalg.norm(first.linear_momentum)
+
+
+@pytest.mark.serial
+def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path):
+    whole, part, rest, flat = (
+        rings(comm, friction=nts.Coulomb(0.3), smooth=smooth)
+        for smooth in (True, True, True, False)
+    )
+    for stepper in (whole, part):
+        throw(stepper)
+    for stepper, num_steps in ((part, 5), (rest, 9)):
+        with nts.Recorder(
+            tmp_path / "run", stepper, checkpoint_every=1, resume=True, fields="xdmf"
+        ) as recorder:
+            for step in stepper.run(until=num_steps * stepper.dt):
+                recorder.write(step)
+        assert stepper.contacts[0].history.active.any()
+    for _ in whole.run(until=9 * whole.dt):
+        pass
+    assert np.array_equal(rest.x, whole.x)
+    with pytest.raises(ValueError, match="pair 1"):
+        nts.Recorder(tmp_path / "run", flat, resume=True, fields="xdmf").__enter__()
+
+
+@pytest.mark.serial
+def test_nodes_are_put_onto_the_smooth_surface(comm):
+    (pair,) = rings(comm).pairs
+    pair = nts.ContactPair(pair.nodes, pair.segments)
+    moved, farthest = nts.close_gaps(pair, within=0.06)
+    assert moved > 0 and farthest > 0.01
+    X = pair.nodes.V.mesh.geometry.x
+    on_circle = np.abs(np.linalg.norm(X, axis=1) - 1) < 1e-6
+    assert np.count_nonzero(on_circle) == 16 + moved
