@@ -32,7 +32,9 @@ _logger = logging.getLogger("dolfinx_nts")
 _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
-def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Surface:
+def boundary_of(
+    *bodies: Body, where: Callable[[Any], Any] | None = None, smooth: bool = False
+) -> Surface:
     """Make a surface of the boundary of one or several bodies, or of a part of it. Collective.
 
     Args:
@@ -40,6 +42,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
             boundary.
         where: Function of the reference positions, shape ``(3, n)`` [m], that returns booleans,
             shape ``(n,)``. Facets belong to the surface if it holds at all their vertices.
+        smooth: As of `Surface`.
 
     Returns:
         The surface.
@@ -65,7 +68,7 @@ def boundary_of(*bodies: Body, where: Callable[[Any], Any] | None = None) -> Sur
     if where is not None:
         facets = np.intersect1d(facets, boundary_facets(V, where))
         name = f"a part of {name}"
-    return Surface.of(V, facets, name)
+    return Surface.of(V, facets, name, smooth=smooth)
 
 
 def all_pairs(

@@ -22,6 +22,8 @@ from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth_search import SmoothSearch
 
 __all__ = ["close_gaps"]
 
@@ -129,7 +131,12 @@ def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
     """
     nodes, segments = pair.nodes, pair.segments
     assert isinstance(segments, Surface)
-    candidates, _ = GlobalSearch(nodes, segments).update(X, reach)
+    search = (
+        SmoothSearch(nodes, segments, SmoothPatches(segments))
+        if segments.smooth
+        else GlobalSearch(nodes, segments)
+    )
+    candidates, _ = search.update(X, reach)
     x = candidates.scatter.forward(X)
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
     segment, gap = candidates.pair(NodalFacets(nodes).points(X), x, none, reach)

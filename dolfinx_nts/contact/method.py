@@ -9,7 +9,10 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["EDGES", "KINDS", "NODES", "Method", "check_dimension", "check_method", "check_tie"]
+__all__ = [
+    *("EDGES", "KINDS", "NODES", "Method"),
+    *("check_dimension", "check_method", "check_smooth", "check_tie", "has_smooth_segments"),
+]
 
 Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
 NODES: Method = "node-to-segment"
@@ -71,6 +74,37 @@ def check_tie(pair: Any) -> None:
         wrong = f"no friction, as tied nodes never slide, given {pair.friction!r}"
     if wrong:
         raise ValueError(f"expected, with Tied, {wrong}")
+
+
+def has_smooth_segments(pair: Any) -> bool:
+    """Whether a `ContactPair` has segments of a smooth surface. Local."""
+    return isinstance(pair.segments, Surface) and pair.segments.smooth
+
+
+def check_smooth(pair: Any) -> None:
+    """Raise ValueError unless a pair can have smooth segments, where it has them. Local.
+
+    ``pair`` is as of `check_method`.
+    """
+    if not has_smooth_segments(pair):
+        return
+    wrong = ""
+    if pair.method != NODES:
+        wrong = f"method {NODES!r}, given {pair.method!r}"
+    elif pair.touches_itself:
+        wrong = "two surfaces, given one that touches itself"
+    elif pair.is_convective:
+        wrong = f"friction by the law 'objective', given {pair.friction!r}"
+    elif isinstance(pair.enforcement, Tied):
+        wrong = f"an enforcement by which nodes can part and slide, given {pair.enforcement!r}"
+    elif getattr(pair.enforcement, "impact", "") not in ("", "elastic", "plastic"):
+        wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
+    elif is_axisymmetric(pair.nodes.V.mesh):
+        wrong = "a mesh that is not axisymmetric, given one"
+    if wrong:
+        raise ValueError(
+            f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
+        )
 
 
 def check_dimension(pair: Any) -> None:

@@ -22,10 +22,11 @@ from dolfinx_nts.contact.method import (
     Method,
     check_dimension,
     check_method,
+    check_smooth,
     check_tie,
 )
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.sharp_edges import SharpEdges
 
@@ -136,6 +137,7 @@ class ContactPair(Declaration):
         check_method(self)
         check_tie(self)
         check_dimension(self)
+        check_smooth(self)
         if method == EDGES:
             _check_edges(nodes, self.segments)
         self._states: WeakSet[AcceptedContact] = WeakSet()
@@ -262,7 +264,7 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
             "expected surfaces without common nodes in a contact pair, or the same surface "
             f"twice, given {shared} nodes on both sides"
         )
-    sine = segments.sharpest_corner()
+    sine = sharpest_corner(segments)
     if sine < _SHARP and comm.rank == 0:
         _logger.warning(
             "segments of %s have a corner of sine %.2g and no normal there: harmless if no node "

@@ -25,6 +25,8 @@ from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.self_contact import SelfContactSearch
+from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth_search import SmoothSearch
 
 __all__ = ["PairState"]
 
@@ -244,5 +246,7 @@ def _search(pair: ContactPair) -> Search:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:
         return EdgeSearch(pair.nodes, pair.segments)
+    if pair.segments.smooth:
+        return SmoothSearch(pair.nodes, pair.segments, SmoothPatches.of(pair.segments))
     search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
     return search(pair.nodes, pair.segments)

@@ -106,6 +106,7 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
     text = f"{rows(pair.nodes.node_ids, pair.nodes.node_ids)} against "
     if isinstance(pair.segments, Surface):
         text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
+        text += " that are smooth" if pair.segments.smooth else ""
     else:
         text += _law(pair.segments)
     return f"{text}, {pair.method}"

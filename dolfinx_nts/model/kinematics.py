@@ -92,15 +92,21 @@ class Slip:
     def combined(self, weights: Floats) -> "Slip":
         """The same by other nodes, of which those of the pairs are linear combinations.
 
-        ``weights`` are theirs in the nodes of the pairs, shape ``(k, j)``.
+        ``weights`` are theirs in the nodes of the pairs, shape ``(k, j)`` or ``(m, k, j)``.
         """
-        w, b = (values @ weights for values in self._second)
-        to_nodes = np.kron(weights, np.eye(3))
+        (m, k), j = self._second[0].shape, weights.shape[-1]
+        w, b = self._second
+        to_nodes = np.broadcast_to(weights.swapaxes(-1, -2), (m, j, k))
+        force, gradient = (
+            (to_nodes[:, None] @ values.reshape(m, 2, k, 3)).reshape(m, 2, 3 * j)
+            for values in (self.force, self.gradient)
+        )
+        w, b = ((to_nodes[:, None] @ values[..., None])[..., 0] for values in (w[:, None], b))
         return Slip(
             self.value,
-            self.force @ to_nodes,
-            self.gradient @ to_nodes,
-            *(w, b),
+            force,
+            gradient,
+            *(w[:, 0], b),
             frame_n=self.frame_n,
             frame=self.frame,
             orientation=self._orientation,

@@ -28,7 +28,10 @@ from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["NEIGHBOURS", "Surface", "area_vectors", "boundary_facets", "diameters"]
+__all__ = [
+    *("NEIGHBOURS", "Surface"),
+    *("area_vectors", "boundary_facets", "diameters", "sharpest_corner"),
+]
 
 # Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
 _NO_LENGTH = 1e-12
@@ -51,9 +54,12 @@ class Surface(Declaration):
         V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
+        smooth: Whether nodes that touch its segments see a smooth surface through its nodes, by
+            curved patches, instead of flat facets (``search/smooth_patches.py``). Edges at which
+            facets turn by more than 30 degrees stay sharp. Needs degree 1.
 
     Attributes:
-        V: The space.
+        V, smooth: The arguments.
         name: Name of the region, or ``surface`` with the tag, for messages.
         nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
             ``(n,)``.
@@ -80,13 +86,20 @@ class Surface(Declaration):
         1.0
     """
 
-    def __init__(self, V: fem.FunctionSpace, facets: MeshTags, tag: int) -> None:
+    def __init__(
+        self, V: fem.FunctionSpace, facets: MeshTags, tag: int, *, smooth: bool = False
+    ) -> None:
         """Check the arguments, and collect nodes and oriented segments."""
         check_space(V)
+        if smooth and (degree := Element.of(V).degree) > 1:
+            raise ValueError(
+                f"expected displacements of degree 1 with smooth=True, given degree {degree}: on "
+                "curved cells (setOrder(2) in gmsh) surfaces of degree 2 are round themselves"
+            )
         mesh = V.mesh
         tdim = mesh.topology.dim
         check_tag(V, facets, tag, tdim - 1, "facets")
-        self.V, self._facets, self._tag = V, facets, tag
+        self.V, self._facets, self._tag, self.smooth = V, facets, tag, bool(smooth)
         self.name = NamedTag.name_of(tag, "surface")
 
         mesh.topology.create_connectivity(tdim - 1, tdim)
@@ -145,16 +158,20 @@ class Surface(Declaration):
     def __repr__(self) -> str:
         """Tag, and numbers of nodes and segments on this rank, in one line. Local."""
         sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
-        return as_call(self, tag=int(self._tag), **sizes)
+        kind = {"smooth": True} if self.smooth else {}
+        return as_call(self, tag=int(self._tag), **kind, **sizes)
 
     @classmethod
-    def where(cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> "Surface":
+    def where(
+        cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any], *, smooth: bool = False
+    ) -> "Surface":
         """Make a surface of the facets of the boundary at given places. Collective.
 
         Args:
             V: Vector space of the displacement.
             predicate: Function of reference positions, shape ``(3, n)`` [m], that returns
                 ``(n,)`` booleans; a facet is taken if they are true at all its vertices.
+            smooth: As of the class.
 
         Returns:
             The surface.
@@ -163,11 +180,16 @@ class Surface(Declaration):
             ValueError: The space does not fit, the function returns another shape, or no facet
                 is taken.
         """
-        return cls.of(V, boundary_facets(V, predicate))
+        return cls.of(V, boundary_facets(V, predicate), smooth=smooth)
 
     @classmethod
     def of(
-        cls, V: fem.FunctionSpace, facets: Ints, name: str = "a part of the boundary"
+        cls,
+        V: fem.FunctionSpace,
+        facets: Ints,
+        name: str = "a part of the boundary",
+        *,
+        smooth: bool = False,
     ) -> "Surface":
         """Make a surface of given facets. Collective.
 
@@ -176,6 +198,7 @@ class Surface(Declaration):
             facets: Local indices of facets on the boundary, each on the rank that owns it,
                 shape ``(s,)``.
             name: What messages call the surface.
+            smooth: As of the class.
 
         Returns:
             The surface.
@@ -187,7 +210,7 @@ class Surface(Declaration):
             raise ValueError("expected facets of the boundary, given none")
         ordered = np.sort(facets).astype(np.int32)
         tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))
-        return cls(V, tags, NamedTag(1, name))
+        return cls(V, tags, NamedTag(1, name), smooth=smooth)
 
     @cached_property
     def node_ids(self) -> GlobalInts:
@@ -268,25 +291,6 @@ class Surface(Declaration):
                     rows.append(cells[:, [node, end]])
         return np.unique(np.concatenate(rows), axis=0)
 
-    def sharpest_corner(self) -> float:
-        """Find the least sine of an angle between two edges of a segment. Collective.
-
-        Returns:
-            The sine in the reference configuration [-], 0 if an edge has no length but for
-            round-off.
-        """
-        x = self.V.tabulate_dof_coordinates()[self.segments]
-        if x.shape[1] == 2:  # no corner within an edge
-            has_length = diameters(x) > _NO_LENGTH * self.size
-            return float(reductions.everywhere(self.V.mesh.comm, bool(has_length.all())))
-        neighbours = np.array(NEIGHBOURS[self.segments.shape[1]])
-        a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
-        length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
-        area = np.linalg.norm(np.cross(a, b), axis=-1)
-        good = np.minimum(length_a, length_b) > _NO_LENGTH * self.size
-        sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
-        return float(reductions.least(self.V.mesh.comm, sine.min(initial=1.0)))
-
     def _number(self) -> GlobalInts:
         """Number all segments in the order of the numbers of their nodes. Collective."""
         comm = self.V.mesh.comm
@@ -297,6 +301,29 @@ class Surface(Declaration):
         key[order] = np.arange(len(order))
         first = sum(len(part) for part in parts[: comm.rank])
         return key[first : first + len(mine)]
+
+
+def sharpest_corner(surface: Surface) -> float:
+    """Find the least sine of an angle between two edges of a segment. Collective.
+
+    Args:
+        surface: The surface.
+
+    Returns:
+        The sine in the reference configuration [-], 0 if an edge has no length but for
+        round-off.
+    """
+    x = surface.V.tabulate_dof_coordinates()[surface.segments]
+    if x.shape[1] == 2:  # no corner within an edge
+        has_length = diameters(x) > _NO_LENGTH * surface.size
+        return float(reductions.everywhere(surface.V.mesh.comm, bool(has_length.all())))
+    neighbours = np.array(NEIGHBOURS[surface.segments.shape[1]])
+    a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))
+    length_a, length_b = np.linalg.norm(a, axis=-1), np.linalg.norm(b, axis=-1)
+    area = np.linalg.norm(np.cross(a, b), axis=-1)
+    good = np.minimum(length_a, length_b) > _NO_LENGTH * surface.size
+    sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
+    return float(reductions.least(surface.V.mesh.comm, sine.min(initial=1.0)))
 
 
 def diameters(x: Floats) -> Floats:

@@ -39,6 +39,8 @@ class GlobalSearch(Search):
     _margin = 3.0
     # Global numbers and owners of nodes whose values are needed beside those of the segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
+    # Weights of the nodes of smooth segments in their control points.
+    _weights: tuple[Floats, ...] = ()
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
         """Prepare what is sent of the segments of this rank."""
@@ -102,9 +104,9 @@ class GlobalSearch(Search):
         lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
         near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
         size = diameters(x_vertex.swapaxes(0, 1))
-        mine = (*self._offer, size)
+        mine = (*self._offer, size, *self._weights)
         parts = exchanged(comm, [tuple(values[n] for values in mine) for n in near])
-        ids, owners, orientation, key, thickness, size = (
+        ids, owners, orientation, key, thickness, size, *weights = (
             np.concatenate([part[i] for part in parts]) for i in range(len(mine))
         )
         order = np.argsort(key)
@@ -122,11 +124,9 @@ class GlobalSearch(Search):
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
         scatter = NodalScatter(space, is_local=comm.size == 1)
-        orientation, key, size, thickness = (
-            values[order] for values in (orientation, key, size, thickness)
-        )
+        values = (orientation, key, size, thickness, *weights)
         vertices, others = np.split(local.astype(np.int32), [len(local) - num_others])
-        found = FoundSegments(scatter, vertices.reshape(shape), orientation, key, size, thickness)
+        found = FoundSegments(scatter, vertices.reshape(shape), *(each[order] for each in values))
         return self._make(found, others, x, reach)
 
     def _offered(self, x: Floats) -> Floats:

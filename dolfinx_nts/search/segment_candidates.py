@@ -27,6 +27,8 @@ class FoundSegments(NamedTuple):
         key: Number of each segment, the same on any partition, ascending, ``(s,)``.
         size: Current diameters, shape ``(s,)`` [m].
         thickness: Heights of the cells below the segments, ``(s,)`` [m, reference].
+        weights: Of the nodes of smooth segments, their vertices and those around, in control
+            points, shape ``(s, c, k)``; None of flat segments.
     """
 
     scatter: NodalScatter
@@ -35,6 +37,7 @@ class FoundSegments(NamedTuple):
     key: GlobalInts
     size: Floats
     thickness: Floats
+    weights: Floats | None = None
 
 
 class SegmentCandidates(Candidates):
@@ -52,7 +55,7 @@ class SegmentCandidates(Candidates):
     def __init__(self, found: FoundSegments, first: Ints | None = None) -> None:
         """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
-        self.size, self._thickness = found[4:]
+        self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/segment.h"
+#include "nts/geometry/patch.h"
 #include "numpy.h"
 
 #include <concepts>
@@ -161,6 +161,39 @@ auto dispatch(std::size_t vertices, Function&& function)
                               .c_str());
   }
 }
+
+/// @brief Flat segments as kinds of segments, see `dispatch`.
+struct FlatSegments
+{
+  template <class Function>
+  static auto dispatch(std::size_t vertices, Function&& function)
+  {
+    return bindings::dispatch(vertices, std::forward<Function>(function));
+  }
+};
+
+/// @brief Smooth segments as kinds of segments, by their control points.
+struct Patches
+{
+  template <class Function>
+  static auto dispatch(std::size_t points, Function&& function)
+  {
+    switch (points)
+    {
+    case CubicEdge::vertices:
+      return function.template operator()<CubicEdge>();
+    case CubicTriangle::vertices:
+      return function.template operator()<CubicTriangle>();
+    case BicubicQuad::vertices:
+      return function.template operator()<BicubicQuad>();
+    default:
+      throw nb::value_error(("expected patches of 4, 10 or 16 control points, "
+                             "given "
+                             + std::to_string(points))
+                                .c_str());
+    }
+  }
+};
 
 /// @brief The same for segments in space.
 template <class Function>

@@ -1,5 +1,6 @@
 #include "array.h"
 #include "nts/contact/batch.h"
+#include "nts/contact/patch_gradient.h"
 
 #include <nanobind/stl/tuple.h>
 
@@ -22,7 +23,7 @@ std::array<std::size_t, 2> pairs_and_vertices(const Doubles& x_pair_n,
   return {m, k};
 }
 
-template <Scheme scheme>
+template <class Kind, Scheme scheme>
 auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                    const Doubles& orientation)
 {
@@ -36,16 +37,17 @@ auto contact_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   auto turn = create<double>({m});
   const ContactArrays out{view(gap_n),    view(gap),     view(force),
                           view(gradient), view(tangent), view(turn)};
-  dispatch(k,
-           [&]<class S>()
-           {
-             const nb::gil_scoped_release release;
-             nts::contact<S, scheme>(view(x_pair_n), view(x_pair),
-                                     view(orientation), out);
-           });
+  Kind::dispatch(k,
+                 [&]<class S>()
+                 {
+                   const nb::gil_scoped_release release;
+                   nts::contact<S, scheme>(view(x_pair_n), view(x_pair),
+                                           view(orientation), out);
+                 });
   return std::tuple(gap_n, gap, force, gradient, tangent, turn);
 }
 
+template <class Kind>
 auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
                 const Doubles& orientation)
 {
@@ -60,12 +62,13 @@ auto slip_batch(const Doubles& x_pair_n, const Doubles& x_pair,
   auto frame = create<double>({m, 2, 3});
   const SlipArrays out{view(value), view(force),   view(gradient), view(w),
                        view(b),     view(frame_n), view(frame)};
-  dispatch(k,
-           [&]<class S>()
-           {
-             const nb::gil_scoped_release release;
-             slips<S>(view(x_pair_n), view(x_pair), view(orientation), out);
-           });
+  Kind::dispatch(k,
+                 [&]<class S>()
+                 {
+                   const nb::gil_scoped_release release;
+                   slips<S>(view(x_pair_n), view(x_pair), view(orientation),
+                            out);
+                 });
   return std::tuple(value, force, gradient, w, b, frame_n, frame);
 }
 
@@ -99,17 +102,27 @@ void contact(nb::module_& m)
       = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> gap_n (m,), gap (m,), force and "
         "gradient (m, 3(1+k)), tangent (m, 3(1+k), 3(1+k)), turn (m,), all NaN "
         "where a pair cannot be evaluated";
-  m.def("contact_midpoint", &contact_batch<Scheme::midpoint>,
-        nb::arg("x_pair_n"), nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("contact_conserving", &contact_batch<Scheme::conserving>,
-        nb::arg("x_pair_n"), nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("contact_static", &contact_batch<Scheme::statics>, nb::arg("x_pair_n"),
-        nb::arg("x_pair"), nb::arg("orientation"), doc);
-  m.def("slip", &slip_batch, nb::arg("x_pair_n"), nb::arg("x_pair"),
-        nb::arg("orientation"),
-        "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
+  const auto schemes = [&]<class Kind>(const std::string& kind)
+  {
+    const auto add = [&](const char* scheme, auto* batch)
+    {
+      m.def((kind + scheme).c_str(), batch, nb::arg("x_pair_n"),
+            nb::arg("x_pair"), nb::arg("orientation"), doc);
+    };
+    add("_midpoint", &contact_batch<Kind, Scheme::midpoint>);
+    add("_conserving", &contact_batch<Kind, Scheme::conserving>);
+    add("_static", &contact_batch<Kind, Scheme::statics>);
+  };
+  schemes.operator()<FlatSegments>("contact");
+  schemes.operator()<Patches>("patch");
+  constexpr const char* slip_doc
+      = "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "
         "(m, 2, 3(1+k)), w (m, 1+k), b (m, 2, 1+k), frame_n and frame "
-        "(m, 2, 3)");
+        "(m, 2, 3)";
+  m.def("slip", &slip_batch<FlatSegments>, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"), slip_doc);
+  m.def("patch_slip", &slip_batch<Patches>, nb::arg("x_pair_n"),
+        nb::arg("x_pair"), nb::arg("orientation"), slip_doc);
   m.def("convective_slip", &convective_slip_batch, nb::arg("x_pair_n"),
         nb::arg("x_pair"), nb::arg("orientation"),
         "(m, 1+k, 3), (m, 1+k, 3), (m,) -> value (m, 2), force and gradient "

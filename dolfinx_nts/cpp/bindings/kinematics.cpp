@@ -1,5 +1,6 @@
 #include "array.h"
 #include "nts/contact/batch.h"
+#include "nts/geometry/patch_projection.h"
 
 #include <nanobind/stl/tuple.h>
 
@@ -41,6 +42,7 @@ typename Invariants<S>::Values load_invariants(const Doubles& pi,
   return values;
 }
 
+template <class Kind>
 auto project_batch(const Doubles& x_pair, const Doubles& orientation)
 {
   const std::size_t k = segment_vertices("x_pair", x_pair);
@@ -50,18 +52,19 @@ auto project_batch(const Doubles& x_pair, const Doubles& orientation)
   auto gap = create<double>({m});
   auto normal = create<double>({m, 3});
   auto status = create<std::int8_t>({m});
-  dispatch(k,
-           [&]<class S>()
-           {
-             for (std::size_t i = 0; i < m; ++i)
-             {
-               const Projection<S> p = project_pair<S>(x_pair, orientation, i);
-               store(p.xi, view(xi), i);
-               gap.data()[i] = p.gap;
-               store(p.normal, view(normal), i);
-               status.data()[i] = p.converged ? 0 : 1;
-             }
-           });
+  Kind::dispatch(k,
+                 [&]<class S>()
+                 {
+                   for (std::size_t i = 0; i < m; ++i)
+                   {
+                     const Projection<S> p
+                         = project_pair<S>(x_pair, orientation, i);
+                     store(p.xi, view(xi), i);
+                     gap.data()[i] = p.gap;
+                     store(p.normal, view(normal), i);
+                     status.data()[i] = p.converged ? 0 : 1;
+                   }
+                 });
   return std::tuple(xi, gap, normal, status);
 }
 
@@ -178,9 +181,13 @@ auto average_gradient_batch(const Doubles& invariants_n,
 
 void kinematics(nb::module_& m)
 {
-  m.def("project", &project_batch, nb::arg("x_pair"), nb::arg("orientation"),
-        "(m, 1+k, 3), (m,) -> xi (m, 2), gap (m,), normal (m, 3), status (m,): "
-        "0 converged, 1 not (NaN)");
+  constexpr const char* project_doc
+      = "(m, 1+k, 3), (m,) -> xi (m, 2), gap (m,), normal (m, 3), status (m,): "
+        "0 converged, 1 not (NaN)";
+  m.def("project", &project_batch<FlatSegments>, nb::arg("x_pair"),
+        nb::arg("orientation"), project_doc);
+  m.def("patch_project", &project_batch<Patches>, nb::arg("x_pair"),
+        nb::arg("orientation"), project_doc);
   m.def("gap_gradient", &gap_gradient_batch, nb::arg("x_pair"),
         nb::arg("orientation"), "(m, 1+k, 3), (m,) -> (m, 3(1+k))");
   m.def("gap_hessian", &gap_hessian_batch, nb::arg("x_pair"),

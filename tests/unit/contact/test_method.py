@@ -104,3 +104,41 @@ def test_edges_are_a_pair_beside_that_of_the_nodes_but_only_once(boundaries):
     nts.EnergyMomentum(bodies, pairs, dt=0.01)
     with pytest.raises(ValueError, match="expected each pair once"):
         nts.EnergyMomentum(bodies, [*pairs, pairs[1]], dt=0.01)
+
+
+NOT_SMOOTH = {
+    "method 'node-to-segment', given 'mortar'": {"method": "mortar"},
+    "friction by the law 'objective', given": {
+        "enforcement": nts.Penalty(1.0),
+        "friction": nts.Coulomb(0.3, law="convective"),
+    },
+    "an enforcement by which nodes can part and slide, given Tied": {"enforcement": nts.Tied()},
+    "impact 'elastic' or 'plastic', given LagrangeMultiplier": {
+        "enforcement": nts.LagrangeMultiplier("resolved")
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """Bodies, the nodes of the upper one, and the smooth boundary of the lower one."""
+    stepper = scenes.blocks(MPI.COMM_WORLD).stepper
+    (pair,) = stepper.pairs
+    return stepper.bodies, pair.nodes, nts.boundary_of(stepper.bodies[0], smooth=True)
+
+
+@pytest.mark.parametrize("message", NOT_SMOOTH)
+def test_laws_that_smooth_segments_cannot_do_are_refused(smooth, message):
+    with pytest.raises(ValueError, match=f"with smooth segments, {message}") as caught:
+        nts.ContactPair(*smooth[1:], **NOT_SMOOTH[message])
+    assert "segments without smooth=True can do this" in str(caught.value)
+
+
+def test_smooth_segments_touch_neither_themselves_nor_in_explicit_steps(smooth):
+    bodies, nodes, segments = smooth
+    with pytest.raises(ValueError, match="two surfaces, given one that touches itself"):
+        nts.ContactPair(segments, segments)
+    pair = nts.ContactPair(nodes, segments, nts.Penalty())
+    with pytest.raises(ValueError, match="without smooth=True with CentralDifference, given the"):
+        nts.CentralDifference(bodies, [pair])
+    assert "smooth=True" in repr(segments) and "smooth" not in repr(nodes)

@@ -9,7 +9,7 @@ from dolfinx.mesh import GhostMode, meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts.meshing.gmsh import read_mesh
-from dolfinx_nts.model.surfaces import area_vectors
+from dolfinx_nts.model.surfaces import area_vectors, sharpest_corner
 from helpers import scenes
 
 # Of sums over some hundred facets of lengths of about one.
@@ -70,7 +70,7 @@ def test_facets_of_degree_2_are_four_segments_on_all_their_nodes(comm, cell, gho
     area = np.linalg.norm(np.cross(*sides), axis=1) / (2 if cell == "tetrahedron" else 1)
     np.testing.assert_allclose(area, 1.2 / number, rtol=ROUNDING)
     np.testing.assert_allclose(surface.size, np.hypot(0.2, 0.125), rtol=ROUNDING)
-    assert surface.sharpest_corner() > 0.5
+    assert sharpest_corner(surface) > 0.5
 
 
 def test_ball_has_the_nodes_and_segments_of_its_outside(comm):

@@ -1,0 +1,99 @@
+"""Smooth segments as candidates: cubic patches on facets, by the nodes around these."""
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts._kernels import HYSTERESIS
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+
+__all__ = ["SmoothCandidates"]
+
+# How far beside the middle of a patch [-], in its coordinates, it still stands for the surface:
+# half of it, and as much beyond an edge.
+_BESIDE = 1.0
+
+
+class SmoothCandidates(SegmentCandidates):
+    """Smooth segments within reach of this rank's points, see `Candidates`.
+
+    Facets say which segment a point faces, as they do without patches. Gap, force and slip are
+    those of the patch; its *vertices* are all nodes on which it depends.
+
+    Args:
+        found: The facets, with the nodes of the patches and their weights.
+        k: Number of vertices of a facet, which come first among the nodes.
+    """
+
+    def __init__(self, found: FoundSegments, k: int) -> None:
+        """Tell facets and patches apart."""
+        super().__init__(found._replace(vertices=np.ascontiguousarray(found.vertices[:, :k])))
+        assert found.weights is not None
+        self._vertices, self.segments = self.segments, found.vertices
+        # Weights of point and nodes in point and control points, which are a pair for the kernels.
+        s, c, m = found.weights.shape
+        self._weights = np.zeros((s, 1 + c, 1 + m))
+        self._weights[:, 0, 0], self._weights[:, 1:, 1:] = 1.0, found.weights
+
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose a segment for each point by facets, see `Candidates.pair`."""
+        segment, gap = super().pair(points, x, current, reach, slack)
+        some = np.flatnonzero(segment >= 0).astype(np.int32)
+        if len(some):
+            pairs, orientation = self._patches(points.take(some), x, segment[some])
+            xi, smooth, *_ = _kernels.patch_project(pairs, orientation)
+            near = np.abs(xi - 0.5).max(axis=1) <= _BESIDE  # false where there is no projection
+            gap[some[near]] = smooth[near]
+        return segment, gap
+
+    def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Compute the gap of points to given patches, see `Candidates.gap`."""
+        return _kernels.patch_project(*self._patches(points, x, segment))[1]
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs, see `Candidates.contact`."""
+        kernel = getattr(_kernels, f"patch_{scheme}")
+        found = ContactKinematics(*kernel(*self._both_states(points, x_n, x, segment)))
+        weights = self._weights[segment]
+        m, c, n = weights.shape
+        to_nodes = weights.swapaxes(1, 2)
+        force, gradient = (
+            (to_nodes @ values.reshape(m, c, 3)).reshape(m, 3 * n)
+            for values in (found.force, found.gradient)
+        )
+        tangent = found.tangent.reshape(m, c, 3, c, 3).transpose(0, 2, 4, 1, 3)
+        tangent = to_nodes[:, None, None] @ tangent @ weights[:, None, None]
+        tangent = tangent.transpose(0, 3, 1, 4, 2).reshape(m, 3 * n, 3 * n)
+        return found._replace(force=force, gradient=gradient, tangent=tangent)
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
+        pairs = self._both_states(points, x_n, x, segment)
+        *values, frame_n, frame = _kernels.patch_slip(*pairs)
+        slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+        return slip.combined(self._weights[segment])
+
+    def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
+        """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
+        return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
+
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Positions of points and control points, shape ``(m, 1+c, 3)`` [m]."""
+        pairs: Floats = self._weights[segment] @ super().pairs(points, x, segment)
+        return pairs
+
+    def _patches(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+        """Positions of pairs, and orientations of their segments."""
+        return self.pairs(points, x, segment), self.orientation.take(segment)

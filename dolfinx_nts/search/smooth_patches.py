@@ -1,0 +1,132 @@
+"""Smooth surfaces: a cubic patch on each facet, linear in the positions of nodes around it.
+
+The edges of a facet become cubic curves through its vertices with the tangents of
+`smooth_tangents`; neighbours share them, so that there are no gaps. Within them a quadrilateral
+is Coons' patch of its four curves, and a triangle the cubic one that contains all quadratic
+surfaces: both are exact where the surface is quadratic in their coordinates. A patch is given
+by the control points of Bezier's form, see `cpp/nts/geometry/patch.h`, each a sum of nodes with
+constant weights of sum one: rigid motions carry it along, and planes stay planes.
+"""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.smooth_tangents import Row, SmoothTangents
+from dolfinx_nts.search.whole_surface import WholeSurface, local_edges
+
+__all__ = ["SmoothPatches"]
+
+
+class SmoothPatches:
+    """Patches on the facets of a rank, by nodes around them. Collective.
+
+    Args:
+        surface: The surface, of degree 1.
+
+    Attributes:
+        ids: Global numbers of the nodes of each facet, its vertices in Basix order first, then
+            those around; where a facet has fewer than others, the first vertex comes again.
+            Shape ``(s, m)``.
+        owners: Their ranks, shape ``(s, m)``.
+        weights: Weights of these nodes in the ``c`` control points, shape ``(s, c, m)``.
+    """
+
+    ids: GlobalInts
+    owners: Ints
+    weights: Floats
+
+    def __init__(self, surface: Surface) -> None:
+        """Compute the weights in the reference configuration."""
+        whole = WholeSurface.of(surface)
+        k = whole.facets.shape[1]
+        tangents, control, edges = SmoothTangents(whole), _CONTROL[k], local_edges(k)
+        found: list[tuple[Ints, Floats]] = []
+        for facet in surface.key:
+            vertices = whole.facets[facet]
+            rows: list[Row] = [(vertices[i : i + 1], np.ones(1)) for i in range(k)]
+            for edge, (a, _) in zip(whole.facet_edges[facet], edges, strict=True):
+                reverse = whole.edges[edge, 0] != vertices[a]
+                for end in (0, 1):
+                    nodes, weights = tangents.at(edge, end ^ reverse)
+                    rows.append((nodes, -weights if reverse else weights))
+            found.append(_gathered(vertices, rows, control))
+        comm = surface.V.mesh.comm
+        width = max((len(nodes) for nodes, _ in found), default=0)
+        width = int(reductions.largest(comm, float(width)))
+        nodes = np.empty((len(found), width), dtype=np.int32)
+        self.weights = np.zeros((len(found), len(control), width))
+        for facet, (own, weights) in enumerate(found):
+            nodes[facet] = own[0]
+            nodes[facet, : len(own)] = own
+            self.weights[facet, :, : len(own)] = weights
+        self.ids, self.owners = whole.dofs[nodes], whole.owners[nodes]
+
+    @classmethod
+    def of(cls, surface: Surface) -> "SmoothPatches":
+        """Compute the patches of a surface once for all its pairs. Collective."""
+        if surface not in _KNOWN:
+            _KNOWN[surface] = cls(surface)
+        return _KNOWN[surface]
+
+
+# Patches of surfaces that still exist.
+_KNOWN: WeakKeyDictionary[Surface, SmoothPatches] = WeakKeyDictionary()
+
+
+def _gathered(vertices: Ints, rows: list[Row], control: Floats) -> tuple[Ints, Floats]:
+    """Nodes of a facet, vertices first, and their weights in the control points."""
+    others = np.setdiff1d(np.concatenate([nodes for nodes, _ in rows]), vertices)
+    nodes = np.concatenate([vertices, others])
+    order = np.argsort(nodes)
+    values = np.zeros((len(rows), len(nodes)))
+    for row, (own, weights) in zip(values, rows, strict=True):
+        row[order[np.searchsorted(nodes, own, sorter=order)]] = weights
+    return nodes, control @ values
+
+
+def _edge() -> Floats:
+    """Control points, by both ends and both tangents: those of a cubic curve."""
+    return np.array([[1, 0, 0, 0], [1, 0, 1 / 3, 0], [0, 1, 0, -1 / 3], [0, 1, 0, 0]])
+
+
+def _curves(k: int) -> list[Floats]:
+    """Control points of each edge, ``(4, 3 k)``, by the vertices and tangents of a facet."""
+    curves: list[Floats] = []
+    for number, ends in enumerate(local_edges(k)):
+        curve = np.zeros((4, 3 * k))
+        curve[:, [*ends, k + 2 * number, k + 2 * number + 1]] = _edge()
+        curves.append(curve)
+    return curves
+
+
+def _quadrilateral() -> Floats:
+    """Control points of Coons' patch, ``(16, 12)``, number i + 4 j, by vertices and tangents."""
+    bottom, left, right, top = _curves(4)
+    points = np.zeros((4, 4, 12))  # j, i
+    points[0], points[3], points[:, 0], points[:, 3] = bottom, top, left, right
+    for i in (1, 2):
+        for j in (1, 2):
+            u, v = i / 3, j / 3
+            ruled = (1 - v) * bottom[i] + v * top[i] + (1 - u) * left[j] + u * right[j]
+            corners = (1 - v) * ((1 - u) * bottom[0] + u * bottom[3])
+            corners += v * ((1 - u) * top[0] + u * top[3])
+            points[j, i] = ruled - corners
+    return points.reshape(16, 12)
+
+
+def _triangle() -> Floats:
+    """Control points of a triangle, ``(10, 9)``, numbered as in `patch.h`, by the same."""
+    far, left, bottom = _curves(3)  # from vertex 1 to 2, 0 to 2, 0 to 1
+    points = np.array([*bottom, left[1], np.zeros(9), far[1], left[2], far[2], left[3]])
+    inner = [bottom[1], bottom[2], left[1], left[2], far[1], far[2]]
+    corners = [bottom[0], bottom[3], left[3]]
+    points[5] = 1.5 * np.mean(inner, axis=0) - 0.5 * np.mean(corners, axis=0)
+    return points
+
+
+# Control points by the vertices of a facet and the tangents at both ends of its edges.
+_CONTROL = {2: _edge(), 3: _triangle(), 4: _quadrilateral()}

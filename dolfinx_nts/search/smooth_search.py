@@ -1,0 +1,34 @@
+"""Global search of smooth segments, which need nodes around their facets, too."""
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.smooth_candidates import SmoothCandidates
+from dolfinx_nts.search.smooth_patches import SmoothPatches
+
+__all__ = ["SmoothSearch"]
+
+
+class SmoothSearch(GlobalSearch):
+    """Finds smooth segments that nodes of another surface can reach, see `GlobalSearch`.
+
+    Args:
+        nodes: Surface whose nodes look for segments.
+        segments: Surface that offers segments.
+        patches: Those on its facets.
+    """
+
+    candidates: SmoothCandidates
+
+    def __init__(self, nodes: Surface, segments: Surface, patches: SmoothPatches) -> None:
+        """Offer the nodes of the patches with their weights."""
+        super().__init__(nodes, segments)
+        self._offer = patches.ids, patches.owners, *self._offer[2:]
+        self._weights = (patches.weights,)
+
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> SmoothCandidates:
+        """Tell facets and patches apart, see `GlobalSearch`."""
+        return SmoothCandidates(found, self.num_vertices)

@@ -1,0 +1,104 @@
+"""A surface in the reference configuration, with the facets of all ranks."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.model.rims import FACET_EDGES
+from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.search.global_search import owners_of
+
+__all__ = ["WholeSurface"]
+
+# Cosine of the angle [-] by which a surface turns at most where it is smooth: 30 degrees.
+_SHARP = np.cos(np.pi / 6)
+
+
+class WholeSurface(NamedTuple):
+    """Facets of a surface on all ranks, numbered in the same way on any partition. Local.
+
+    Attributes:
+        X: Reference positions of the ``n`` nodes, ordered by their numbers in the mesh, shape
+            ``(n, 3)`` [m].
+        facets: Vertices of all facets in Basix order, ordered by their keys, shape ``(f, k)``.
+        orientation: +1 where a_1 x a_2 points outward, otherwise -1, shape ``(f,)``.
+        edges: Both ends of each edge, those of the plane are the facets, shape ``(e, 2)``.
+        facet_edges: Edges of each facet, as `local_edges` has them, shape ``(f, c)``.
+        is_feature: Edges where the surface turns by more than 30 degrees or ends, and all of the
+            plane, shape ``(e,)``.
+        dofs: Global numbers of the nodes in the space, shape ``(n,)``.
+        owners: Their ranks, shape ``(n,)``.
+    """
+
+    X: Floats
+    facets: Ints
+    orientation: Floats
+    edges: Ints
+    facet_edges: Ints
+    is_feature: Flags
+    dofs: GlobalInts
+    owners: Ints
+
+    @classmethod
+    def of(cls, surface: Surface) -> "WholeSurface":
+        """Collect the facets of all ranks. Collective."""
+        space, comm = surface.V.dofmap.index_map, surface.V.mesh.comm
+        vertices = surface.segments
+        own = (
+            surface.key,
+            surface.orientation,
+            input_ids(surface.V)[vertices],
+            space.local_to_global(vertices.ravel()).reshape(vertices.shape),
+            owners_of(space)[vertices],
+            surface.V.tabulate_dof_coordinates()[vertices],
+        )
+        order = np.argsort(joined(comm, surface.key))
+        _, orientation, ids, dofs, owners, X = (joined(comm, values)[order] for values in own)
+        _, first, node = np.unique(ids.ravel(), return_index=True, return_inverse=True)
+        facets = node.reshape(ids.shape).astype(np.int32)
+        X = X.reshape(-1, 3)[first]
+        edges, facet_edges = _edges(facets)
+        is_feature = _features(X, facets, orientation, len(edges), facet_edges)
+        dofs, owners = dofs.ravel()[first], owners.ravel()[first]
+        return cls(X, facets, orientation, edges, facet_edges, is_feature, dofs, owners)
+
+    @property
+    def normals(self) -> Floats:
+        """Outward normals of the facets, as long as their areas, shape ``(f, 3)`` [m^2]."""
+        return area_vectors(self.X[self.facets], self.orientation)
+
+
+def local_edges(k: int) -> list[tuple[int, int]]:
+    """Vertices at both ends of each edge of a facet of k vertices; one edge in the plane."""
+    return [(0, 1)] if k == 2 else [(a, b) for a, b in FACET_EDGES[k]]
+
+
+def _edges(facets: Ints) -> tuple[Ints, Ints]:
+    """Edges of facets, lower number first, and those of each facet."""
+    ends = np.sort(facets[:, local_edges(facets.shape[1])], axis=2)
+    edges, number = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+    return edges, number.reshape(ends.shape[:2]).astype(np.int32)
+
+
+def _features(
+    X: Floats, facets: Ints, orientation: Floats, num_edges: int, facet_edges: Ints
+) -> Flags:
+    """Which edges do not have two facets that turn by less than some angle."""
+    if facets.shape[1] == 2:
+        return np.ones(num_edges, dtype=bool)
+    normals = area_vectors(X[facets], orientation)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(length > 0, length, 1.0)
+    facet = np.repeat(np.arange(len(facets)), facet_edges.shape[1])
+    order = np.argsort(facet_edges.ravel(), kind="stable")
+    edge, facet = facet_edges.ravel()[order], facet[order]
+    count = np.bincount(edge, minlength=num_edges)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    two = np.flatnonzero(count == 2)
+    cosine = np.einsum("ei,ei->e", normals[facet[first[two]]], normals[facet[first[two] + 1]])
+    is_feature = np.ones(num_edges, dtype=bool)
+    is_feature[two] = cosine < _SHARP
+    return is_feature

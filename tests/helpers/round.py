@@ -1,0 +1,108 @@
+"""Scenes of round bodies with smooth surfaces: two rings in the plane, two hollow balls."""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+import dolfinx_nts as nts
+from dolfinx_nts import compat, parts
+from helpers.plane import turning
+
+__all__ = ["balls", "rings", "throw"]
+
+RUBBER = (1.0e5, 0.3, 1.0e3)  # Young's modulus [Pa], Poisson's ratio, density [kg/m^3]
+
+
+def ring_mesh(
+    comm: MPI.Comm, centres: list[tuple[float, float]], cells: int, cell: str, angle: float
+) -> mesh.Mesh:
+    """Rings of radii 0.5 and 1 m with two layers of ``cells`` quadrilaterals, or triangles."""
+    radii, points, quads = np.array([0.5, 0.75, 1.0]), [], []
+    for number, centre in enumerate(centres):
+        phi = 2 * np.pi * (np.arange(cells) + 0.3 * number) / cells
+        around = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        points.append((radii[:, None, None] * around).reshape(-1, 2) + centre)
+        node = np.arange(3 * cells).reshape(3, cells) + 3 * cells * number
+        corners = [node[:-1], np.roll(node, -1, 1)[:-1], node[1:], np.roll(node, -1, 1)[1:]]
+        quads.append(np.stack([corner.ravel() for corner in corners], axis=1))
+    topology = np.concatenate(quads)
+    if cell == "triangle":
+        topology = np.concatenate([topology[:, [0, 1, 3]], topology[:, [0, 3, 2]]])
+    x = np.concatenate(points) @ turning(angle).T
+    root = comm.rank == 0
+    element = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(2,)))
+    partitioner = compat.cell_partitioner(mesh.GhostMode.none)
+    none = topology[:0]
+    return mesh.create_mesh(
+        comm, topology if root else none, x if root else x[:0], element, partitioner=partitioner
+    )
+
+
+def rings(
+    comm: MPI.Comm,
+    *,
+    smooth: bool = True,
+    cells: int = 16,
+    cell: str = "quadrilateral",
+    angle: float = 0.0,
+    rigid: bool = False,
+    scheme: Any = nts.EnergyMomentum,
+    dt: float = 0.01,
+    **laws: Any,
+) -> Any:
+    """Stepper of two rings, the upper one 0.02 m above the lower and a bit aside. Collective."""
+    domain = ring_mesh(comm, [(0.0, 0.0), (0.2, 2.0)], cells, cell, angle)
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    index_map = domain.topology.index_map(2)
+    every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    middle = mesh.compute_midpoints(domain, 2, every)[:, :2] @ turning(-angle).T
+    tags = mesh.meshtags(domain, 2, every, np.where(middle[:, 1] < 1, 1, 2).astype(np.int32))
+    lower = nts.Body(V, tags, 1, nts.NeoHookean(*RUBBER))
+    upper = nts.RigidBody(V, tags, 2, RUBBER[2]) if rigid else None
+    upper = upper or nts.Body(V, tags, 2, nts.NeoHookean(*RUBBER))
+    pair = nts.ContactPair(nts.boundary_of(upper), nts.boundary_of(lower, smooth=smooth), **laws)
+    return scheme([lower, upper], [pair], dt=dt)
+
+
+def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **laws: Any) -> Any:
+    """Stepper of two hollow balls, the upper one 0.02 m above the lower, aside. Collective."""
+
+    def scene(model: Any) -> None:
+        for name, centre in (("lower", (0.0, 0.0, 0.0)), ("upper", (0.2, 0.1, 2.0))):
+            parts.add_hollow_ball(
+                *(model, name),
+                centre=centre,
+                inner_radius=0.6,
+                outer_radius=1.0,
+                cells_per_edge=4,
+                layers=1,
+                cell=cell,
+            )
+
+    domain, cells, facets, tag = nts.read_mesh(scene, comm)
+    V = fem.functionspace(domain, ("Lagrange", 1, (3,)))
+    bodies = [nts.Body(V, cells, tag[name], nts.NeoHookean(*RUBBER)) for name in ("lower", "upper")]
+    nodes = nts.Surface(V, facets, tag["upper_outer"])
+    segments = nts.Surface(V, facets, tag["lower_outer"], smooth=smooth)
+    pair = nts.ContactPair(nodes, segments, **laws)
+    return nts.EnergyMomentum(bodies, [pair], dt=0.01)
+
+
+def throw(stepper: Any) -> None:
+    """Let the upper body fall, go sideways and spin, and the lower one spin the other way."""
+    d = stepper.u.function_space.mesh.geometry.dim
+    lower, upper = stepper.bodies
+
+    def velocity(x: np.ndarray, v: tuple[float, ...], spin: float) -> np.ndarray:
+        rows = np.zeros((d, x.shape[1]))
+        rows[:2] = spin * np.array([-x[1], x[0]])
+        return rows + np.array(v[:d])[:, None]
+
+    fall = (0.3, -1.0, 0.0) if d == 2 else (0.3, 0.2, -1.0)
+    stepper.set_velocity(upper, lambda x: velocity(x, fall, 0.5))
+    stepper.set_velocity(lower, lambda x: velocity(x, (0.0, 0.0, 0.0), -0.7))

@@ -1,0 +1,127 @@
+"""Contact with smooth surfaces: round bodies that meet, roll and are pressed together."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from helpers.round import balls, rings, throw
+from helpers.scenes import gathered
+
+
+def run(stepper, num_steps):
+    """Balances at both ends, work of contact, and the most active nodes in a step."""
+    throw(stepper)
+    diagnostics, given, active = nts.Diagnostics(stepper), 0.0, 0
+    first = diagnostics.balance()
+    for _ in range(num_steps):
+        report = stepper.advance()
+        given += sum(report.contact_work)
+        active = max(active, report.num_active)
+    return first, diagnostics.balance(), given, active
+
+
+def check(first, last, given, tol=1e-11):
+    """Energy less what contact gave, and both momenta, are those of the start."""
+    energy = last.total_energy - last.contact_energy
+    assert abs(energy - first.total_energy - given) < 10 * tol * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
+
+
+LAWS = {
+    "elastic": {},
+    "triangles": {"cell": "triangle"},
+    "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "springs": {"enforcement": nts.Penalty()},
+    "friction": {"friction": nts.Coulomb(0.3)},
+    "springs and friction": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
+    "rigid": {"rigid": True},
+}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("law", LAWS)
+def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
+    first, last, given, active = run(rings(comm, angle=0.4, **LAWS[law]), 30)
+    check(first, last, given)
+    assert active > 0
+    if law in ("elastic", "triangles", "rigid"):
+        assert abs(given) < 1e-10 * first.total_energy
+    if "friction" in law:
+        assert given < -1e-4 * first.total_energy
+
+
+@pytest.mark.parametrize(
+    "cell", ["hexahedron", pytest.param("tetrahedron", marks=pytest.mark.serial)]
+)
+def test_balls_bounce_with_exact_energy_and_momenta(comm, cell):
+    first, last, given, active = run(balls(comm, cell=cell), 8)
+    check(first, last, given)
+    assert active > 0
+    assert abs(given) < 1e-10 * first.total_energy
+
+
+@pytest.mark.serial
+def test_friction_of_balls_dissipates_and_keeps_momenta(comm):
+    first, last, given, active = run(balls(comm, friction=nts.Coulomb(0.3)), 8)
+    check(first, last, given)
+    assert active > 0
+    assert given < -1e-4 * first.total_energy
+
+
+def test_any_number_of_ranks_finds_the_same(comm):
+    steppers = [rings(c, friction=nts.Coulomb(0.3)) for c in (comm, MPI.COMM_SELF)]
+    for stepper in steppers:
+        throw(stepper)
+        for _ in range(10):
+            report = stepper.advance()
+        assert report.num_active > 0
+    places = [gathered(s.u.function_space, s.x) for s in steppers]
+    assert np.abs(places[0] - places[1]).max() < 1e-9
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.GeneralizedAlpha])
+def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme):
+    stepper = rings(comm, scheme=scheme, enforcement=nts.Penalty())
+    first, last, given, active = run(stepper, 20)
+    check(first, last, given, tol=1e-3)
+    assert active > 0
+    change = last.linear_momentum - first.linear_momentum
+    assert np.linalg.norm(change) < 1e-11 * np.linalg.norm(first.linear_momentum)
+
+
+@pytest.mark.serial
+def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path):
+    whole, part, rest, flat = (
+        rings(comm, friction=nts.Coulomb(0.3), smooth=smooth)
+        for smooth in (True, True, True, False)
+    )
+    for stepper in (whole, part):
+        throw(stepper)
+    for stepper, num_steps in ((part, 5), (rest, 9)):
+        with nts.Recorder(
+            tmp_path / "run", stepper, checkpoint_every=1, resume=True, fields="xdmf"
+        ) as recorder:
+            for step in stepper.run(until=num_steps * stepper.dt):
+                recorder.write(step)
+        assert stepper.contacts[0].history.active.any()
+    for _ in whole.run(until=9 * whole.dt):
+        pass
+    assert np.array_equal(rest.x, whole.x)
+    with pytest.raises(ValueError, match="pair 1"):
+        nts.Recorder(tmp_path / "run", flat, resume=True, fields="xdmf").__enter__()
+
+
+@pytest.mark.serial
+def test_nodes_are_put_onto_the_smooth_surface(comm):
+    (pair,) = rings(comm).pairs
+    pair = nts.ContactPair(pair.nodes, pair.segments)
+    moved, farthest = nts.close_gaps(pair, within=0.06)
+    assert moved > 0 and farthest > 0.01
+    X = pair.nodes.V.mesh.geometry.x
+    on_circle = np.abs(np.linalg.norm(X, axis=1) - 1) < 1e-6
+    assert np.count_nonzero(on_circle) == 16 + moved
