@@ -12,7 +12,6 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.derivative import Derivative
 from dolfinx_nts.solvers.nodal_sum import NodalSum
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
@@ -97,17 +96,23 @@ class Bulk:
         """Forces of each load at u on the owned dofs [N]. Collective."""
         return [-load for load in self._residual.assembled_each_load()]
 
-    def action(self, x: Floats) -> Floats:
+    def action(self, x: Floats, *, moves_given: bool = False) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.
 
         Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
+            moves_given: Whether x also changes what is given, where the result is 0 then.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
+        if moves_given:
+            direction = self._derivative.turn(x, _NONE)
+            forces = self._forces_by(self._derivative.by("slow"), direction)
+            forces[self.given] = 0
+            return forces.reshape(-1, self._dim)
         return self._along(x, "double")
 
     def rounded_action(self, x: Floats) -> Floats:
@@ -118,45 +123,6 @@ class Bulk:
         """Relative error of `rounded_action`, see `Derivative.rounding`. Collective."""
         self._derivative.turn(x, self.given)
         return self._derivative.rounding()
-
-    def behind(self) -> Floats | None:
-        """Displacements by which u is behind its conditions. Collective.
-
-        Returns:
-            Values at the owned nodes, shape ``(n, d)`` [m]; None where u is as given.
-        """
-        if not self.supports.exist:
-            return None
-        u = self.u.x.array
-        way = (self.supports.applied(u) - u)[: self.num_owned]
-        is_there = reductions.anywhere(self.comm, bool(way.any()))
-        return way.reshape(-1, self._dim) if is_there else None
-
-    def arrive(self) -> None:
-        """Make u follow its conditions. Collective."""
-        self.u.x.array[:] = self.supports.applied(self.u.x.array)
-
-    def pull(self, way: Floats) -> Floats:
-        """Forces of the tangent at u where given displacements change. Collective.
-
-        Args:
-            way: Change of the displacements at the owned nodes, shape ``(n, d)`` [m].
-
-        Returns:
-            Forces on the owned dofs, 0 where u is given, shape ``(d n,)`` [N].
-        """
-        direction = self._derivative.turn(way, _NONE)
-        forces = self._forces_by(self._derivative.by("slow"), direction)
-        forces[self.given] = 0
-        return forces
-
-    def strain(self, du: Floats) -> float:
-        """Largest change of an increment ``(d n,)`` [m] within a cell, by its size. Collective."""
-        V = self.u.function_space
-        du = self._derivative.turn_all(du).reshape(-1, self._dim)[V.dofmap.list]
-        X = V.tabulate_dof_coordinates()[V.dofmap.list]
-        change, size = (np.ptp(values, axis=1).max(axis=1) for values in (du, X))
-        return reductions.largest(self.comm, float((change / size).max(initial=0.0)))
 
     def _along(self, x: Floats, kernels: Kernels) -> Floats:
         direction = self._derivative.turn(x, self.given)

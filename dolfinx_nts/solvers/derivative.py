@@ -74,11 +74,6 @@ class Derivative:
         self._direction.x.scatter_forward()
         return owned
 
-    def turn_all(self, x: Floats) -> Floats:
-        """Set the direction wherever it is given; returns it at the local dofs. Collective."""
-        self.turn(x, np.empty(0, dtype=np.int32))
-        return self._values
-
     def by(self, kernels: Kernels) -> NodalSum:
         """Forms of the derivative with some kernels. Collective."""
         if kernels not in self._sums:

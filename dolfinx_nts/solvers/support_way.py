@@ -8,12 +8,14 @@ until the bodies are near equilibrium.
 """
 
 import numpy as np
+from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 
-__all__ = ["SupportWay"]
+__all__ = ["SupportWay", "behind", "largest_strain"]
 
 # Largest change of displacements within a cell in an increment with moving supports, relative to
 # the size of the cell [-].
@@ -34,7 +36,7 @@ class SupportWay:
     def __init__(self, bulk: Bulk) -> None:
         """Find how far supports are behind."""
         self._bulk = bulk
-        self._left = bulk.behind()
+        self._left = behind(bulk)
         self._length = self._largest(self._left)
         self._moves = False
         self._has_begun = False
@@ -52,7 +54,7 @@ class SupportWay:
         """
         if self._left is None:
             return R
-        forces = self._bulk.pull(self._left)
+        forces = self._bulk.action(self._left, moves_given=True).ravel()
         squares = reductions.total(self._bulk.comm, np.array([R @ R, forces @ forces]))
         self._moves = bool(not self._has_begun or squares[0] <= _FOLLOWED**2 * squares[1])
         self._has_begun = True
@@ -63,18 +65,45 @@ class SupportWay:
         if self._left is None or not self._moves:
             return du
         du = du + self._left.ravel()
-        strain = self._bulk.strain(du)
+        strain = largest_strain(self._bulk, du)
         return du if strain <= _LARGEST_STRAIN else _LARGEST_STRAIN / strain * du
 
     def go(self) -> None:
         """Note what is left after an increment of ``u``."""
         if self._left is None or not self._moves:
             return
-        self._left = self._bulk.behind()
+        self._left = behind(self._bulk)
         if self._largest(self._left) <= _ROUND_OFF * self._length:
-            self._bulk.arrive()
+            u = self._bulk.u.x.array
+            u[:] = self._bulk.supports.applied(u)
             self._left = None
 
     def _largest(self, way: Floats | None) -> float:
         most = 0.0 if way is None else float(np.abs(way).max(initial=0.0))
         return reductions.largest(self._bulk.comm, most)
+
+
+def behind(bulk: Bulk) -> Floats | None:
+    """Displacements by which u is behind its conditions. Collective.
+
+    Returns:
+        Values at the owned nodes, shape ``(n, d)`` [m]; None where u is as given.
+    """
+    if not bulk.supports.exist:
+        return None
+    u = bulk.u.x.array
+    way = (bulk.supports.applied(u) - u)[: bulk.num_owned]
+    is_there = reductions.anywhere(bulk.comm, bool(way.any()))
+    return way.reshape(-1, dimension(bulk.u.function_space)) if is_there else None
+
+
+def largest_strain(bulk: Bulk, du: Floats) -> float:
+    """Largest change of an increment ``(d n,)`` [m] within a cell, by its size. Collective."""
+    V = bulk.u.function_space
+    field = fem.Function(V)
+    field.x.array[: bulk.num_owned] = du
+    field.x.scatter_forward()
+    values = field.x.array.reshape(-1, dimension(V))[V.dofmap.list]
+    X = V.tabulate_dof_coordinates()[V.dofmap.list]
+    change, size = (np.ptp(of_cells, axis=1).max(axis=1) for of_cells in (values, X))
+    return reductions.largest(bulk.comm, float((change / size).max(initial=0.0)))
