@@ -69,6 +69,8 @@ _SAME_LOAD = 1e-9
 # [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
 # nothing bounces, and Newton's method alone limits them.
 _RESOLVED, _STIFF = 1.0, 10.0
+# Way of supports, relative to the smallest cell [-], that cells at them can take alone.
+_SMALL_WAY = 1e-3
 
 
 @dataclass
@@ -221,9 +223,10 @@ class ImplicitStepper(Stepper):
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items():
-            steps, solution = self._solve(start, x, on_the_way, force_scale)
+            given = start, guesses[name], x, on_the_way, force_scale
+            steps, solution = self._solve(*given)
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(start, x, on_the_way, force_scale, all_awake=True)
+                steps, solution = self._solve(*given, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 way = _kernels.farthest(self.x, x[0])
@@ -264,6 +267,23 @@ class ImplicitStepper(Stepper):
             u = trial.array.copy()
             trial.array[:] = u_n
         return u
+
+    def _take_back_supports(self, guess: Floats) -> None:
+        """Let supports be where they are in a guess ``(d l,)`` [m]. Collective.
+
+        Newton's method makes them go their way in statics from the last state, where all of the
+        bodies goes with them: cells at them could not take it alone. With inertia it is short, and
+        so is what is left where bodies have been extrapolated.
+        """
+        if self._rates.acceleration is not None or not self.supports.exist:
+            return
+        if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
+            return
+        u, fixed = self.u.x, self.supports.fixed
+        way = float(np.abs(u.array[fixed] - guess[fixed]).max(initial=0.0))
+        if reductions.largest(self._comm, way) > _SMALL_WAY * self._sizes.smallest:
+            u.array[fixed] = guess[fixed]
+            u.scatter_forward()
 
     def _owned(self, values: Floats) -> Floats:
         """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
@@ -390,6 +410,7 @@ class ImplicitStepper(Stepper):
     def _solve(
         self,
         start: Floats,
+        guess: Floats,
         x: tuple[Floats, Floats],
         on_the_way: Mapping[float, Floats],
         force_scale: float,
@@ -397,6 +418,7 @@ class ImplicitStepper(Stepper):
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Solve the step from a displacement; ``x`` are positions at its start and on trial.
 
+        ``guess`` is that displacement before supports and rigid bodies have changed it;
         ``on_the_way`` is that of `ContactStep`.
         """
         self.u.x.array[:] = start
@@ -421,6 +443,7 @@ class ImplicitStepper(Stepper):
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
+        self._take_back_supports(guess)
         solution = newton.solve(
             self._bulk,
             self._solver,

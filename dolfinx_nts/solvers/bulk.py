@@ -18,6 +18,8 @@ from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 
+_NONE: Ints = np.empty(0, dtype=np.int32)  # dofs that are given
+
 
 class Bulk:
     """Residual of the bodies in one step of a scheme, and its directional derivative.
@@ -94,17 +96,23 @@ class Bulk:
         """Forces of each load at u on the owned dofs [N]. Collective."""
         return [-load for load in self._residual.assembled_each_load()]
 
-    def action(self, x: Floats) -> Floats:
+    def action(self, x: Floats, *, moves_given: bool = False) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.
 
         Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
+            moves_given: Whether x also changes what is given, where the result is 0 then.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
+        if moves_given:
+            direction = self._derivative.turn(x, _NONE)
+            forces = self._forces_by(self._derivative.by("slow"), direction)
+            forces[self.given] = 0
+            return forces.reshape(-1, self._dim)
         return self._along(x, "double")
 
     def rounded_action(self, x: Floats) -> Floats:

@@ -206,7 +206,7 @@ class LinearSolver:
             if self._contacts.choose(num_active):
                 continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
-            if is_new and preconditioner.is_strong:
+            if is_new and preconditioner.is_strongest:
                 self._hopeless.fail()
                 return self._solve_direct(R, steps, pairs)
             if is_new:

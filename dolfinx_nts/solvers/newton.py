@@ -17,6 +17,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.support_way import SupportWay
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 
@@ -143,6 +144,8 @@ def solve(
 ) -> Solution:
     """Iterate from the present u. Collective.
 
+    Where the guess is behind its conditions, `SupportWay` makes it follow them.
+
     Args:
         bulk: Forms; ``bulk.u`` is the unknown and holds the guess.
         solver: Solver of the linear systems.
@@ -168,6 +171,7 @@ def solve(
     polished = False
     balanced = True  # multipliers from the normal balance at the nodes
     reprojects_early = not inertia
+    way = SupportWay(bulk)
     free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
@@ -182,26 +186,30 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
+        R = way.pull(R)
         R = bulk.rigid.balance(bulk.u.x.array[:n].reshape(-1, dim), R.reshape(-1, dim)).ravel()
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
         is_open = not excess <= _GAP_TOLERANCE * size
-        counts += [is_open, _num_given(steps, states) if is_open else 0]
+        counts += [is_open, _num_given(steps, states) if is_open and way.is_over else 0]
+        # Of the last step statics knows no forces that supports make only now.
+        reactions = forces[bulk.supports.fixed] if not inertia else forces[:0]
         squares = [R @ R, R_contact @ R_contact, _round_off_of_contact(states, x) ** 2]
+        squares.append(reactions @ reactions)
         sums = reductions.total(bulk.comm, np.array([*squares, *counts]))
-        norm, contact_norm, steep = (float(value) for value in np.sqrt(sums[:3]))
-        changed, failed, violated, num_given = (int(value) for value in sums[3:])
+        norm, contact_norm, steep, reaction = (float(value) for value in np.sqrt(sums[:4]))
+        changed, failed, violated, num_given = (int(value) for value in sums[4:])
         given = given + 1 if num_given else 0
         norms.append(norm)
         changes += changed
-        scale = force_scale + contact_norm
+        scale = max(force_scale, reaction) + contact_norm
         # With inertia the floor is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
         small = norm <= max(_SMALL_RESIDUAL * scale, floor, steep)
         small = small and du_norm <= _INCREMENT_TOLERANCE * size
         solved = norm <= target or small
-        converged = solved and not violated and not changed
+        converged = solved and not violated and not changed and way.is_over
         if converged and not polished and iteration and du_norm > _INCREMENT_TOLERANCE * size:
             # Multipliers are not small where gaps are: what is left of these does work.
             polished = True
@@ -250,7 +258,7 @@ def solve(
             if not inertia:
                 rtol = min(rtol, _STATIC_REDUCTION)
             du, dlambda = solver.solve(R, steps, states, rtol)
-        du = free.restrain(du)
+        du = way.follow(free.restrain(du))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
@@ -262,10 +270,11 @@ def solve(
             num_long += 1
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
                 du = longest / du_norm * du
-        elif not changed and _is_cycle(norms):
+        elif way.is_over and not changed and _is_cycle(norms):
             du = du / 2
         nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
+        way.go()
         if du_norm <= longest and not changed:  # nodes that have just become active have far to go
             x = X + in_space(nodes)
             with timings.phase("contact"):

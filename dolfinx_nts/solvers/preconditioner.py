@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
+from dolfinx_nts.solvers.complete_factors import CompleteFactors
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.shells import use_shell
 from dolfinx_nts.solvers.tangent import Tangent
@@ -18,7 +19,8 @@ __all__ = ["BulkPreconditioner"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Strengths of factors: incomplete ones, those with fill, and complete ones or multigrid.
+# Strengths of factors: incomplete ones, those with fill, and complete ones or multigrid; where
+# the latter are in single precision, there is one more in double precision.
 _PLAIN, _FILLED, _STRONG = range(3)
 # Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
@@ -39,8 +41,9 @@ class BulkPreconditioner:
     """Factors of the tangent of the bulk, and stronger ones where these do not suffice.
 
     The first are `BlockILU`, the next ones the same with fill, and the strong ones
-    complete factors, or multigrid where unknowns are many. What PETSc makes of the
-    user's options takes the place of both incomplete ones.
+    complete factors, or multigrid where unknowns are many. On one rank complete ones are
+    first `CompleteFactors`, then those of MUMPS, which several ranks have from the start.
+    What PETSc makes of the user's options takes the place of both incomplete ones.
 
     Args:
         tangent: Matrix of the bulk.
@@ -56,7 +59,7 @@ class BulkPreconditioner:
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
         """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
-        self._factors: BlockILU | _PetscFactors | None = None
+        self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
         self._strength = _PLAIN
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
@@ -72,8 +75,13 @@ class BulkPreconditioner:
 
     @property
     def is_strong(self) -> bool:
-        """Whether the strongest ones have taken over."""
-        return self._strength == _STRONG
+        """Whether complete ones or multigrid have taken over."""
+        return self._strength >= _STRONG
+
+    @property
+    def is_strongest(self) -> bool:
+        """Whether there are no stronger ones."""
+        return self._strength > _STRONG or (self.is_strong and not self._has_rounded)
 
     @property
     def gives_way(self) -> bool:
@@ -81,7 +89,7 @@ class BulkPreconditioner:
 
         Those that the user has chosen have to fail before others take over.
         """
-        return not (self.is_strong or self._options.bulk)
+        return not (self.is_strongest or self._options.bulk)
 
     @property
     def has_responses(self) -> bool:
@@ -102,16 +110,18 @@ class BulkPreconditioner:
         """Let the next `build` make stronger factors. Local.
 
         Args:
-            fully: Whether to make the strongest ones.
+            fully: Whether to make strong ones at once.
         """
-        if self._options.bulk and self._tangent.rows.index_map.comm.rank == 0:
+        is_of_user = self._options.bulk and not self.is_strong
+        if is_of_user and self._tangent.rows.index_map.comm.rank == 0:
             text = (
                 "%s of petsc_options fails, and stronger factors take its place: harmless for the "
                 "results, but leave the option out, or choose another one, to save time"
             )
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)
-        self._strength, self._factors = _STRONG if fully else self._strength + 1, None
+        self._strength = _STRONG if fully and not self.is_strong else self._strength + 1
+        self._factors = None
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
@@ -154,9 +164,16 @@ class BulkPreconditioner:
             self._tangent.rows.dim * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO
         )
 
-    def _made(self) -> "BlockILU | _PetscFactors":
+    @property
+    def _has_rounded(self) -> bool:
+        """Whether there are complete factors in single precision."""
+        return self._is_small and self._tangent.rows.index_map.comm.size == 1
+
+    def _made(self) -> "BlockILU | CompleteFactors | _PetscFactors":
         """Factors of the present kind, without values. Collective."""
         tangent, options = self._tangent, self._options
+        if self.is_strong and not self.is_strongest:
+            return CompleteFactors(tangent.rows, tangent.X)
         if self.is_strong:
             make, prefix = _complete if self._is_small else _multigrid, f"{options.prefix}strong_"
             return _PetscFactors(lambda: make(tangent, prefix))

@@ -77,6 +77,12 @@ class Tangent:
         assert self._rows is not None
         return self._rows
 
+    @property
+    def X(self) -> Floats:
+        """Reference positions of the owned nodes, shape ``(n, 3)`` [m]. Local."""
+        X: Floats = self._u.function_space.tabulate_dof_coordinates()
+        return X[: self.rows.index_map.size_local]
+
     def nodal_stiffness(self) -> Floats:
         """Mean diagonal entry of the last matrix at each owned node [N/m]. Collective."""
         if self._stiffness.values is None:

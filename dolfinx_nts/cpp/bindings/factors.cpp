@@ -1,4 +1,5 @@
 #include "block_matrix.h"
+#include "nts/solvers/complete_factors.h"
 #include "nts/solvers/single_matrix.h"
 
 #include <variant>
@@ -29,6 +30,33 @@ template <template <std::size_t> class T, std::size_t B>
 constexpr std::size_t components(const T<B>&) noexcept
 {
   return B;
+}
+
+/// @brief Raise ValueError unless columns of rows ascend, and are the same for
+/// columns.
+void check_pattern(std::span<const std::int64_t> start,
+                   std::span<const std::int32_t> column)
+{
+  if (start.front() != 0
+      || static_cast<std::size_t>(start.back()) != column.size()
+      || !std::ranges::is_sorted(start))
+    throw nb::value_error("start: expected rows that hold all columns");
+  const auto n = static_cast<std::int32_t>(start.size() - 1);
+  if (std::ranges::any_of(column, [n](auto j) { return j < 0 || j >= n; }))
+    throw nb::value_error("column: expected numbers of rows");
+  const auto row = [&](std::int32_t i)
+  {
+    return column.subspan(static_cast<std::size_t>(start[i]),
+                          static_cast<std::size_t>(start[i + 1] - start[i]));
+  };
+  for (std::int32_t i = 0; i < n; ++i)
+  {
+    bool holds = std::ranges::is_sorted(row(i), std::ranges::less_equal{});
+    for (const std::int32_t j : row(i))
+      holds = holds && std::ranges::binary_search(row(j), i);
+    if (!holds)
+      throw nb::value_error("column: expected a symmetric pattern, ascending");
+  }
 }
 
 bool factorise(Factors& factors, const In<std::int64_t>& start,
@@ -77,6 +105,50 @@ void apply(Factors& factors, const Doubles& b, Out<double> x)
       factors.factors);
 }
 
+void dissect(CompleteFactors* self, const In<std::int64_t>& start,
+             const In<std::int32_t>& column, const Doubles& X)
+{
+  check("start", start, {any});
+  if (!start.size())
+    throw nb::value_error("start: expected at least one entry");
+  const std::size_t n = start.size() - 1;
+  check("X", X, {n, 3});
+  check_pattern(view(start), view(column));
+  new (self) CompleteFactors(view(start), view(column), view(X));
+}
+
+bool factorise_whole(CompleteFactors& factors, const In<std::int64_t>& start,
+                     const In<std::int32_t>& column, const Doubles& value)
+{
+  return dispatch_components(
+      components_of(column, value),
+      [&]<std::size_t B>()
+      {
+        const auto A = block_matrix<B>(start, column, value);
+        if (!factors.fits(A.start, A.column))
+          throw nb::value_error("column: expected the pattern of the object");
+        return factors.factorise(A);
+      });
+}
+
+void apply_whole(CompleteFactors& factors, const Doubles& b, Out<double> x)
+{
+  const std::size_t n = factors.size(), width = factors.dim();
+  if (b.ndim() == 3)
+  {
+    check("b", b, {any, n, width});
+    check("x", x, {b.shape(0), n, width});
+  }
+  else
+  {
+    check("b", b, {n, width});
+    check("x", x, {n, width});
+  }
+  if (b.size() == 0)
+    return;
+  factors.apply(view(b), view(x));
+}
+
 void pack(Product* self, const In<std::int64_t>& start,
           const In<std::int32_t>& column, const Doubles& value)
 {
@@ -123,6 +195,20 @@ void factors(nb::module_& m)
            "whether to keep what the elimination of a neighbour fills")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
            "Solve for x at the first m rows: (n, B), (m, B)");
+  nb::class_<CompleteFactors>(
+      m, "CompleteFactors",
+      "Complete factors of a matrix of 2 x 2 or 3 x 3 blocks with a symmetric "
+      "pattern, in single precision, see nts/solvers/complete_factors.h")
+      .def("__init__", &dissect, nb::arg("start"), nb::arg("column"),
+           nb::arg("X"), "Order of elimination: (n + 1,), (b,), (n, 3)")
+      .def("factorise", &factorise_whole, nb::arg("start"), nb::arg("column"),
+           nb::arg("value"),
+           "Factorise a matrix of this pattern; false if singular: (n + 1,), "
+           "(b,), (B B b,)")
+      .def("apply", &apply_whole, nb::arg("b"), nb::arg("x").noconvert(),
+           "Solve for x, of one or many: both (n, B) or (k, n, B)")
+      .def_prop_ro("entries", &CompleteFactors::entries,
+                   "Numbers that the factors consist of");
   nb::class_<Product>(m, "SingleMatrix",
                       "Rows of 2 x 2 or 3 x 3 blocks in single precision, see "
                       "nts/solvers/single_matrix.h")

@@ -7,6 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 
+import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.solvers import preconditioner
@@ -244,6 +245,27 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
     work = singular.stepper.statistics.solver
     assert agree(work.is_strong and work.num_builds == 1)
     np.testing.assert_allclose(singular.positions(), reference.positions(), atol=1e-10)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+def test_complete_factors_in_single_precision_serve_as_well_as_those_of_mumps(
+    comm, monkeypatch, nu
+):
+    ends, iterations = [], []
+    for rounded, kind in ((True, "LU in single precision"), (False, "LU")):
+        monkeypatch.setattr(
+            preconditioner.BulkPreconditioner, "_has_rounded", property(lambda _, r=rounded: r)
+        )
+        scene = scenes.sliding_blocks(comm, nts.LagrangeMultiplier(), None, n=3, nu=nu)
+        for _ in range(2):
+            scene.stepper.advance()
+        work = scene.stepper.statistics.solver
+        assert work.preconditioner == kind and work.num_direct == 0
+        ends.append(scene.positions())
+        iterations.append(work.num_iterations)
+    np.testing.assert_allclose(*ends, atol=AGREEMENT)
+    assert iterations[0] < 1.2 * iterations[1] + 5
 
 
 @pytest.mark.at_most_two_ranks

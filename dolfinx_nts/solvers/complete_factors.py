@@ -1,0 +1,48 @@
+"""Complete factors of the bulk tangent in single precision, for preconditioners on one rank."""
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.solvers.block_csr import BlockCSR
+
+__all__ = ["CompleteFactors"]
+
+
+class CompleteFactors:
+    """Complete factors of a matrix on one rank, see `cpp/nts/solvers/complete_factors.h`.
+
+    Args:
+        rows: All rows of the matrix; their values may change.
+        X: Positions of the nodes, which choose the order of elimination, shape ``(n, 3)`` [m].
+
+    ``str`` tells the kind of factors.
+    """
+
+    def __init__(self, rows: BlockCSR, X: Floats) -> None:
+        """Choose the order of elimination; there are no values before `build`. Local."""
+        self._rows = rows
+        self._factors = _kernels.CompleteFactors(rows.start, rows.column, X)
+
+    def __str__(self) -> str:
+        """Kind of the factors."""
+        return "LU in single precision"
+
+    def build(self) -> bool:
+        """Factorise the present values; returns whether the factors exist. Local."""
+        rows = self._rows
+        exist: bool = self._factors.factorise(rows.start, rows.column, rows.value)
+        return exist
+
+    def apply(self, _pc: Any, r: Any, z: Any) -> None:
+        """Set z to the solution for r; called by PETSc. Local."""
+        dim = self._rows.dim
+        self._factors.apply(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
+
+    def solve_all(self, b: Floats) -> Floats:
+        """Solve for the columns of an array, shape ``(d n, k)``, by columns. Local."""
+        x = np.empty_like(b)
+        self._factors.apply(*(v.T.reshape(b.shape[1], -1, self._rows.dim) for v in (b, x)))
+        return x

@@ -1,0 +1,103 @@
+"""Supports that move far in one static step, and near incompressibility."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.meshing import parts
+from dolfinx_nts.solvers.support_way import SupportWay, behind, largest_strain
+
+# Of energies and forces, relative: displacements are known to the tolerance of Newton's method.
+AGREEMENT = 1e-7
+
+
+def press(comm, law, way, *, nu=0.499, n=3, cell="hexahedron", degree=1, table=False):
+    """Return a block whose ends are held, and whose upper one moves down by a way a second."""
+
+    def build(model):
+        box = {"corner": (0.0, 0.0, 0.0), "size": (1.0, 1.0, 1.0), "cells": (n, n, n)}
+        parts.add_box(model, "block", **box, cell=cell)
+        if table:
+            box = {"corner": (-0.3, -0.1, -0.5), "size": (1.5, 1.6, 0.5), "cells": (n, n, 2)}
+            parts.add_box(model, "table", **box, cell=cell)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    names = ["block", "table"] if table else ["block"]
+    bodies = [nts.Body(V, cells, tag[name], law(1e5, nu, 1e3)) for name in names]
+    sides = [
+        nts.Surface(V, facets, tag[side]) for side in ("block_bottom", "table_top")[: 2 * table]
+    ]
+    pairs = [nts.ContactPair(*sides)] if table else []
+    u = fem.Constant(mesh, (0.0, 0.0, 0.0))
+    held = {
+        side: fem.locate_dofs_topological(V, 2, facets.find(tag[side]))
+        for side in ("block_top", "table_bottom" if table else "block_bottom")
+    }
+    lower = fem.dirichletbc(np.zeros(3), held.popitem()[1], V)
+    upper = fem.dirichletbc(u, held["block_top"], V)
+
+    def update(t):
+        u.value[2] = -way * t
+
+    return nts.QuasiStatic(bodies, pairs, dt=1.0, bcs=[lower, upper], update=update)
+
+
+def result(stepper, step):
+    """Return the strain energy and the force of the upper end."""
+    return [nts.Diagnostics(stepper).strain_energy(), *step.reactions[1].force]
+
+
+CASES = {
+    "neo-Hooke": (nts.NeoHookean, 0.25, {"n": 4}),
+    "St. Venant-Kirchhoff": (nts.SaintVenantKirchhoff, 0.2, {}),
+    "tetrahedra of degree 2": (
+        *(nts.SaintVenantKirchhoff, 0.15),
+        {"n": 2, "cell": "tetrahedron", "degree": 2},
+    ),
+    "contact": (nts.NeoHookean, 0.1, {"table": True}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_step_leads_where_many_lead(comm, case):
+    law, way, options = CASES[case]
+    whole, parts_of_it = (press(comm, law, way, **options) for _ in range(2))
+    report = whole.advance()
+    # With supports moved at once, 50 iterations from each start fail.
+    assert report.newton_iterations <= 35
+    for step in parts_of_it.run(until=1.0, control=nts.StepControl(times=np.arange(1, 9) / 8)):
+        assert step.newton_iterations <= 20
+    expected = result(parts_of_it, step)
+    np.testing.assert_allclose(result(whole, report), expected, atol=AGREEMENT * max(expected))
+
+
+@pytest.mark.serial
+def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
+    stepper = press(comm, nts.NeoHookean, 0.05)
+    bulk = stepper._bulk
+    u = bulk.u.x.array
+    u[:] = 0.01 * rng.normal(size=u.size)
+    way = behind(bulk)
+    assert not np.any(np.delete(way.ravel(), bulk.supports.fixed))
+    expected, before, errors = bulk.action(way, moves_given=True).ravel(), u.copy(), []
+    for part in (1e-3, 5e-4):
+        u[:] = before + part * way.ravel()
+        after = bulk.forces()
+        u[:] = before - part * way.ravel()
+        change = (after - bulk.forces()) / (2 * part)
+        change[bulk.given] = 0
+        errors.append(np.linalg.norm(change - expected))
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
+    u[:] = before
+    u[:] = bulk.supports.applied(u)
+    assert behind(bulk) is None and SupportWay(bulk).is_over
+
+
+@pytest.mark.serial
+def test_a_change_within_cells_counts_not_the_way_of_them_all(comm):
+    bulk = press(comm, nts.NeoHookean, 0.05, n=4)._bulk
+    X = bulk.u.function_space.tabulate_dof_coordinates()
+    assert largest_strain(bulk, np.full(X.size, 7.0)) == 0
+    assert largest_strain(bulk, 0.3 * X.ravel()) == pytest.approx(0.3)
