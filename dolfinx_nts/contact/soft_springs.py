@@ -57,8 +57,8 @@ class SoftSprings:
     def sunk(self, x: Floats) -> str:
         """Say what has sunk through an obstacle whose springs have yielded, or "".
 
-        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Springs of an obstacle know
-        no depth from which on they would let a node go, as those of a surface of facets do.
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Springs of a plane know no
+        depth from which on they let a node go, as those of round obstacles and of facets do.
         """
         told = [contact for contact in self._contacts if contact not in self._watched]
         return next(filter(None, (self._sunk_through(contact, x) for contact in told)), "")

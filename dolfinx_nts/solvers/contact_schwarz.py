@@ -175,7 +175,9 @@ def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
 
 def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
     """Part of the constraints of the same nodes that have come to other segments [-]. Local."""
-    m = max(len(now.rank), 1)
+    m = len(now.rank)
+    if not m:
+        return 0.0
     if len(now.nodes) != len(then.nodes):
         return 1.0
     others = (now.nodes != then.nodes).reshape(m, -1).any(axis=1)

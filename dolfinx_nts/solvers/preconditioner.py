@@ -41,8 +41,9 @@ class BulkPreconditioner:
     """Factors of the tangent of the bulk, and stronger ones where these do not suffice.
 
     The first are `BlockILU`, the next ones the same with fill, and the strong ones
-    complete factors, or multigrid where unknowns are many. On one rank complete ones are
-    first `CompleteFactors`, then those of MUMPS, which several ranks have from the start.
+    complete factors, or multigrid where unknowns are many. On one rank complete ones that follow
+    slow iterations are first `CompleteFactors`, then those of MUMPS, which several ranks, and
+    statics, have from the start.
     What PETSc makes of the user's options takes the place of both incomplete ones.
 
     Args:
@@ -110,7 +111,8 @@ class BulkPreconditioner:
         """Let the next `build` make stronger factors. Local.
 
         Args:
-            fully: Whether to make strong ones at once.
+            fully: Whether to make the strongest ones at once: single precision is too coarse
+                where inertia does little.
         """
         is_of_user = self._options.bulk and not self.is_strong
         if is_of_user and self._tangent.rows.index_map.comm.rank == 0:
@@ -120,7 +122,8 @@ class BulkPreconditioner:
             )
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)
-        self._strength = _STRONG if fully and not self.is_strong else self._strength + 1
+        at_once = fully and not self.is_strong
+        self._strength = _STRONG + self._has_rounded if at_once else self._strength + 1
         self._factors = None
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:

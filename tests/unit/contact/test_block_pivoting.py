@@ -60,12 +60,13 @@ def test_fewer_violators_than_ever_change_together_again(comm):
 
 def test_who_waits_is_counted_anew_where_one_changes_at_a_time(comm):
     """Few violated at first, as nodes hardly moved; that says nothing of later."""
-    pivoting, ids = BlockPivoting(comm, waits=True), ids_of(comm)
-    pivoting.select(ids % 4 == 0, ids, 1)
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids, waits=True), np.arange(4, dtype=np.int32)
+    pivoting.select(ids % 4 == 0, node, 1)
     for iteration in range(2, 20):
-        pivoting.select(np.ones(4, dtype=bool), ids, iteration)
+        pivoting.select(np.ones(4, dtype=bool), node, iteration)
     violates = ids % 4 < 3
-    assert np.array_equal(pivoting.select(violates, ids, 20)[0], violates)
+    assert np.array_equal(pivoting.select(violates, node, 20)[0], violates)
 
 
 def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(comm):
