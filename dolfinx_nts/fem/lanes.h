@@ -58,11 +58,9 @@ using std::cos;
 using std::cosh;
 using std::erf;
 using std::exp;
-using std::fabs;
 using std::fmax;
 using std::fmin;
 using std::log;
-using std::pow;
 using std::sin;
 using std::sinh;
 using std::sqrt;
@@ -89,10 +87,10 @@ NTS_LANEWISE_OF_TWO(atan2)
 NTS_LANEWISE_OF_TWO(fmax)
 NTS_LANEWISE_OF_TWO(fmin)
 
+inline double fabs(double x) { return std::fabs(x); }
 inline Lanes fabs(Lanes x) { return x < 0 ? -x : x; }
 
-// The library's would be of double precision.
-inline Real pow(Real x, int y) { return std::pow(x, Real(y)); }
+inline double pow(double x, double y) { return std::pow(x, y); }
 inline Lanes pow(Lanes x, Lanes y)
 {
   Lanes z;
