@@ -22,8 +22,9 @@ __all__ = ["SupportWay", "behind", "largest_strain"]
 _LARGEST_STRAIN = 0.1
 # Residual, relative to what the way that is left would add to it [-], at which supports go on.
 _FOLLOWED = 1e-4
-# Part of the way [-] that is round-off.
-_ROUND_OFF = 1e-12
+# Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
+# the round-off of the residual; and one that is none.
+_REST, _ROUND_OFF = 1e-6, 1e-12
 
 
 class SupportWay:
@@ -56,7 +57,9 @@ class SupportWay:
             return R
         forces = self._bulk.action(self._left, moves_given=True).ravel()
         squares = reductions.total(self._bulk.comm, np.array([R @ R, forces @ forces]))
-        self._moves = bool(not self._has_begun or squares[0] <= _FOLLOWED**2 * squares[1])
+        has_followed = squares[0] <= _FOLLOWED**2 * squares[1]
+        is_rest = self._largest(self._left) <= _REST * self._length
+        self._moves = bool(not self._has_begun or has_followed or is_rest)
         self._has_begun = True
         return R + forces if self._moves else R
 
