@@ -131,6 +131,7 @@ def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
     """
     nodes, segments = pair.nodes, pair.segments
     assert isinstance(segments, Surface)
+    # Patches of the present mesh, which is about to change, are not those that pairs will have.
     search = (
         SmoothSearch(nodes, segments, SmoothPatches(segments))
         if segments.smooth

@@ -31,9 +31,9 @@ def deep_from(pair: ContactPair) -> float:
 
 
 class SoftSprings:
-    """Warns of pairs whose springs let nodes sink deep into a surface, once for each pair.
+    """Springs that let nodes sink deep into a surface, and whole bodies through an obstacle.
 
-    Collective, as are its methods.
+    A warning tells of each pair once. Collective, as are its methods.
 
     Args:
         bodies: The bodies of a stepper.

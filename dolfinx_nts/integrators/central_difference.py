@@ -257,7 +257,7 @@ class CentralDifference(Stepper):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
             x = np.add(self._X, in_space(nodal(self.u)), out=self._positions)
-            x_n = self._X + in_space(nodal(self.u_n)) if self._springs.rub else x
+            x_n = self._X + in_space(nodal(self.u_n)) if self._springs.has_friction else x
             self._springs.evaluate(x_n, x, ways, self._bulk.total)
 
     def _start(self) -> None:
@@ -285,7 +285,7 @@ class CentralDifference(Stepper):
         _, _, v, rate, du = self._drift.arrays
         moved, way = self._move()
         ways = [way] * len(self.contacts)
-        if self._springs.move:
+        if self._springs.obstacles_move:
             ways = self._springs.ways(self.x, moved)
         free = self.watch.free(way)
         # What `Stepper.advance` counts.

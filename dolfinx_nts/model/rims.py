@@ -1,12 +1,14 @@
-"""Rims of surfaces: edges that belong to one facet only."""
+"""Edges of facets: which are rims, that belong to one facet only, and which are sharp."""
 
 import numpy as np
 from basix import CellType, topology
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["FACET_EDGES", "is_nearest_a_rim"]
+__all__ = ["FACET_EDGES", "SHARP", "is_nearest_a_rim"]
 
+# Cosine of the angle [-] from which on a surface that turns is sharp: 30 degrees.
+SHARP = np.cos(np.pi / 6)
 # Vertices at the ends of each edge, by the number of vertices of a facet; those of an edge in the
 # plane are its ends.
 FACET_EDGES = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.model.rims import FACET_EDGES
+from dolfinx_nts.model.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
@@ -16,8 +16,6 @@ from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 __all__ = ["SharpEdges", "unit_normals"]
 
-# Cosine of the angle [-] by which the facets of a sharp edge turn at least: 30 degrees.
-_SHARP = np.cos(np.pi / 6)
 # Reach of the search for the facets around a node, relative to the longest facet [-]: they are
 # at no distance but for round-off.
 _AROUND = 1e-6
@@ -132,7 +130,7 @@ def _is_sharp(X: Floats, near: SegmentCandidates, edges: Ints, facets: Ints) -> 
     normals = unit_normals(corners) * near.orientation[facets][..., None]
     cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
     beyond = corners[:, 1].mean(axis=1) - X[edges].mean(axis=1)
-    flags: Flags = (cosine < _SHARP) & (np.einsum("ei,ei->e", normals[:, 0], beyond) < 0)
+    flags: Flags = (cosine < SHARP) & (np.einsum("ei,ei->e", normals[:, 0], beyond) < 0)
     return flags
 
 

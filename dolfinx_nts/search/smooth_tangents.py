@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.rims import SHARP
 from dolfinx_nts.search.whole_surface import WholeSurface
 
 __all__ = ["Row", "SmoothTangents"]
@@ -27,8 +28,6 @@ __all__ = ["Row", "SmoothTangents"]
 # Numbers of nodes, and their weights.
 Row = tuple[Ints, Floats]
 
-# Cosine of the angle [-] by which a feature turns at most where it is smooth: 30 degrees.
-_SHARP = np.cos(np.pi / 6)
 # What curvature counts in a fit, relative to the misfit, where nodes do not tell it [-].
 _SLIGHTLY = 1e-4
 
@@ -104,7 +103,7 @@ class SmoothTangents:
         before = whole.edges[edge].sum() - node
         X = whole.X[[before, node, other]]
         (back, ahead), h = np.diff(X, axis=0), np.linalg.norm(np.diff(X, axis=0), axis=1)
-        if back @ ahead < _SHARP * h[0] * h[1]:
+        if back @ ahead < SHARP * h[0] * h[1]:
             return None
         a, b = h[0] / (h[1] * h.sum()), h[1] / (h[0] * h.sum())
         return np.array([before, node, other], dtype=np.int32), np.array([-b, b - a, a])

@@ -6,15 +6,12 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.model.rims import FACET_EDGES
+from dolfinx_nts.model.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.global_search import owners_of
 
 __all__ = ["WholeSurface"]
-
-# Cosine of the angle [-] by which a surface turns at most where it is smooth: 30 degrees.
-_SHARP = np.cos(np.pi / 6)
 
 
 class WholeSurface(NamedTuple):
@@ -100,5 +97,5 @@ def _features(
     two = np.flatnonzero(count == 2)
     cosine = np.einsum("ei,ei->e", normals[facet[first[two]]], normals[facet[first[two] + 1]])
     is_feature = np.ones(num_edges, dtype=bool)
-    is_feature[two] = cosine < _SHARP
+    is_feature[two] = cosine < SHARP
     return is_feature

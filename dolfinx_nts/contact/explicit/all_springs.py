@@ -26,19 +26,19 @@ class AllSprings:
 
     Attributes:
         pairs: Springs of each pair.
-        rub: Whether there is friction.
+        has_friction: Whether any pair has friction.
     """
 
     def __init__(self, contacts: Sequence[PairState], mass: Floats) -> None:
         """Begin without forces."""
         self._contacts = tuple(contacts)
         self.pairs = [ContactSprings(contact, mass) for contact in contacts]
-        self.rub = any(contact.pair.friction is not None for contact in contacts)
+        self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()
 
     @property
-    def move(self) -> bool:
+    def obstacles_move(self) -> bool:
         """Whether obstacles move in this step. Local."""
         return any(contact.search.frame.moves for contact in self._contacts)
 
