@@ -243,13 +243,14 @@ class FreeBodies:
         motions = np.zeros((self._num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
             motions[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
-        neutral = self._neutral(steps, states)
+        pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
+        pressing = reductions.total(self._comm, pressing)
+        neutral = self._neutral(steps, states, pressing > _NEGLIGIBLE * scale)
         motions = np.einsum("ik,inj->knj", neutral, motions)
         modes = motions.reshape(len(motions), R.size)
         weighted = (self._mass * motions).reshape(len(motions), R.size)
-        pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
-        sums, pressing = reductions.total(self._comm, sums), reductions.total(self._comm, pressing)
+        sums = reductions.total(self._comm, sums)
         gram, f = sums[:, :-1], sums[:, -1]
         force, driven = float(np.linalg.norm(f)), ""
         share = force / (pressing + scale or 1.0)
@@ -334,17 +335,22 @@ class FreeBodies:
         return np.linalg.solve(self._relief.gram, moments)
 
     def _neutral(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Motions that contacts do not resist, as sums of free ones, ``(free, neutral)``."""
+        """Motions that contacts do not resist, as sums of free ones, ``(free, neutral)``.
+
+        Nodes that slide resist motions along the surface by their friction alone, which is
+        nothing where contact does not press.
+        """
         n = self._num_motions
         products, counts = np.zeros((n, n)), np.zeros(n)
         for step, state in zip(steps, states, strict=True):
             label = step.candidates.scatter.forward(in_space(self._label))[:, 0]
             x = step.state.search.frame.in_space(step.x)
             dofs, gradients = state.pairs.dofs, state.pairs.gradients
-            # Without friction tangential gradients are zero.
-            gradients, dofs = gradients[state.active], dofs[state.active]
+            gradients, dofs = gradients[state.active].copy(), dofs[state.active]
+            if not presses:
+                gradients[state.rank[state.active] == 1, 1:] = 0
             slopes = np.zeros((n, len(dofs), 3))
             for number, body in enumerate(self.bodies, start=1):
                 columns = self._columns[number - 1]

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import time
 from contextlib import nullcontext
 from dataclasses import fields, replace
 
@@ -232,13 +231,15 @@ def balloon(comm, pressure):
 
 
 @pytest.mark.serial
-def test_a_limit_load_is_named_soon(comm):
+def test_a_limit_load_is_named_soon(comm, monkeypatch):
     """A rubber balloon bursts at about 0.1 MPa; neo-Hooke's law has a largest pressure there."""
-    stepper, begin = balloon(comm, 5e5), time.process_time()
-    reports = []
+    stepper, reports, solved = balloon(comm, 5e5), [], []
+    solve = krylov.LinearSolver.solve
+    monkeypatch.setattr(krylov.LinearSolver, "solve", lambda *a: solved.append(0) or solve(*a))
     with pytest.raises(nts.ConvergenceError) as raised:
         reports.extend(stepper.run(1.0, nts.StepControl()))
-    assert time.process_time() - begin < 5.0
+    # Of about 30 cuts, which would end at the smallest step, each may need 100 linear systems.
+    assert len(solved) < 1000
     text = r"no equilibrium beyond a time between t = (\S+) and (\S+), a limit load"
     below, above = map(float, re.search(text, str(raised.value)).groups())
     assert below == pytest.approx(stepper.t) and above - below < 0.1 / 16
