@@ -238,7 +238,7 @@ def test_a_limit_load_is_named_soon(comm, monkeypatch):
     monkeypatch.setattr(krylov.LinearSolver, "solve", lambda *a: solved.append(0) or solve(*a))
     with pytest.raises(nts.ConvergenceError) as raised:
         reports.extend(stepper.run(1.0, nts.StepControl()))
-    # Of about 30 cuts, which would end at the smallest step, each may need 100 linear systems.
+    # Each of the 20 cuts down to the smallest step may need 100.
     assert len(solved) < 1000
     text = r"no equilibrium beyond a time between t = (\S+) and (\S+), a limit load"
     below, above = map(float, re.search(text, str(raised.value)).groups())
