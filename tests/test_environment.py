@@ -30,9 +30,15 @@ inside = pytest.mark.skipif(
 STUBS = {
     # What follows the script itself among the arguments is the user's command.
     "bwrap": """
-        while (($#)) && [[ $1 != */environment/run ]]; do shift; done
+        while (($#)) && [[ $1 != */environment/run ]]; do
+          [[ $1 != --json-status-fd ]] || report=$2
+          shift
+        done
         shift
         (($# == 0)) || env --default-signal=INT,QUIT,TERM "$@"
+        status=$?
+        [[ ! ${report:-} ]] || printf '{ "exit-code": %d }' $status >&"$report"
+        exit $status
     """,
     "mmdebstrap": 'echo built >> "$HOME/builds" && tar --create --files-from=/dev/null',
     "apt-get": "",
