@@ -5,13 +5,15 @@ from typing import Any, Literal
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
     *("EDGES", "KINDS", "NODES", "Method"),
-    *("check_dimension", "check_method", "check_smooth", "check_tie", "has_smooth_segments"),
+    *("check_dimension", "check_method", "check_smooth", "check_tie"),
+    *("has_smooth_segments", "may_be_smooth"),
 ]
 
 Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
@@ -81,13 +83,30 @@ def has_smooth_segments(pair: Any) -> bool:
     return isinstance(pair.segments, Surface) and pair.segments.smooth
 
 
+def may_be_smooth(pair: Any) -> bool:
+    """Whether the segments of a `ContactPair` are flat and could be those of a smooth surface.
+
+    Local.
+    """
+    segments = pair.segments
+    if not isinstance(segments, Surface) or segments.smooth:
+        return False
+    return Element.of(segments.V).degree == 1 and not _wrong_with_smooth(pair)
+
+
 def check_smooth(pair: Any) -> None:
     """Raise ValueError unless a pair can have smooth segments, where it has them. Local.
 
     ``pair`` is as of `check_method`.
     """
-    if not has_smooth_segments(pair):
-        return
+    if has_smooth_segments(pair) and (wrong := _wrong_with_smooth(pair)):
+        raise ValueError(
+            f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
+        )
+
+
+def _wrong_with_smooth(pair: Any) -> str:
+    """What a pair with smooth segments would have to be, and is not, or "". Local."""
     wrong = ""
     if pair.method != NODES:
         wrong = f"method {NODES!r}, given {pair.method!r}"
@@ -101,10 +120,7 @@ def check_smooth(pair: Any) -> None:
         wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
     elif is_axisymmetric(pair.nodes.V.mesh):
         wrong = "a mesh that is not axisymmetric, given one"
-    if wrong:
-        raise ValueError(
-            f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
-        )
+    return wrong
 
 
 def check_dimension(pair: Any) -> None:

@@ -12,6 +12,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.joint_state import bounds, members
+from dolfinx_nts.contact.method import may_be_smooth
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.rigid import redundant
@@ -22,6 +23,8 @@ __all__ = ["StepFailure"]
 
 # Reasons for which springs of pairs may be too soft.
 _SUNK = "through a surface", "into a surface"
+# Reason for which nodes may be caught between facets of a curved surface.
+_BETWEEN = "between two segments"
 
 
 class StepFailure:
@@ -69,8 +72,11 @@ class StepFailure:
             reasons += (
                 f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
             )
-        if nodes := self._listed(each.restless for each, _ in self._steps):
+        nodes = self._listed(each.restless for each, _ in self._steps)
+        if nodes:
             reasons += f"; nodes that keep changing segment or state: {nodes}"
+        if nodes or _BETWEEN in reasons:
+            reasons += self._smoother()
         if names := redundant(bodies, [contact.pair for contact in contacts]):
             reasons += (
                 f"; forces of points of rigid bodies that touch at once are not unique: springs, "
@@ -91,6 +97,17 @@ class StepFailure:
             f"{step} failed {reasons}; the state is that of the last accepted step: "
             f"{self._prescribed() or advice}",
             list(self._attempts.values()),
+        )
+
+    def _smoother(self) -> str:
+        """Say which surfaces could be smooth, as edges between facets stop nodes, or "". Local."""
+        pairs = [each.pair for step, _ in self._steps for each in members(step.state)]
+        names = {pair.segments.name: None for pair in pairs if may_be_smooth(pair)}
+        if not names:
+            return ""
+        return (
+            f"; if {' or '.join(names)} is curved, smooth=True of the surface may help: between "
+            "flat facets nodes are caught"
         )
 
     def _prescribed(self) -> str:

@@ -71,7 +71,6 @@ class Stepper(TimeLoop):
     supports: Supports
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
-    loads = SetOnce[tuple[Load, ...]]()
 
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
         """Name the class, and the arguments it takes, if others are given."""

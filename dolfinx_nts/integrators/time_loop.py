@@ -13,6 +13,7 @@ from tqdm import tqdm
 from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.common.arguments import finite
 from dolfinx_nts.common.arrays import Flags
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
@@ -20,10 +21,12 @@ from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.short_steps import ShortSteps
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.integrators.step_loop import StepLoop
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton import ConvergenceError
 
@@ -45,10 +48,12 @@ class TimeLoop(State):
 
     Attributes:
         contacts: What this stepper remembers of each contact pair.
+        loads: The loads.
         memory: What materials remember, as strains in viscous branches.
     """
 
     contacts: tuple[PairState, ...]
+    loads = SetOnce[tuple[Load, ...]]()
 
     def __init__(
         self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
@@ -134,7 +139,7 @@ class TimeLoop(State):
         """Advance in steps that are each as long as the control and the scheme permit."""
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
-        rejected, first, limit = 0, "", LimitPoint()
+        rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
                 longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
@@ -149,15 +154,8 @@ class TimeLoop(State):
                     first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
                     self.serialize(before.rewind())
                     if limit.is_near and control.smallest is None:
-                        raise ConvergenceError(
-                            "statics has no equilibrium beyond a time between "
-                            f"t = {self.t:.6g} and {end:.6g}, a limit load as in buckling, "
-                            "snapping or bursting: the closer to it, the faster bodies deform, "
-                            "and no step across it succeeds; EnergyMomentum follows what happens "
-                            "then, given displacements instead of loads may pass it, and "
-                            f"StepControl(smallest=) goes on to shorter steps; {error}",
-                            error.reports,
-                        ) from None
+                        text = limit.told(self.t, end, len(self.loads) > 0)
+                        raise ConvergenceError(f"{text}; {error}", error.reports) from None
                     if dt / 2 < smallest:
                         raise ConvergenceError(
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
@@ -167,9 +165,13 @@ class TimeLoop(State):
                     if self._comm.rank == 0:
                         number, t = self.step + 1, self.t
                         _logger.info("step %d from t = %g is cut: %s", number, t, error)
+                    short.fail(str(error))
                     self._length.cut()
                     rejected += 1
                     continue
+                told = short.accept(self._length.cuts)
+                if told and self._comm.rank == 0:
+                    _logger.warning("at t = %g %s", self.t, told)
                 self._length.accept()
                 if (way := self._static_way()) is not None:
                     limit.accept(way / dt, rejected)

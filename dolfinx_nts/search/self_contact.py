@@ -9,6 +9,11 @@ that may have a multiplier is a vertex of the segment of another one. These hold
 nodes: the segment that such a node touches, or one around it, has a vertex with a multiplier.
 """
 
+from collections import defaultdict
+from collections.abc import Iterable
+from heapq import heappop, heappush
+from itertools import chain, permutations
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
@@ -39,22 +44,24 @@ class SelfContactCandidates(SegmentCandidates):
     ) -> Flags:
         """Choose nodes of which none is a vertex of the segment of another. Collective.
 
-        Each node in turn is taken unless one of those before forbids it: the most urgent first,
-        and among these the lowest number in the mesh, so that the choice does not depend on the
-        partition. See `Candidates.independent`.
+        Each node in turn is taken unless one of those before forbids it: the most urgent first.
+        Among these come first neighbours of taken ones: where two walls lie flat on each other
+        the nodes of one of them hold both, as no node can be held where it would be the turn of
+        the other wall. Then the lowest number in the mesh decides, so that the choice does not
+        depend on the partition. See `Candidates.independent`.
         """
         node = np.flatnonzero(eligible)
         vertices = self.segments.take(segment[node], axis=0)
         ids = self.scatter.global_nodes(np.column_stack([surface.nodes[node], vertices]))
         order = np.column_stack([-urgency[node], surface.node_ids[node], ids])
-        everywhere = np.concatenate(surface.V.mesh.comm.allgather(order))
-        everywhere = everywhere[np.lexsort((everywhere[:, 1], everywhere[:, 0]))]
-        taken: set[int] = set()
-        covered: set[int] = set()  # vertices of the segments of taken nodes
-        for first, *others in everywhere[:, 2:].tolist():
-            if first not in covered and taken.isdisjoint(others):
-                taken.add(first)
-                covered.update(others)
+        corners = self.scatter.global_nodes(self.segments)
+        pairs = [np.empty((0, 2), dtype=np.int64)]
+        pairs += [corners[:, [i, j]] for i, j in permutations(range(corners.shape[1]), 2)]
+        edges = np.concatenate(pairs)
+        edges = edges[np.isin(edges[:, 0], ids[:, 0])]
+        comm = surface.V.mesh.comm
+        everywhere = (chain(*comm.allgather(part.tolist())) for part in (order, edges))
+        taken = _taken(*everywhere)
         flags: Flags = np.zeros_like(eligible)
         flags[node] = [first in taken for first in ids[:, 0].tolist()]
         return flags
@@ -77,6 +84,38 @@ class SelfContactCandidates(SegmentCandidates):
         for vertex in self.segments.T:
             np.add.at(normals, vertex, areas)
         return normals
+
+
+def _taken(rows: Iterable[list[int]], edges: Iterable[list[int]]) -> set[int]:
+    """Choose nodes, see `SelfContactCandidates.independent`. Local.
+
+    A row has the urgency of a node, less for the more urgent, its number in the mesh, its dof and
+    those of the vertices of its segment. Edges lead from the dof of a node to that of another on
+    the same facet.
+    """
+    turn: dict[int, tuple[int, int]] = {}
+    segment: dict[int, list[int]] = {}
+    for urgency, number, node, *vertices in rows:
+        turn[node], segment[node] = (urgency, number), vertices
+    neighbours: dict[int, list[int]] = defaultdict(list)
+    for node, other in edges:
+        if other in turn:
+            neighbours[node].append(other)
+    turns: list[tuple[int, bool, int, int]] = []
+    for node, (urgency, number) in turn.items():
+        heappush(turns, (urgency, True, number, node))
+    taken: set[int] = set()
+    covered: set[int] = set()  # vertices of the segments of taken nodes
+    while turns:
+        node = heappop(turns)[-1]
+        if node in taken or node in covered or not taken.isdisjoint(segment[node]):
+            continue
+        taken.add(node)
+        covered.update(segment[node])
+        for other in neighbours[node]:
+            urgency, number = turn[other]
+            heappush(turns, (urgency, False, number, other))
+    return taken
 
 
 class SelfContactSearch(GlobalSearch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.integrators import implicit
 from helpers.round import balls, rings, throw
 from helpers.scenes import gathered
 
@@ -125,3 +126,14 @@ def test_nodes_are_put_onto_the_smooth_surface(comm):
     X = pair.nodes.V.mesh.geometry.x
     on_circle = np.abs(np.linalg.norm(X, axis=1) - 1) < 1e-6
     assert np.count_nonzero(on_circle) == 16 + moved
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_nodes_caught_between_flat_facets_lead_to_the_advice(comm, agree, monkeypatch, smooth):
+    text = "nodes that sank into a surface between two segments: 1"
+    monkeypatch.setattr(implicit, "check_penetration", lambda step, dt: text)
+    stepper = rings(comm, smooth=smooth)
+    throw(stepper)
+    with pytest.raises(nts.ConvergenceError, match=text) as raised:
+        list(stepper.run(0.1))
+    assert agree(("smooth=True" in str(raised.value)) != smooth)

@@ -1,6 +1,7 @@
 """Steps are cut and grow again, and the state does not tell that they were."""
 
 import csv
+import logging
 import re
 from contextlib import nullcontext
 from dataclasses import fields, replace
@@ -14,6 +15,7 @@ from dolfinx_nts import parts
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import implicit, time_loop
+from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.solvers import krylov, newton
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.once import once, once_except
@@ -249,6 +251,38 @@ def test_a_limit_load_is_named_soon(comm, monkeypatch):
         list(stepper.run(1.0, nts.StepControl(smallest=smallest)))
     assert below < stepper.t < above
     assert 0.1e6 > 5e5 * stepper.t > 0.09e6
+
+
+@pytest.mark.parametrize(
+    ("has_loads", "text"), [(True, "a limit load"), (False, "though no loads act")]
+)
+def test_a_limit_point_takes_more_than_one_fast_step(has_loads, text):
+    """Surfaces that meet make bodies fast for one step; only loads have limit loads."""
+    limit = LimitPoint()
+    for rate, rejected, is_near in [(1.0, 0, False), (4.0, 5, False), (8.0, 1, True)]:
+        limit.accept(rate, rejected)
+        assert limit.is_near == is_near
+    assert text in limit.told(0.1, 0.2, has_loads)
+
+
+@pytest.mark.parametrize("part", [16, 32])
+def test_a_run_that_crawls_says_why_once(comm, agree, caplog, monkeypatch, part):
+    """The error of a step that is cut is told below the level of warnings."""
+    stepper = scene(comm).stepper
+    whole, advance = stepper.dt, stepper.advance
+
+    def fails_when_long():
+        if stepper.dt > 1.01 * whole / part:
+            raise nts.ConvergenceError("too long a step", [])
+        return advance()
+
+    monkeypatch.setattr(stepper, "advance", fails_when_long)
+    with caplog.at_level(logging.WARNING, "dolfinx_nts"):
+        list(stepper.run(70 * whole / part, nts.StepControl()))
+    told = [record.getMessage() for record in caplog.records]
+    told = [text for text in told if "16 times shorter" in text]
+    assert agree(len(told) == (1 if comm.rank == 0 else 0))
+    assert agree(all("too long a step" in text for text in told))
 
 
 @pytest.mark.serial

@@ -1,5 +1,7 @@
 """Choice of the nodes that may have multipliers where a surface touches itself."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -45,8 +47,25 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
         if row[0]:
             assert not before
         else:
-            # One that is more urgent, or as urgent with a lower number, forbids it.
-            assert any((-other[1], other[2]) < (-row[1], row[2]) for other in before)
+            # One that is at least as urgent forbids it.
+            assert any(other[1] >= row[1] for other in before)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_one_wall_holds_both_where_they_lie_flat_on_each_other(comm, cell):
+    """Where it would be the other wall's turn, no node could be held."""
+    surface, candidates, segment = flattened(comm, cell)
+    X = surface.V.tabulate_dof_coordinates()[surface.nodes]
+    eligible = (segment >= 0) & (np.abs(X[:, 0]) < 0.7)
+    urgency = np.zeros(len(segment), dtype=np.int64)
+    shuffled = SimpleNamespace(
+        V=surface.V, nodes=surface.nodes, node_ids=surface.node_ids * 7919 % 104729
+    )
+    taken = candidates.independent(shuffled, segment, eligible, urgency)
+    walls = comm.allreduce(np.array([np.sum(taken & (s * X[:, 1] > 0)) for s in (1, -1)]))
+    all_nodes = comm.allreduce(int(np.sum(eligible)))
+    assert all_nodes > 40
+    assert sorted(walls) == [0, all_nodes // 2]
 
 
 def test_without_candidates_nobody_is_taken(comm):
