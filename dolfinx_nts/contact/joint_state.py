@@ -7,7 +7,7 @@ covers, and its history.
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import fields
-from functools import cache, partial
+from functools import partial
 from itertools import pairwise
 from operator import is_not
 from typing import Any, NamedTuple, cast
@@ -104,7 +104,7 @@ class JointState:
         """Let each pair remember its part of the contact of a step. Local."""
         self._history, self._accepted = history, []
         for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
-            state.accept(cache(partial(_part, history, slice(start, end))))
+            state.accept(partial(_part, history, slice(start, end)))
             self._accepted.append(state.accepted)
 
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ class PairState:
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
-        self.accepted = history
+        self.accepted = history if isinstance(history, ContactHistory) else cache(history)
 
     def derive_penalty(
         self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["flat", "pair_names", "part_names"]
@@ -64,13 +63,12 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
     """
     columns: dict[str, float] = {}
     for name, value in values.items():
-        if np.ndim(value) == 0:
+        if isinstance(value, (float, int)) or np.ndim(value) == 0:  # numpy takes its time
             columns[f"{prefix}{name}"] = value
         else:
-            vector: Floats = np.asarray(value)
-            axes = (_TURNING if name in _MOMENTS else _AXES)[len(vector)]
-            names = [f"{prefix}{name}_{axis}" for axis in axes]
-            columns |= zip(names, map(float, vector), strict=True)
+            axes = (_TURNING if name in _MOMENTS else _AXES)[len(value)]
+            for axis, part in zip(axes, map(float, value), strict=True):
+                columns[f"{prefix}{name}_{axis}"] = part
     return columns
 
 

@@ -7,7 +7,6 @@ plane, the stretch of circles, 1 + u_x/r, and integrals over whole rings have th
 
 import logging
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import ufl
@@ -33,8 +32,9 @@ _logger = logging.getLogger("dolfinx_nts")
 # Distance from the axis, relative to the largest radius [-], that is 0 but for round-off.
 _ON_AXIS = 1e-10
 
-# Distance from the axis that counts as none [m], by domain; None: the mesh is what it seems.
-_KNOWN: WeakKeyDictionary[ufl.Mesh, float | None] = WeakKeyDictionary()
+# Distance from the axis that counts as none [m], by the number of the domain, whose hash takes
+# longer than most that asks; None: the mesh is what it seems.
+_KNOWN: dict[int, float | None] = {}
 
 
 def axisymmetric(mesh: Mesh) -> None:
@@ -75,7 +75,7 @@ def axisymmetric(mesh: Mesh) -> None:
             f"expected radii x >= 0 in an axisymmetric mesh, given one of {least:g} m: the mesh is "
             "the half section of bodies of revolution, on one side of the axis x = 0"
         )
-    if _KNOWN.setdefault(mesh.ufl_domain(), _ON_AXIS * largest) is None:
+    if _KNOWN.setdefault(mesh.ufl_domain().ufl_id(), _ON_AXIS * largest) is None:
         raise ValueError(
             "expected axisymmetric(mesh) before bodies, surfaces and all else are made of the "
             "mesh, given one of which they were made already"
@@ -132,4 +132,4 @@ def hoop_gradient(v: Any, *, on_axis: bool = False) -> Any:
 
 def _tolerance(mesh: Mesh | ufl.Mesh) -> float | None:
     domain = mesh if isinstance(mesh, ufl.Mesh) else mesh.ufl_domain()
-    return _KNOWN.setdefault(domain, None)
+    return _KNOWN.setdefault(domain.ufl_id(), None)

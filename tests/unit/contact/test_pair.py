@@ -11,6 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
+from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
 from helpers import scenes
@@ -344,6 +345,20 @@ def test_surfaces_that_share_an_edge_are_refused(comm, refused):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     with refused(ValueError, "without common nodes in a contact pair, .*given 3 nodes on both"):
         nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
+
+
+def test_the_contact_of_a_step_is_made_once_for_all_who_ask(comm):
+    (old,) = scenes.blocks(comm).stepper.pairs
+    contact, made = PairState(nts.ContactPair(old.nodes, old.segments)), []
+
+    def history():
+        made.append(ContactHistory.none(len(old.nodes.nodes)))
+        return made[-1]
+
+    contact.accept(history)
+    assert not made  # most steps are not described
+    assert contact.history is contact.history is made[0]
+    assert len(made) == 1
 
 
 def test_pair_tells_the_springs_that_it_uses(comm, caplog):
