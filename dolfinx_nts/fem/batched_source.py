@@ -7,10 +7,11 @@ C++, which has operators and functions of vectors (`lanes.h`). The law is not to
 """
 
 import re
+from typing import NamedTuple
 
 from dolfinx_nts.fem.trilinear_tables import factorised
 
-__all__ = ["batched_source"]
+__all__ = ["Columns", "batched_source"]
 
 _KERNEL = re.compile(r"^void tabulate_tensor_(\w+)\([^)]*\)\s*\{$", re.M)
 _ORDER = re.compile(r"\bform_integrals_\w+\[\d+\] = \{([^}]*)\}")
@@ -22,7 +23,8 @@ _TABLE = re.compile(r"^static const double\b", re.M)
 # What differs between the cells of a batch only by chance, or is not in all of them.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
-_HEAD = """#include "trilinear.h"
+_HEAD = """#include "columns.h"
+#include "trilinear.h"
 using namespace nts;
 """
 _FUNCTION = """
@@ -31,17 +33,42 @@ extern "C" void batch_{number}(Lanes* __restrict__ A, const Lanes* __restrict__ 
                         const Lanes* __restrict__ coordinate_dofs)
 {{{body}}}
 """
+_MATRIX = """
+extern "C" void matrix_{number}(double* A, const double* w, const double* c, const double* x)
+{{
+  add_columns<{rows}, {columns}, {first}, {width}, {coordinates}>(batch_{number}, A, w, c, x);
+}}
+"""
 
 
-def batched_source(source: str) -> str:
+class Columns(NamedTuple):
+    """What a matrix is made of by kernels of its action on a function.
+
+    Attributes:
+        rows: Scalar dofs of the test function in a cell.
+        columns: Scalar dofs of the function.
+        first: Place of its first value among the values of all functions.
+        width: Values of all functions in a cell.
+        coordinates: Coordinates of all nodes of the geometry of a cell.
+    """
+
+    rows: int
+    columns: int
+    first: int
+    width: int
+    coordinates: int
+
+
+def batched_source(source: str, columns: Columns | None = None) -> str:
     """Translate the kernels of a linear form over cells for batches of cells. Local.
 
     Args:
         source: The C that FFCx wrote for the form.
+        columns: Place of a function, on which the form is the action of a bilinear one.
 
     Returns:
         C++ with a function ``batch_0``, ``batch_1``, ... for each integral, in the order of the
-        form.
+        form, and with columns ``matrix_0``, ... of the bilinear form beside each.
 
     Raises:
         ValueError: The text is not what is expected.
@@ -56,6 +83,8 @@ def batched_source(source: str) -> str:
     functions = [
         _FUNCTION.format(number=i, body=_in_lanes(bodies[name])) for i, name in enumerate(names)
     ]
+    if columns is not None:
+        functions += [_MATRIX.format(number=i, **columns._asdict()) for i, _ in enumerate(names)]
     return _HEAD + "".join(functions)
 
 
