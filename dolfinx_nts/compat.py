@@ -7,7 +7,8 @@ what changed, in which release, and when the function can be simplified.
 import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
+from functools import cache
+from importlib import import_module, metadata
 from typing import Any
 
 from mpi4py import MPI
@@ -219,7 +220,9 @@ def quicker_ffcx() -> Iterator[None]:
 
     Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
     are found by their hash, instead of by comparisons with all of them. Python does not look for
-    garbage among the many expressions, which are all in use. See also `modules_loaded_once`.
+    garbage among the many expressions, which are all in use. Setuptools, which runs the compiler,
+    reads what all installed packages say of themselves once, not seven times for each form. See
+    also `modules_loaded_once`.
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
@@ -240,18 +243,23 @@ def quicker_ffcx() -> Iterator[None]:
         element.cell = property(cell)
     if given[1] is not None:
         numberer.get_node_symbols = get_node_symbols
-    collects = gc.isenabled()
+    collects, metadata.entry_points = gc.isenabled(), _entry_points
     gc.disable()
     try:
         with modules_loaded_once():
             yield
     finally:
+        metadata.entry_points = _entry_points.__wrapped__
         if collects:
             gc.enable()
         if isinstance(given[0], property):
             element.cell = given[0]
         if given[1] is not None:
             numberer.get_node_symbols = given[1]
+
+
+# What packages say for setuptools; none is installed while a program runs.
+_entry_points: Any = cache(metadata.entry_points)
 
 
 def _value_numberer() -> Any:

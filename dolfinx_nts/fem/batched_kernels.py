@@ -21,7 +21,7 @@ from dolfinx import fem
 
 from dolfinx_nts._kernels import BatchKernel
 from dolfinx_nts.fem.batched_source import Columns, batched_source
-from dolfinx_nts.fem.jit import OPTIMISED
+from dolfinx_nts.fem.jit import OPTIMISED, SOON
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["batched_kernels", "begin_batched_kernels", "matrix_kernels"]
@@ -51,7 +51,10 @@ class _Library(NamedTuple):
         name = module.name.split(".")[0]
         source = batched_source(module.with_name(f"{name}.c").read_text(), columns)
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        flags = [*OPTIMISED, *(_SINGLE if is_single else [])]
+        # More makes kernels in single precision no faster, and matrices, of which there are few,
+        # by a fifth at most; it takes half as long again.
+        soon = SOON if is_single or columns is not None else []
+        flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
         command = [*shlex.split(compiler), *flags, _STANDARD, "-fPIC", "-shared"]
         texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
         digest = sha256("".join(texts).encode()).hexdigest()[:16]

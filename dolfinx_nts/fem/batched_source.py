@@ -36,13 +36,13 @@ extern "C" void batch_{number}(Lanes* __restrict__ A, const Lanes* __restrict__ 
 _MATRIX = """
 extern "C" void matrix_{number}(double* A, const double* w, const double* c, const double* x)
 {{
-  add_columns<{rows}, {columns}, {first}, {width}, {coordinates}>(batch_{number}, A, w, c, x);
+  add_columns<{sizes}>(batch_{number}, A, w, c, x);
 }}
 """
 
 
 class Columns(NamedTuple):
-    """What a matrix is made of by kernels of its action on a function.
+    """Sizes of a cell's matrix and of its action on a function, in the order of `columns.h`.
 
     Attributes:
         rows: Scalar dofs of the test function in a cell.
@@ -84,7 +84,8 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
         _FUNCTION.format(number=i, body=_in_lanes(bodies[name])) for i, name in enumerate(names)
     ]
     if columns is not None:
-        functions += [_MATRIX.format(number=i, **columns._asdict()) for i, _ in enumerate(names)]
+        sizes = ", ".join(map(str, columns))
+        functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
     return _HEAD + "".join(functions)
 
 
