@@ -51,9 +51,8 @@ class _Library(NamedTuple):
         name = module.name.split(".")[0]
         source = batched_source(module.with_name(f"{name}.c").read_text(), columns)
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        # More makes kernels in single precision no faster, and matrices, of which there are few,
-        # by a fifth at most; it takes half as long again.
-        soon = SOON if is_single or columns is not None else []
+        # Of matrices there are few; kernels of the others are used all the time.
+        soon = [] if columns is None else SOON
         flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
         command = [*shlex.split(compiler), *flags, _STANDARD, "-fPIC", "-shared"]
         texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
