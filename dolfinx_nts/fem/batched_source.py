@@ -23,8 +23,7 @@ _TABLE = re.compile(r"^static const double\b", re.M)
 # What differs between the cells of a batch only by chance, or is not in all of them.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
-_HEAD = """#include "columns.h"
-#include "trilinear.h"
+_HEAD = """#include "trilinear.h"
 using namespace nts;
 """
 _FUNCTION = """
@@ -86,6 +85,8 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
     if columns is not None:
         sizes = ", ".join(map(str, columns))
         functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
+        # It is for double precision only.
+        return '#include "columns.h"\n' + _HEAD + "".join(functions)
     return _HEAD + "".join(functions)
 
 
