@@ -11,8 +11,9 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from mpi4py import MPI
@@ -22,6 +23,7 @@ import numpy as np
 import dolfinx_nts as nts
 from benchmarks.profile import CONTACT, Profile
 from benchmarks.scenes import Scene, ball_on_plate, pile, sliding_block
+from dolfinx_nts.fem.linear_forms import PackedForm
 
 __all__ = ["Case", "measure"]
 
@@ -122,6 +124,10 @@ class Run:
         self._cpu = self._wall = self._drift = 0.0
         self._done = self._newton = self._active = 0
         self._residuals: list[float] = []
+        self._ffcx_residuals: list[float] = []
+        # Forces of the bulk as DOLFINx assembles them, by the kernels of FFCx.
+        self._ffcx = PackedForm(self._bulk._residual._bodies.form) if self._solver else None
+        self._forces = np.zeros_like(stepper.u.x.array)
         for _ in range(skipped):
             stepper.advance()
 
@@ -150,7 +156,10 @@ class Run:
         # Where nothing moves there is no energy at the start, and supports do work.
         drift = abs(energy / self._energy - 1) if self._energy else np.nan
         self._drift = float(np.maximum(self._drift, drift))
-        self._residuals += self._residual_seconds()
+        evaluate = self._bulk.forces if self._solver else self._bulk.internal.assemble
+        self._residuals += self._seconds_of(evaluate)
+        if self._ffcx is not None:
+            self._ffcx_residuals += self._seconds_of(partial(self._ffcx.assemble, self._forces))
 
     def _work(self) -> "Counter[str]":
         """Residuals, actions, tangents, Krylov iterations, whole factorisations."""
@@ -166,9 +175,8 @@ class Run:
             direct=solver.num_direct,
         )
 
-    def _residual_seconds(self) -> list[float]:
+    def _seconds_of(self, evaluate: Callable[[], Any]) -> list[float]:
         """CPU times of evaluations of the forces of the bulk."""
-        evaluate = self._bulk.forces if self._solver else self._bulk.internal.assemble
         u = self._stepper.u.x.array
         accepted, seconds, warm = u.copy(), [], 1 if u.size > 50_000 else 3
         for _ in range(2 * warm if self._solver else 10 * warm):
@@ -186,7 +194,10 @@ class Run:
         shares = {name: comm.allreduce(value) / comm.size for name, value in self._seconds.items()}
         mean = comm.allreduce(self._wall) / comm.size
         shares["remainder"] = mean - sum(shares.values())
-        residual = comm.allreduce(float(np.mean(self._residuals)), op=MPI.MAX)
+        residual, ffcx = (
+            comm.allreduce(float(np.mean(seconds or np.nan)), op=MPI.MAX)
+            for seconds in (self._residuals, self._ffcx_residuals)
+        )
         cpu, wall = (comm.allreduce(value, op=MPI.MAX) for value in (self._cpu, self._wall))
         velocity = self._diagnostics.body_velocity(self._scene.body)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -206,6 +217,7 @@ class Run:
             "wall_seconds_per_step": wall / steps,
             "residual_seconds": residual,
             "residuals_per_step": cpu / steps / residual,
+            "ffcx_residuals_per_step": cpu / steps / ffcx,
             "contact_share": sum(shares.get(name, 0.0) for name in CONTACT) / mean,
             "newton_iterations": self._newton,
             **{name: self._counts[name] for name in counts},

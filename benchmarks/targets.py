@@ -158,11 +158,14 @@ _TARGETS = (
         1.5,
     ),
     Target("E = 1e7, energy drift", partial(_value, name="energy_drift", **_STIFF), 1e-10, 1e-10),
-    Target(
-        "2 688 unknowns, step in contact in residual evaluations",
-        partial(_value, scene="contact", name=_RESIDUALS, n=6),
-        25,
-        34,
+    *(
+        Target(
+            f"step in contact in residuals by kernels of FFCx, n = {n}",
+            partial(_value, scene="contact", name="ffcx_residuals_per_step", n=n),
+            aim,
+            gate,
+        )
+        for n, aim, gate in ((6, 25, 25), (24, 25, 34), (36, 30, 30))
     ),
     Target(
         "118 581 unknowns, step in residual evaluations",

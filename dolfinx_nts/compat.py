@@ -5,9 +5,10 @@ what changed, in which release, and when the function can be simplified.
 """
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
+from functools import cache
+from importlib import import_module, metadata
 from typing import Any
 
 from mpi4py import MPI
@@ -15,6 +16,7 @@ from mpi4py import MPI
 import basix.ufl
 import cffi
 import numpy as np
+from dolfinx import fem
 from dolfinx.common import IndexMap
 from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
 
@@ -43,6 +45,7 @@ _ffi = cffi.FFI()
 __all__ = [
     "cell_partitioner",
     "cpp_object",
+    "form_of_kernels",
     "geometry_degree",
     "geometry_nodes",
     "index_map",
@@ -97,6 +100,37 @@ def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> In
         return IndexMap(comm, size, ghosts, owners, _TAG_OF_INDEX_MAP)
     except TypeError:
         return IndexMap(comm, size, ghosts, owners)
+
+
+def form_of_kernels(
+    spaces: Sequence[fem.FunctionSpace],
+    kernels: Sequence[tuple[int, Ints]],
+    functions: Sequence[fem.Function],
+    constants: Sequence[fem.Constant],
+) -> fem.Form:
+    """Form over cells whose kernels are not FFCx's. Collective.
+
+    Args:
+        spaces: Spaces of its arguments.
+        kernels: Address of a kernel with FFCx's interface, and owned cells, for each integral.
+        functions: Functions of which kernels have values, in this order.
+        constants: Constants of which kernels have values, in this order.
+    """
+    # Maps of entities became a list in 0.10. Use that when 0.9 is dropped.
+    has = np.arange(len(functions), dtype=np.int8)
+    integrals = [(number, *given, has) for number, given in enumerate(kernels)]
+    given = (
+        [space._cpp_object for space in spaces],
+        {fem.IntegralType.cell: integrals},
+        [function._cpp_object for function in functions],
+        [constant._cpp_object for constant in constants],
+        False,
+    )
+    make = fem.forms.form_cpp_class(np.float64)
+    try:
+        return fem.Form(make(*given, [], None))
+    except TypeError:
+        return fem.Form(make(*given, {}, None))
 
 
 def kernel(integral: Any) -> tuple[int, bool]:
@@ -186,7 +220,9 @@ def quicker_ffcx() -> Iterator[None]:
 
     Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
     are found by their hash, instead of by comparisons with all of them. Python does not look for
-    garbage among the many expressions, which are all in use. See also `modules_loaded_once`.
+    garbage among the many expressions, which are all in use. Setuptools, which runs the compiler,
+    reads what all installed packages say of themselves once, not seven times for each form. See
+    also `modules_loaded_once`.
     """
     # All releases so far waste this time. Drop what a later one does by itself.
     cells: dict[Any, Any] = {}
@@ -207,18 +243,23 @@ def quicker_ffcx() -> Iterator[None]:
         element.cell = property(cell)
     if given[1] is not None:
         numberer.get_node_symbols = get_node_symbols
-    collects = gc.isenabled()
+    collects, metadata.entry_points = gc.isenabled(), _entry_points
     gc.disable()
     try:
         with modules_loaded_once():
             yield
     finally:
+        metadata.entry_points = _entry_points.__wrapped__
         if collects:
             gc.enable()
         if isinstance(given[0], property):
             element.cell = given[0]
         if given[1] is not None:
             numberer.get_node_symbols = given[1]
+
+
+# What packages say for setuptools; none is installed while a program runs.
+_entry_points: Any = cache(metadata.entry_points)
 
 
 def _value_numberer() -> Any:

@@ -20,14 +20,14 @@ from typing import NamedTuple
 from dolfinx import fem
 
 from dolfinx_nts._kernels import BatchKernel
-from dolfinx_nts.fem.batched_source import batched_source
-from dolfinx_nts.fem.jit import OPTIMISED
+from dolfinx_nts.fem.batched_source import Columns, batched_source
+from dolfinx_nts.fem.jit import OPTIMISED, SOON
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["batched_kernels", "begin_batched_kernels"]
+__all__ = ["batched_kernels", "begin_batched_kernels", "matrix_kernels"]
 
 _LOG = logging.getLogger(__name__)
-_HEADERS = [Path(__file__).with_name(name) for name in ("lanes.h", "trilinear.h")]
+_HEADERS = [Path(__file__).with_name(name) for name in ("lanes.h", "trilinear.h", "columns.h")]
 # With C++17 <cmath> takes a twentieth of a second more, for functions that kernels do not have.
 _STANDARD = "-std=c++14"
 _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
@@ -41,7 +41,7 @@ class _Library(NamedTuple):
     path: Path
 
     @classmethod
-    def of(cls, module: Path, *, is_single: bool) -> "_Library":
+    def of(cls, module: Path, *, is_single: bool, columns: Columns | None) -> "_Library":
         """Library for the form in a module of FFCx.
 
         Raises:
@@ -49,9 +49,11 @@ class _Library(NamedTuple):
             ValueError: The text is not what is expected.
         """
         name = module.name.split(".")[0]
-        source = batched_source(module.with_name(f"{name}.c").read_text())
+        source = batched_source(module.with_name(f"{name}.c").read_text(), columns)
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        flags = [*OPTIMISED, *(_SINGLE if is_single else [])]
+        # Of matrices there are few; kernels of the others are used all the time.
+        soon = [] if columns is None else SOON
+        flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
         command = [*shlex.split(compiler), *flags, _STANDARD, "-fPIC", "-shared"]
         texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
         digest = sha256("".join(texts).encode()).hexdigest()[:16]
@@ -111,14 +113,17 @@ def _stop_all() -> None:
         _at_work.popitem()[1].stop()
 
 
-def begin_batched_kernels(form: fem.Form, *, is_single: bool = False) -> None:
-    """Let a compiler begin on the kernels that `batched_kernels` will give. Local.
+def begin_batched_kernels(
+    form: fem.Form, *, is_single: bool = False, columns: Columns | None = None
+) -> None:
+    """Let a compiler begin on what `batched_kernels` or `matrix_kernels` will give. Local.
 
-    Arguments are those of `batched_kernels`, which also tells what fails.
+    Arguments are theirs. They also tell what fails.
     """
     if form.mesh.comm.rank == 0:
         with suppress(OSError, ValueError):
-            library = _Library.of(Path(form.module.__file__), is_single=is_single)
+            module = Path(form.module.__file__)
+            library = _Library.of(module, is_single=is_single, columns=columns)
             if not library.path.exists() and library.path not in _at_work:
                 _at_work[library.path] = _Compilation(library)
 
@@ -136,13 +141,45 @@ def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKer
         One kernel for each integral; None where FFCx's text is not what is expected, or there
         is no compiler that knows vectors.
     """
+    library = _loaded_everywhere(form, is_single=is_single, columns=None)
+    if library is None:
+        return None
+    lanes = ctypes.c_int.in_dll(library, "num_lanes").value
+    return [
+        BatchKernel(address, lanes, is_single) for address in _addresses(library, "batch", form)
+    ]
+
+
+def matrix_kernels(form: fem.Form, columns: Columns) -> list[int] | None:
+    """Make kernels of a bilinear form from what FFCx wrote for its action. Collective.
+
+    They have the interface of FFCx's kernels. Columns of a cell's matrix are actions on units,
+    as many at once as a batch has cells.
+
+    Args:
+        form: The action on a function, a linear form over cells.
+        columns: Place of the function in the kernels.
+
+    Returns:
+        Address of the kernel for each integral; None as of `batched_kernels`.
+    """
+    library = _loaded_everywhere(form, is_single=False, columns=columns)
+    return None if library is None else _addresses(library, "matrix", form)
+
+
+def _loaded_everywhere(
+    form: fem.Form, *, is_single: bool, columns: Columns | None
+) -> ctypes.CDLL | None:
+    """Library for a form; None where a rank has none. Collective."""
     comm = form.mesh.comm
-    kernels: list[BatchKernel] | None = None
+    library: ctypes.CDLL | None = None
     # The first rank compiles. Others find its library, or make theirs on another machine.
     for has_turn in (comm.rank == 0, comm.rank > 0):
         if has_turn:
             try:
-                kernels = _kernels(Path(form.module.__file__), is_single=is_single)
+                library = _loaded(
+                    _Library.of(Path(form.module.__file__), is_single=is_single, columns=columns)
+                )
             except (OSError, ValueError, subprocess.CalledProcessError) as error:
                 _LOG.info(
                     "no kernels for batches of cells, which is harmless: those of FFCx take "
@@ -150,25 +187,23 @@ def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKer
                     getattr(error, "stderr", None) or error,
                 )
         comm.Barrier()
-    return kernels if reductions.everywhere(comm, kernels is not None) else None
+    return library if reductions.everywhere(comm, library is not None) else None
 
 
-def _kernels(module: Path, *, is_single: bool) -> list[BatchKernel]:
-    """Kernels of the form in a module of FFCx.
+def _loaded(library: _Library) -> ctypes.CDLL:
+    """Load a library, which is made first if it is not there.
 
     Raises:
-        OSError: There is no text, no compiler, or the library cannot be loaded.
-        ValueError: The text is not what is expected.
-        subprocess.CalledProcessError: The compiler does not understand the result.
+        OSError: There is no compiler, or the library cannot be loaded.
+        subprocess.CalledProcessError: The compiler does not understand the source.
     """
-    source, _, path = library = _Library.of(module, is_single=is_single)
-    if not path.exists():
-        (_at_work.pop(path, None) or _Compilation(library)).finish()
-    loaded = ctypes.CDLL(str(path))
-    lanes = ctypes.c_int.in_dll(loaded, "num_lanes").value
-    number = source.count('extern "C" void batch_')
-    functions = [getattr(loaded, f"batch_{i}") for i in range(number)]
-    return [
-        BatchKernel(ctypes.cast(function, ctypes.c_void_p).value or 0, lanes, is_single)
-        for function in functions
-    ]
+    if not library.path.exists():
+        (_at_work.pop(library.path, None) or _Compilation(library)).finish()
+    return ctypes.CDLL(str(library.path))
+
+
+def _addresses(library: ctypes.CDLL, name: str, form: fem.Form) -> list[int]:
+    """Addresses of functions of a library, one for each integral over cells."""
+    number = form.ufcx_form.form_integral_offsets[1]
+    functions = [getattr(library, f"{name}_{i}") for i in range(number)]
+    return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]

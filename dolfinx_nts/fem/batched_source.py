@@ -7,10 +7,11 @@ C++, which has operators and functions of vectors (`lanes.h`). The law is not to
 """
 
 import re
+from typing import NamedTuple
 
 from dolfinx_nts.fem.trilinear_tables import factorised
 
-__all__ = ["batched_source"]
+__all__ = ["Columns", "batched_source"]
 
 _KERNEL = re.compile(r"^void tabulate_tensor_(\w+)\([^)]*\)\s*\{$", re.M)
 _ORDER = re.compile(r"\bform_integrals_\w+\[\d+\] = \{([^}]*)\}")
@@ -31,17 +32,42 @@ extern "C" void batch_{number}(Lanes* __restrict__ A, const Lanes* __restrict__ 
                         const Lanes* __restrict__ coordinate_dofs)
 {{{body}}}
 """
+_MATRIX = """
+extern "C" void matrix_{number}(double* A, const double* w, const double* c, const double* x)
+{{
+  add_columns<{sizes}>(batch_{number}, A, w, c, x);
+}}
+"""
 
 
-def batched_source(source: str) -> str:
+class Columns(NamedTuple):
+    """Sizes of a cell's matrix and of its action on a function, in the order of `columns.h`.
+
+    Attributes:
+        rows: Scalar dofs of the test function in a cell.
+        columns: Scalar dofs of the function.
+        first: Place of its first value among the values of all functions.
+        width: Values of all functions in a cell.
+        coordinates: Coordinates of all nodes of the geometry of a cell.
+    """
+
+    rows: int
+    columns: int
+    first: int
+    width: int
+    coordinates: int
+
+
+def batched_source(source: str, columns: Columns | None = None) -> str:
     """Translate the kernels of a linear form over cells for batches of cells. Local.
 
     Args:
         source: The C that FFCx wrote for the form.
+        columns: Place of a function, on which the form is the action of a bilinear one.
 
     Returns:
         C++ with a function ``batch_0``, ``batch_1``, ... for each integral, in the order of the
-        form.
+        form, and with columns ``matrix_0``, ... of the bilinear form beside each.
 
     Raises:
         ValueError: The text is not what is expected.
@@ -56,6 +82,11 @@ def batched_source(source: str) -> str:
     functions = [
         _FUNCTION.format(number=i, body=_in_lanes(bodies[name])) for i, name in enumerate(names)
     ]
+    if columns is not None:
+        sizes = ", ".join(map(str, columns))
+        functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
+        # It is for double precision only.
+        return '#include "columns.h"\n' + _HEAD + "".join(functions)
     return _HEAD + "".join(functions)
 
 

@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = [
     "OPTIMISED",
+    "SOON",
     "assembled",
     "compile_bilinear_form",
     "compile_expression",
@@ -31,9 +32,10 @@ _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
 # The loop over points is vectorised if those in it are unrolled, which recent GCC does only with
 # a greater limit than its own, of 200 instructions.
 _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
-# Kernels of bilinear forms are five times as soon compiled, and at most a ninth slower, with
-# vectors at the first level of optimisation.
-_SOON = ["-O1", "-ftree-vectorize"]
+# With vectors at the first level of optimisation, FFCx's kernels of bilinear forms are five times
+# as soon compiled, and at most a ninth slower. Without the last flag GCC leaves wide registers
+# dirty at this level, which slows down all that comes after a kernel.
+SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
 OPTIMISED = [
@@ -66,7 +68,7 @@ def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
 
 _FAST = _options(*OPTIMISED, *_UNROLLED)
 compile_form = partial(_compiled, _FAST)
-compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *_SOON))
+compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *SOON))
 # With slow kernels: for forms that are assembled once, and for what else a compiled form knows.
 compile_quickly = partial(_compiled, _options("-O0"))
 

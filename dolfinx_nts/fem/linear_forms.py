@@ -103,16 +103,20 @@ class CellForm:
         kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
             double precision, which are soon compiled.
         V: Vector space whose functions are gathered; None: that of the argument.
+
+    Attributes:
+        form: The form.
     """
 
     def __init__(
         self, form: ufl.Form, kernels: Kernels = "double", V: fem.FunctionSpace | None = None
     ) -> None:
         """Compile what tells of the form, and let a compiler begin on its kernels."""
-        self._described = compile_quickly(form)
+        self.form = form
+        described = compile_quickly(form)
         if kernels != "slow":
-            begin_batched_kernels(self._described, is_single=kernels == "single")
-        self._loop_of = partial(_CellLoop, form, kernels, self._described, V)
+            begin_batched_kernels(described, is_single=kernels == "single")
+        self._loop_of = partial(_CellLoop, form, kernels, described, V)
         self._left_out: Ints = _NO_PLACES
 
     @cached_property

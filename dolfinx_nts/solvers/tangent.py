@@ -13,6 +13,7 @@ from dolfinx import cpp, fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.fem.bilinear_forms import CellMatrix
 from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
@@ -63,7 +64,7 @@ class Tangent:
         trial = ufl.TrialFunction(u.function_space)
         self._derivatives = [ufl.derivative(form, u, trial) for form in forms]
         self._exact: list[fem.Form] = []
-        self._nearby = [] if nearby is None else _compiled([nearby])
+        self._nearby = None if nearby is None else CellMatrix(expand_derivatives(nearby))
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
@@ -92,8 +93,8 @@ class Tangent:
 
     def assemble_nearby(self) -> None:
         """Set `rows` to the matrix near the derivative at u. Collective."""
-        if self._nearby:
-            self._assemble(self._nearby, is_exact=False)
+        if self._nearby is not None:
+            self._assemble([self._nearby.compiled], is_exact=False)
         else:
             self.assemble_exact()
 

@@ -65,6 +65,7 @@ def test_functions_of_energies(comm):
     work = virtual_work(comm, nts.Hyperelastic(psi, rho=1.0))
     reference = compile_form(work)
     assert batched_kernels(reference) is not None
+    assert batched_kernels(reference, is_single=True) is not None
     expected = fem.assemble_vector(reference).array
     given = np.zeros_like(expected)
     CellForm(work).assemble(given)

@@ -3,6 +3,7 @@
 import platform
 import re
 import subprocess
+from importlib import metadata
 from pathlib import Path
 
 from mpi4py import MPI
@@ -136,6 +137,19 @@ def test_ffcx_makes_few_cells_and_comparisons_and_writes_the_same_kernels(comm, 
     assert text == expected
     assert np.all(few < many / 4)
     assert methods == (basix.ufl._ElementBase.cell, ValueNumberer.get_node_symbols)
+
+
+@pytest.mark.serial
+def test_installed_packages_are_asked_once_what_they_have_for_the_compiler(monkeypatch):
+    scans, distributions = [], metadata.distributions
+    monkeypatch.setattr(metadata, "distributions", lambda: scans.append(1) or distributions())
+    given = metadata.entry_points
+    for _ in range(3):
+        with compat.quicker_ffcx():
+            found = metadata.entry_points(group="console_scripts")
+        assert set(found) == set(given(group="console_scripts"))
+    assert metadata.entry_points is given
+    assert len(scans) <= 1 + 3
 
 
 def energy(body, material, parameters):
