@@ -51,7 +51,7 @@ class NearFacets(NamedTuple):
         """Ask other ranks for facets around those of this rank. Collective."""
         space, comm = surface.V.dofmap.index_map, surface.V.mesh.comm
         vertices = surface.segments
-        rows = (
+        rows: tuple[Any, ...] = (
             surface.key,
             surface.orientation,
             input_ids(surface.V)[vertices],
