@@ -20,7 +20,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.near_facets import NearFacets, local_edges
 from dolfinx_nts.search.smooth_tangents import Tangents
 
-__all__ = ["SmoothPatches"]
+__all__ = ["SmoothPatches", "flat_patch"]
 
 
 class SmoothPatches:
@@ -138,3 +138,10 @@ def _triangle() -> Floats:
 
 # Control points by the vertices of a facet and the tangents at both ends of its edges.
 _CONTROL = {2: _edge(), 3: _triangle(), 4: _quadrilateral()}
+
+
+def flat_patch(k: int) -> Floats:
+    """Control points of a patch that is its facet, by the ``k`` vertices of this, ``(c, k)``."""
+    chords = [np.eye(k)[b] - np.eye(k)[a] for a, b in local_edges(k) for _ in range(2)]
+    points: Floats = _CONTROL[k] @ np.array([*np.eye(k), *chords])
+    return points

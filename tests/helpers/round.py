@@ -1,4 +1,4 @@
-"""Scenes of round bodies with smooth surfaces: two rings in the plane, two hollow balls."""
+"""Scenes of round bodies with smooth surfaces: rings in the plane, hollow balls."""
 
 from typing import Any
 
@@ -13,17 +13,23 @@ import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
 from helpers.plane import turning
 
-__all__ = ["balls", "rings", "throw"]
+__all__ = ["balls", "marble", "rings", "throw"]
 
 RUBBER = (1.0e5, 0.3, 1.0e3)  # Young's modulus [Pa], Poisson's ratio, density [kg/m^3]
 
 
 def ring_mesh(
-    comm: MPI.Comm, centres: list[tuple[float, float]], cells: int, cell: str, angle: float
+    comm: MPI.Comm,
+    centres: list[tuple[float, float]],
+    cells: int,
+    cell: str,
+    angle: float,
+    outer_radii: tuple[float, ...] = (1.0, 1.0),
 ) -> mesh.Mesh:
-    """Rings of radii 0.5 and 1 m with two layers of ``cells`` quadrilaterals, or triangles."""
-    radii, points, quads = np.array([0.5, 0.75, 1.0]), [], []
-    for number, centre in enumerate(centres):
+    """Rings, half as wide inside, with two layers of ``cells`` quadrilaterals, or triangles."""
+    points, quads = [], []
+    for number, (centre, outer) in enumerate(zip(centres, outer_radii, strict=False)):
+        radii = outer * np.array([0.5, 0.75, 1.0])
         phi = 2 * np.pi * (np.arange(cells) + 0.3 * number) / cells
         around = np.stack([np.cos(phi), np.sin(phi)], axis=1)
         points.append((radii[:, None, None] * around).reshape(-1, 2) + centre)
@@ -67,6 +73,24 @@ def rings(
     upper = upper or nts.Body(V, tags, 2, nts.NeoHookean(*RUBBER))
     pair = nts.ContactPair(nts.boundary_of(upper), nts.boundary_of(lower, smooth=smooth), **laws)
     return scheme([lower, upper], [pair], dt=dt)
+
+
+def marble(comm: MPI.Comm, *, smooth: bool = True, depth: float = 0.0) -> Any:
+    """Stepper of a small ring in the hollow of a large one, as deep inside it. Collective.
+
+    Facets of the hollow are up to 0.015 m inside its circle, 0.15 facets of the small ring.
+    """
+    centres = [(0.0, 0.0), (0.0, -0.3 - depth)]
+    domain = ring_mesh(comm, centres, 13, "quadrilateral", 0.0, outer_radii=(1.0, 0.2))
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    index_map = domain.topology.index_map(2)
+    every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    middle = np.linalg.norm(mesh.compute_midpoints(domain, 2, every), axis=1)
+    tags = mesh.meshtags(domain, 2, every, np.where(middle > 0.55, 1, 2).astype(np.int32))
+    bodies = [nts.Body(V, tags, tag, nts.NeoHookean(*RUBBER)) for tag in (1, 2)]
+    hollow = nts.boundary_of(bodies[0], where=lambda x: np.hypot(x[0], x[1]) < 0.51, smooth=smooth)
+    pair = nts.ContactPair(nts.boundary_of(bodies[1]), hollow)
+    return nts.EnergyMomentum(bodies, [pair], dt=0.01)
 
 
 def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **laws: Any) -> Any:
