@@ -119,14 +119,14 @@ def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path
 
 
 @pytest.fixture
-def told(comm, caplog):
+def warned(comm, caplog):
     """Numbers of warnings so far, of rank 0 on all ranks. Collective."""
     caplog.set_level(logging.WARNING, "dolfinx_nts")
     return lambda: comm.bcast(sum("inside" in message for message in caplog.messages))
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, told):
+def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, warned):
     stepper = marble(comm)
     stepper.set_velocity(stepper.bodies[1], (1.0, -0.5))
     diagnostics = nts.Diagnostics(stepper)
@@ -139,27 +139,27 @@ def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, told):
     assert active > 30 and deepest > 0.012  # 0.12 facets of the small ring
     after = diagnostics.balance()
     assert after.total_energy == pytest.approx(before.total_energy, rel=1e-11)
-    assert told() == 0
+    assert warned() == 0
 
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("smooth", "depth", "warnings"), [(True, 0.005, 0), (True, 0.03, 1), (False, 0.005, 1)]
 )
-def test_overlaps_with_a_hollow_are_told_at_the_start(comm, told, smooth, depth, warnings):
+def test_overlaps_with_a_hollow_are_told_at_the_start(comm, warned, smooth, depth, warnings):
     marble(comm, smooth=smooth, depth=depth).advance()
-    assert told() == warnings
+    assert warned() == warnings
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize(("depth", "warnings"), [(0.0, 0), (0.06, 1)])
-def test_overlaps_of_round_bodies_are_told_and_contact_is_none(comm, told, depth, warnings):
+def test_overlaps_of_round_bodies_are_told_and_contact_is_none(comm, warned, depth, warnings):
     stepper = rings(comm)
     # The circles are 0.01 m apart, and their facets up to 0.04 m further.
     stepper.set_displacement(stepper.bodies[1], (0.0, -0.01 - depth))
     throw(stepper)
     active = sum(report.num_active > 0 for report in stepper.run(until=0.2))
-    assert told() == warnings
+    assert warned() == warnings
     assert active or depth
 
 
