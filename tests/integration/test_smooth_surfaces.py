@@ -37,6 +37,11 @@ LAWS = {
     "elastic": {},
     "triangles": {"cell": "triangle"},
     "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "restitution": {"enforcement": nts.LagrangeMultiplier("restitution", e=0.5)},
+    "rigid restitution": {
+        "enforcement": nts.LagrangeMultiplier("restitution", e=0.5),
+        "rigid": True,
+    },
     "springs": {"enforcement": nts.Penalty()},
     "friction": {"friction": nts.Coulomb(0.3)},
     "springs and friction": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
@@ -52,7 +57,7 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
     assert active > 0
     if law in ("elastic", "triangles", "rigid"):
         assert abs(given) < 1e-10 * first.total_energy
-    if "friction" in law:
+    if "friction" in law or "restitution" in law:
         assert given < -1e-4 * first.total_energy
 
 
