@@ -80,6 +80,7 @@ def all_pairs(
     friction: Coulomb | None = None,
     method: Method = "node-to-segment",
     edges: bool = False,
+    smooth: bool = False,
 ) -> list[ContactPair]:
     """Make the contact pairs by which any body may touch any other. Collective.
 
@@ -101,6 +102,8 @@ def all_pairs(
             of self contact are node-to-segment in any case.
         edges: Whether bodies also touch where their sharp edges cross, by a second pair of
             method ``"edge-to-edge"`` for each two groups of bodies that have such edges.
+        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`.
+            Self contact and edges see facets in any case.
 
     Returns:
         The pairs.
@@ -151,7 +154,9 @@ def all_pairs(
             target, text = surface(*segments), "their own segments"
         else:
             what = "edges" if by == EDGES else "segments"
-            target, text = surface(*segments), f"the {what} of {names(segments)}"
+            is_smooth = smooth and by != EDGES
+            target = surface(*segments, smooth=True) if is_smooth else surface(*segments)
+            text = f"the {'smooth ' * is_smooth}{what} of {names(segments)}"
         pairs.append(ContactPair(surface(*nodes), target, enforcement, friction, by))
         if bodies[0].V.mesh.comm.rank == 0:
             own = "edges" if by == EDGES else "nodes"

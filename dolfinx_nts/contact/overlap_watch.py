@@ -12,8 +12,10 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
+from dolfinx_nts.search.smooth_search import depth_beneath_facets
 
 __all__ = ["OverlapWatch"]
 
@@ -172,9 +174,21 @@ class OverlapWatch:
             if overlap.depth > deepest.depth:
                 self.deepest[names] = overlap
             depth, cells = self._known.get(names, (0.0, 0))
-            if overlap.depth > depth + part * overlap.size or overlap.cells > 0 == cells:
+            more = overlap.depth - depth - part * overlap.size
+            if (more > 0 and more > self._beneath(overlap, x)) or overlap.cells > 0 == cells:
                 new.append((overlap, names))
         return new
+
+    def _beneath(self, overlap: Overlap, x: Floats) -> float:
+        """How deep what touches smooth segments of the two may be inside facets [m]."""
+        inner, outer = overlap.names
+        depths = [
+            depth_beneath_facets(contact.nodes, contact.segments, x, overlap.depth)
+            for contact, nodes, segments in self._roles
+            if isinstance(contact.segments, Surface) and contact.segments.smooth
+            if (inner in nodes and outer in segments) or (outer in nodes and inner in segments)
+        ]
+        return max(depths, default=0.0)
 
     def _between_bodies(self, overlap: Overlap) -> bool:
         return not self.search.obstacles.intersection(overlap.names)

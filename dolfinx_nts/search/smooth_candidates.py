@@ -7,8 +7,10 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.surfaces import area_vectors
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.smooth_patches import flat_patch
 
 __all__ = ["SmoothCandidates"]
 
@@ -73,9 +75,11 @@ class SmoothCandidates(SegmentCandidates):
             (to_nodes @ values.reshape(m, c, 3)).reshape(m, 3 * n)
             for values in (found.force, found.gradient)
         )
-        tangent = found.tangent.reshape(m, c, 3, c, 3).transpose(0, 2, 4, 1, 3)
-        tangent = to_nodes[:, None, None] @ tangent @ weights[:, None, None]
-        tangent = tangent.transpose(0, 3, 1, 4, 2).reshape(m, 3 * n, 3 * n)
+        # Rows, then columns as rows of the transposed matrix.
+        tangent = found.tangent
+        for d in (c, n):
+            tangent = (to_nodes @ tangent.reshape(m, c, 9 * d)).reshape(m, 3 * n, 3 * d)
+            tangent = tangent.swapaxes(1, 2)
         return found._replace(force=force, gradient=gradient, tangent=tangent)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
@@ -88,6 +92,18 @@ class SmoothCandidates(SegmentCandidates):
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
         return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
+
+    def beneath(self, x: Floats) -> float:
+        """How far patches lie below their facets, at most [m], as in a hollow. Local.
+
+        It is the depth of their control points, by up to a third more than that of the patches.
+        """
+        facets = x[self._vertices]
+        normals = area_vectors(facets, self.orientation)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        flat = flat_patch(facets.shape[1]) @ facets
+        height = (self._weights[:, 1:, 1:] @ x[self.segments] - flat) @ normals[:, :, None]
+        return -float(height.min(initial=0.0))
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and control points, shape ``(m, 1+c, 3)`` [m]."""

@@ -1,7 +1,7 @@
 """Smooth surfaces: a cubic patch on each facet, linear in the positions of nodes around it.
 
 The edges of a facet become cubic curves through its vertices with the tangents of
-`smooth_tangents`; neighbours share them, so that there are no gaps. Within them a quadrilateral
+`Tangents`; neighbours share them, so that there are no gaps. Within them a quadrilateral
 is Coons' patch of its four curves, and a triangle the cubic one that contains all quadratic
 surfaces: both are exact where the surface is quadratic in their coordinates. A patch is given
 by the control points of Bezier's form, see `cpp/nts/geometry/patch.h`, each a sum of nodes with
@@ -10,15 +10,17 @@ constant weights of sum one: rigid motions carry it along, and planes stay plane
 
 from weakref import WeakKeyDictionary
 
+from mpi4py import MPI
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.smooth_tangents import Row, SmoothTangents
-from dolfinx_nts.search.whole_surface import WholeSurface, local_edges
+from dolfinx_nts.search.near_facets import NearFacets, local_edges
+from dolfinx_nts.search.smooth_tangents import Tangents
 
-__all__ = ["SmoothPatches"]
+__all__ = ["SmoothPatches", "flat_patch"]
 
 
 class SmoothPatches:
@@ -41,29 +43,19 @@ class SmoothPatches:
 
     def __init__(self, surface: Surface) -> None:
         """Compute the weights in the reference configuration."""
-        whole = WholeSurface.of(surface)
-        k = whole.facets.shape[1]
-        tangents, control, edges = SmoothTangents(whole), _CONTROL[k], local_edges(k)
-        found: list[tuple[Ints, Floats]] = []
-        for facet in surface.key:
-            vertices = whole.facets[facet]
-            rows: list[Row] = [(vertices[i : i + 1], np.ones(1)) for i in range(k)]
-            for edge, (a, _) in zip(whole.facet_edges[facet], edges, strict=True):
-                reverse = whole.edges[edge, 0] != vertices[a]
-                for end in (0, 1):
-                    nodes, weights = tangents.at(edge, end ^ reverse)
-                    rows.append((nodes, -weights if reverse else weights))
-            found.append(_gathered(vertices, rows, control))
-        comm = surface.V.mesh.comm
-        width = max((len(nodes) for nodes, _ in found), default=0)
-        width = int(reductions.largest(comm, float(width)))
-        nodes = np.empty((len(found), width), dtype=np.int32)
-        self.weights = np.zeros((len(found), len(control), width))
-        for facet, (own, weights) in enumerate(found):
-            nodes[facet] = own[0]
-            nodes[facet, : len(own)] = own
-            self.weights[facet, :, : len(own)] = weights
-        self.ids, self.owners = whole.dofs[nodes], whole.owners[nodes]
+        near = NearFacets.of(surface)
+        vertices = near.facets[near.own]
+        facet_edges = near.facet_edges[near.own]
+        edges, number = np.unique(facet_edges, return_inverse=True)
+        number = number.reshape(facet_edges.shape)
+        tangents = Tangents.of(near, edges)
+        nodes, weights = tangents.nodes[number], tangents.weights[number]
+        # Edges of facets begin where they do in Basix.
+        begins = [begin for begin, _ in local_edges(vertices.shape[1])]
+        turned = near.edges[edges[number], 0] != vertices[:, begins]
+        nodes[turned], weights[turned] = nodes[turned][:, ::-1], -weights[turned][:, ::-1]
+        nodes, self.weights = _gathered(surface.V.mesh.comm, vertices, nodes, weights)
+        self.ids, self.owners = near.dofs[nodes], near.owners[nodes]
 
     @classmethod
     def of(cls, surface: Surface) -> "SmoothPatches":
@@ -77,15 +69,31 @@ class SmoothPatches:
 _KNOWN: WeakKeyDictionary[Surface, SmoothPatches] = WeakKeyDictionary()
 
 
-def _gathered(vertices: Ints, rows: list[Row], control: Floats) -> tuple[Ints, Floats]:
-    """Nodes of a facet, vertices first, and their weights in the control points."""
-    others = np.setdiff1d(np.concatenate([nodes for nodes, _ in rows]), vertices)
-    nodes = np.concatenate([vertices, others])
-    order = np.argsort(nodes)
-    values = np.zeros((len(rows), len(nodes)))
-    for row, (own, weights) in zip(values, rows, strict=True):
-        row[order[np.searchsorted(nodes, own, sorter=order)]] = weights
-    return nodes, control @ values
+def _gathered(comm: MPI.Comm, vertices: Ints, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:
+    """Nodes of each facet, see `SmoothPatches`, and their weights in the control points.
+
+    ``nodes`` and ``weights`` of tangents have shape ``(s, c, 2, m)``, as of `Tangents`.
+    """
+    s, k = vertices.shape
+    rows, length = k + 2 * nodes.shape[1], nodes.shape[3]
+    nodes = np.column_stack([vertices, nodes.reshape(s, (rows - k) * length)])
+    weights = np.column_stack([np.ones(vertices.shape), weights.reshape(s, (rows - k) * length)])
+    row = np.concatenate([np.arange(k), np.repeat(np.arange(k, rows), length)])
+    # Vertices first, then others as they are numbered.
+    rank = nodes.copy()
+    for vertex in range(k):
+        rank[nodes == vertices[:, [vertex]]] = vertex - k
+    order = np.argsort(rank, axis=1, kind="stable")
+    is_new = np.diff(np.take_along_axis(rank, order, axis=1), axis=1, prepend=-k) != 0
+    place = np.empty_like(nodes)
+    np.put_along_axis(place, order, np.cumsum(is_new, axis=1, dtype=place.dtype), axis=1)
+    width = int(reductions.largest(comm, float(place.max(initial=0)))) + 1
+    facet = np.arange(s)[:, None]
+    own = np.repeat(vertices[:, :1], width, axis=1)
+    own[facet, place] = nodes
+    values = np.zeros((s, rows, width))
+    np.add.at(values, (facet, row, place), weights)
+    return own, _CONTROL[k] @ values
 
 
 def _edge() -> Floats:
@@ -130,3 +138,10 @@ def _triangle() -> Floats:
 
 # Control points by the vertices of a facet and the tangents at both ends of its edges.
 _CONTROL = {2: _edge(), 3: _triangle(), 4: _quadrilateral()}
+
+
+def flat_patch(k: int) -> Floats:
+    """Control points of a patch that is its facet, by the ``k`` vertices of this, ``(c, k)``."""
+    chords = [np.eye(k)[b] - np.eye(k)[a] for a, b in local_edges(k) for _ in range(2)]
+    points: Floats = _CONTROL[k] @ np.array([*np.eye(k), *chords])
+    return points

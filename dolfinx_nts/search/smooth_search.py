@@ -2,12 +2,13 @@
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.segment_candidates import FoundSegments
 from dolfinx_nts.search.smooth_candidates import SmoothCandidates
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 
-__all__ = ["SmoothSearch"]
+__all__ = ["SmoothSearch", "depth_beneath_facets"]
 
 
 class SmoothSearch(GlobalSearch):
@@ -32,3 +33,19 @@ class SmoothSearch(GlobalSearch):
     ) -> SmoothCandidates:
         """Tell facets and patches apart, see `GlobalSearch`."""
         return SmoothCandidates(found, self.num_vertices)
+
+
+def depth_beneath_facets(nodes: Surface, segments: Surface, x: Floats, reach: float) -> float:
+    """How far smooth segments near nodes lie below their facets, at most [m]. Collective.
+
+    Args:
+        nodes: Surface of the nodes.
+        segments: The smooth surface.
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+        reach: Distance from nodes up to which segments count [m].
+    """
+    search = SmoothSearch(nodes, segments, SmoothPatches.of(segments))
+    search.renew(x, reach)
+    candidates = search.candidates
+    depth = candidates.beneath(candidates.scatter.forward(x))
+    return reductions.largest(segments.V.mesh.comm, depth)

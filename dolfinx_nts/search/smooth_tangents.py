@@ -15,145 +15,133 @@ that of the other end, reflected: it is an arc of a parabola; and one that has n
 is straight.
 """
 
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.rims import SHARP
-from dolfinx_nts.search.whole_surface import WholeSurface
+from dolfinx_nts.search.near_facets import NearFacets
 
-__all__ = ["Row", "SmoothTangents"]
-
-# Numbers of nodes, and their weights.
-Row = tuple[Ints, Floats]
+__all__ = ["Tangents"]
 
 # What curvature counts in a fit, relative to the misfit, where nodes do not tell it [-].
 _SLIGHTLY = 1e-4
 
 
-class SmoothTangents:
-    """Tangents of edges at their ends. Local.
+class Tangents(NamedTuple):
+    """Tangents at both ends of edges, sums of nodes with weights. Local.
 
-    Args:
-        whole: The surface.
+    They are derivatives by a parameter from 0 to 1 along the edge, as long as on a circle, in the
+    sense from its first end to the second.
+
+    Attributes:
+        nodes: Shape ``(e, 2, m)``, each node possibly several times.
+        weights: Shape ``(e, 2, m)``.
     """
 
-    def __init__(self, whole: WholeSurface) -> None:
-        """Find what is around each node."""
-        self._whole, n = whole, len(whole.X)
-        feature = np.flatnonzero(whole.is_feature).astype(np.int32)
-        self._features = _lists(whole.edges[feature], feature, n)
-        facets = np.arange(len(whole.facets), dtype=np.int32)
-        self._facets = _lists(whole.facets, facets, n)
-        self._known: dict[tuple[int, int], Row | None] = {}
+    nodes: Ints
+    weights: Floats
 
-    def at(self, edge: int, end: int) -> Row:
-        """Tangent of an edge at one of its ends, 0 or 1, in the sense from 0 to 1.
-
-        It is the derivative by a parameter from 0 to 1, as long as on a circle.
-        """
-        own = self._own(edge, end)
-        if own is not None:
-            return own
-        start, stop = self._whole.edges[edge]
-        along = np.array([start, stop], dtype=np.int32), np.array([-1.0, 1.0])
-        other = self._own(edge, 1 - end)
-        if other is None:
-            return along
-        chord = self._vector(along)
-        part = 2 * float(self._vector(other) @ chord) / float(chord @ chord)
-        return _sum(along, other, part, -1.0)
-
-    def _own(self, edge: int, end: int) -> Row | None:
-        """Tangent that the surface has at an end of an edge, if it is smooth there."""
-        if (edge, end) not in self._known:
-            self._known[edge, end] = self._find(edge, end)
-        return self._known[edge, end]
-
-    def _find(self, edge: int, end: int) -> Row | None:
-        whole = self._whole
-        node, other = whole.edges[edge, end], whole.edges[edge, 1 - end]
-        sense = 1.0 - 2.0 * end
-        features = self._features[node]
-        row: Row | None = None
-        if len(features) == 0:
-            row = self._within(node, other)
-        elif whole.is_feature[edge] and len(features) == 2:
-            row = self._along(node, other, features[features != edge][0])
-        if row is None:
-            return None
+    @classmethod
+    def of(cls, near: NearFacets, edges: Ints) -> "Tangents":
+        """Find the tangents of edges, which are some of those at facets of this rank."""
+        ends = near.edges[edges]
+        node, other = ends.ravel(), ends[:, ::-1].ravel()
+        nodes, weights, has_own = _own(near, np.repeat(edges, 2), node, other)
         # As long as on a circle through both ends.
-        tangent, chord = self._vector(row), whole.X[other] - whole.X[node]
-        length, distance = np.linalg.norm(tangent), np.linalg.norm(chord)
-        cosine = float(tangent @ chord) / (length * distance)
-        nodes, weights = row
-        return nodes, sense * 2 * distance / ((1 + cosine) * length) * weights
-
-    def _within(self, node: int, other: int) -> Row:
-        """Derivative at a node of a smooth part in the direction of another one."""
-        whole = self._whole
-        nodes, fit, frame = self._fits[node]
-        u = frame @ (whole.X[other] - whole.X[node])
-        return nodes, u @ fit
-
-    def _along(self, node: int, other: int, edge: int) -> Row | None:
-        """Derivative along a feature in the direction of one neighbour, if it turns smoothly."""
-        whole = self._whole
-        before = whole.edges[edge].sum() - node
-        X = whole.X[[before, node, other]]
-        (back, ahead), h = np.diff(X, axis=0), np.linalg.norm(np.diff(X, axis=0), axis=1)
-        if back @ ahead < SHARP * h[0] * h[1]:
-            return None
-        a, b = h[0] / (h[1] * h.sum()), h[1] / (h[0] * h.sum())
-        return np.array([before, node, other], dtype=np.int32), np.array([-b, b - a, a])
-
-    @cached_property
-    def _fits(self) -> "_Fits":
-        return _Fits(self._whole, self._facets)
-
-    def _vector(self, row: Row) -> Floats:
-        """A tangent in the reference configuration [m]."""
-        nodes, weights = row
-        vector: Floats = weights @ self._whole.X[nodes]
-        return vector
+        sense = np.tile([1.0, -1.0], len(edges))
+        tangent, chord = _vectors(near.X, nodes, weights), near.X[other] - near.X[node]
+        length, distance = np.linalg.norm(tangent, axis=1), np.linalg.norm(chord, axis=1)
+        length[~has_own] = 1.0
+        cosine = np.einsum("hi,hi->h", tangent, chord) / (length * distance)
+        weights *= (sense * 2 * distance / ((1 + cosine) * length))[:, None]
+        # Those that have none, from those of the other end.
+        shape = len(edges), 2, nodes.shape[1]
+        nodes, weights = nodes.reshape(shape), weights.reshape(shape)
+        has_own = has_own.reshape(-1, 2)
+        chord, tangent = chord[::2, None], _vectors(near.X, nodes, weights)
+        part = 2 * (tangent * chord).sum(axis=2) / (chord**2).sum(axis=2)
+        by_other = ~has_own & has_own[:, ::-1]
+        nodes = np.where(by_other[:, :, None], nodes[:, ::-1], nodes)
+        weights = np.where(by_other[:, :, None], -weights[:, ::-1], weights)
+        along = np.where(by_other, part[:, ::-1], ~has_own & ~by_other)
+        along = along[:, :, None] * [-1.0, 1.0]
+        both = np.repeat(ends[:, None], 2, axis=1)
+        return cls(np.dstack([both, nodes]), np.dstack([along, weights]))
 
 
-class _Fits(dict[int, tuple[Ints, Floats, Floats]]):
-    """Derivatives x_u and x_v at nodes by those around: nodes, ``(2, m)`` weights, frame."""
+def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, Floats, Flags]:
+    """Derivatives at nodes in the direction of others, where the surface is smooth there.
 
-    def __init__(self, whole: WholeSurface, facets: list[Ints]) -> None:
-        super().__init__()
-        self._whole, self._facets, self._normals = whole, facets, whole.normals
+    Returns:
+        Nodes and their weights, of any length, shape ``(h, m)``, zero where it is not; and where
+        it is, shape ``(h,)``.
+    """
+    features = near.edges[near.is_feature]
+    count = np.bincount(features.ravel(), minlength=len(near.X))
+    inside = np.unique(node[count[node] == 0])
+    around, fits, frames = _fits(near, inside)
+    nodes = np.repeat(node[:, None], max(3, around.shape[1]), axis=1)
+    weights = np.zeros(nodes.shape)
 
-    def __missing__(self, node: int) -> tuple[Ints, Floats, Floats]:
-        whole, around = self._whole, self._facets[node]
-        normal = self._normals[around].sum(axis=0)
-        frame = np.linalg.svd(normal[None, :])[2][1:]
-        nodes = np.unique(whole.facets[around])
-        nodes = nodes[nodes != node].astype(np.int32)
-        u, v = frame @ (whole.X[nodes] - whole.X[node]).T
-        size = np.sqrt(np.mean(u**2 + v**2))
+    within = np.flatnonzero(count[node] == 0)
+    fit, m = np.searchsorted(inside, node[within]), around.shape[1]
+    u = np.einsum("hai,hi->ha", frames[fit], near.X[other[within]] - near.X[node[within]])
+    nodes[within, :m], weights[within, :m] = around[fit], np.einsum("ha,ham->hm", u, fits[fit])
+
+    along = np.flatnonzero(near.is_feature[edge] & (count[node] == 2))
+    sums = np.zeros(len(near.X), dtype=node.dtype)
+    np.add.at(sums, features, features[:, ::-1])
+    three = np.column_stack([sums[node[along]] - other[along], node[along], other[along]])
+    ways = np.diff(near.X[three], axis=1)
+    h = np.linalg.norm(ways, axis=2)
+    turns_smoothly = np.einsum("hi,hi->h", *ways.swapaxes(0, 1)) >= SHARP * h.prod(axis=1)
+    along, three, h = along[turns_smoothly], three[turns_smoothly], h[turns_smoothly]
+    (before, after), both = h.T, h.sum(axis=1)
+    a, b = before / (after * both), after / (before * both)
+    nodes[along, :3], weights[along, :3] = three, np.column_stack([-b, b - a, a])
+
+    has_own = np.zeros(len(node), dtype=bool)
+    has_own[within] = has_own[along] = True
+    return nodes, weights, has_own
+
+
+def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
+    """Derivatives x_u and x_v at nodes by those around.
+
+    Returns:
+        The nodes around and the node itself, possibly several times, shape ``(w, m)``; their
+        weights, ``(w, 2, m)``; and the directions of u and v, ``(w, 2, 3)``.
+    """
+    X, facets = near.X, near.facets
+    normals = np.zeros(X.shape)
+    np.add.at(normals, facets, near.normals[:, None])
+    frames = np.linalg.svd(normals[inside, None])[2][:, 1:]
+    k = facets.shape[1]
+    # Each node of a facet with each other one, once.
+    pairs = np.stack([np.repeat(facets, k, axis=1), np.tile(facets, k)], axis=2).reshape(-1, 2)
+    pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+    count = np.bincount(pairs[:, 0], minlength=len(X))
+    first, count = (np.cumsum(count) - count)[inside], count[inside]
+    around = np.repeat(inside[:, None], 1 + count.max(initial=0), axis=1)
+    weights = np.zeros((len(inside), 2, around.shape[1]))
+    for m in np.unique(count):
+        some = np.flatnonzero(count == m)
+        nodes = pairs[first[some, None] + np.arange(m), 1]
+        way = X[nodes] - X[inside[some], None]
+        u, v = np.einsum("wai,wmi->awm", frames[some], way)
+        size = np.sqrt(np.mean(u**2 + v**2, axis=1))[:, None]
         u, v = u / size, v / size
-        A = np.column_stack([u, v, u**2, u * v, v**2])
-        slight = _SLIGHTLY * np.eye(5)[2:]
-        weights = np.linalg.pinv(np.vstack([A, slight]))[:2, : len(nodes)] / size
-        nodes = np.append(nodes, node).astype(np.int32)
-        weights = np.column_stack([weights, -weights.sum(axis=1)])
-        self[node] = nodes, weights, frame
-        return self[node]
+        A = np.stack([u, v, u**2, u * v, v**2], axis=2)
+        slight = np.broadcast_to(_SLIGHTLY * np.eye(5)[2:], (len(some), 3, 5))
+        fit = np.linalg.pinv(np.concatenate([A, slight], axis=1))[:, :2, :m] / size[:, None]
+        around[some, :m], weights[some, :, :m] = nodes, fit
+    weights[:, :, -1] = -weights.sum(axis=2)  # of the node itself
+    return around, weights, frames
 
 
-def _sum(first: Row, second: Row, a: float, b: float) -> Row:
-    """Combine two rows with the factors a and b."""
-    nodes, place = np.unique(np.concatenate([first[0], second[0]]), return_inverse=True)
-    weights: Floats = np.zeros(len(nodes))
-    np.add.at(weights, place, np.concatenate([a * first[1], b * second[1]]))
-    return nodes.astype(np.int32), weights
-
-
-def _lists(nodes: Ints, values: Ints, count: int) -> list[Ints]:
-    """Values at each of ``count`` nodes, by the nodes of each value, shape ``(v, c)``."""
-    order = np.argsort(nodes.ravel(), kind="stable")
-    bounds = np.cumsum(np.bincount(nodes.ravel(), minlength=count))[:-1]
-    return np.split(np.repeat(values, nodes.shape[1])[order], bounds)
+def _vectors(X: Floats, nodes: Ints, weights: Floats) -> Floats:
+    """Sums of positions with weights, shape ``(..., 3)`` [m]."""
+    vectors: Floats = np.einsum("...m,...mi->...i", weights, X[nodes])
+    return vectors

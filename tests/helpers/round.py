@@ -1,4 +1,4 @@
-"""Scenes of round bodies with smooth surfaces: two rings in the plane, two hollow balls."""
+"""Scenes of round bodies with smooth surfaces: rings in the plane, hollow balls."""
 
 from typing import Any
 
@@ -13,27 +13,32 @@ import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
 from helpers.plane import turning
 
-__all__ = ["balls", "rings", "throw"]
+__all__ = ["balls", "marble", "plane_mesh", "ring", "ring_mesh", "rings", "tagged", "throw"]
 
 RUBBER = (1.0e5, 0.3, 1.0e3)  # Young's modulus [Pa], Poisson's ratio, density [kg/m^3]
 
 
-def ring_mesh(
-    comm: MPI.Comm, centres: list[tuple[float, float]], cells: int, cell: str, angle: float
-) -> mesh.Mesh:
-    """Rings of radii 0.5 and 1 m with two layers of ``cells`` quadrilaterals, or triangles."""
-    radii, points, quads = np.array([0.5, 0.75, 1.0]), [], []
-    for number, centre in enumerate(centres):
-        phi = 2 * np.pi * (np.arange(cells) + 0.3 * number) / cells
-        around = np.stack([np.cos(phi), np.sin(phi)], axis=1)
-        points.append((radii[:, None, None] * around).reshape(-1, 2) + centre)
-        node = np.arange(3 * cells).reshape(3, cells) + 3 * cells * number
-        corners = [node[:-1], np.roll(node, -1, 1)[:-1], node[1:], np.roll(node, -1, 1)[1:]]
-        quads.append(np.stack([corner.ravel() for corner in corners], axis=1))
-    topology = np.concatenate(quads)
+def ring(centre: tuple[float, float], outer: float, cells: int, phase: float = 0.0):
+    """Points ``(n, 2)`` and quadrilaterals ``(c, 4)``, two layers, of a ring half as wide inside.
+
+    Its first node is ``phase`` cells from the direction x.
+    """
+    phi = 2 * np.pi * (np.arange(cells) + phase) / cells
+    around = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    radii = outer * np.array([0.5, 0.75, 1.0])
+    node = np.arange(3 * cells).reshape(3, cells)
+    corners = [node[:-1], np.roll(node, -1, 1)[:-1], node[1:], np.roll(node, -1, 1)[1:]]
+    quads = np.stack([corner.ravel() for corner in corners], axis=1)
+    return (radii[:, None, None] * around).reshape(-1, 2) + centre, quads
+
+
+def plane_mesh(comm: MPI.Comm, *parts: Any, cell: str = "quadrilateral") -> mesh.Mesh:
+    """Mesh of parts that are points and quadrilaterals, which may be cut into triangles."""
+    first = np.cumsum([0, *(len(points) for points, _ in parts)])
+    x = np.concatenate([points for points, _ in parts])
+    topology = np.concatenate([quads + n for n, (_, quads) in zip(first, parts, strict=False)])
     if cell == "triangle":
         topology = np.concatenate([topology[:, [0, 1, 3]], topology[:, [0, 3, 2]]])
-    x = np.concatenate(points) @ turning(angle).T
     root = comm.rank == 0
     element = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(2,)))
     partitioner = compat.cell_partitioner(mesh.GhostMode.none)
@@ -41,6 +46,30 @@ def ring_mesh(
     return mesh.create_mesh(
         comm, topology if root else none, x if root else x[:0], element, partitioner=partitioner
     )
+
+
+def ring_mesh(
+    comm: MPI.Comm,
+    centres: list[tuple[float, float]],
+    cells: int,
+    cell: str,
+    angle: float,
+    outer_radii: tuple[float, ...] = (1.0, 1.0),
+) -> mesh.Mesh:
+    """Rings around centres, all turned about the origin."""
+    parts = []
+    for number, centre in enumerate(centres):
+        points, quads = ring(centre, outer_radii[number], cells, 0.3 * number)
+        parts.append((points @ turning(angle).T, quads))
+    return plane_mesh(comm, *parts, cell=cell)
+
+
+def tagged(domain: mesh.Mesh, is_second: Any) -> Any:
+    """Cell tags 2 where a function of midpoints ``(n, 3)`` says so, and 1."""
+    index_map = domain.topology.index_map(2)
+    every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    second = is_second(mesh.compute_midpoints(domain, 2, every))
+    return mesh.meshtags(domain, 2, every, np.where(second, 2, 1).astype(np.int32))
 
 
 def rings(
@@ -58,15 +87,27 @@ def rings(
     """Stepper of two rings, the upper one 0.02 m above the lower and a bit aside. Collective."""
     domain = ring_mesh(comm, [(0.0, 0.0), (0.2, 2.0)], cells, cell, angle)
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
-    index_map = domain.topology.index_map(2)
-    every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    middle = mesh.compute_midpoints(domain, 2, every)[:, :2] @ turning(-angle).T
-    tags = mesh.meshtags(domain, 2, every, np.where(middle[:, 1] < 1, 1, 2).astype(np.int32))
+    tags = tagged(domain, lambda x: (x[:, :2] @ turning(-angle).T)[:, 1] > 1)
     lower = nts.Body(V, tags, 1, nts.NeoHookean(*RUBBER))
     upper = nts.RigidBody(V, tags, 2, RUBBER[2]) if rigid else None
     upper = upper or nts.Body(V, tags, 2, nts.NeoHookean(*RUBBER))
     pair = nts.ContactPair(nts.boundary_of(upper), nts.boundary_of(lower, smooth=smooth), **laws)
     return scheme([lower, upper], [pair], dt=dt)
+
+
+def marble(comm: MPI.Comm, *, smooth: bool = True, depth: float = 0.0) -> Any:
+    """Stepper of a small ring in the hollow of a large one, as deep inside it. Collective.
+
+    Facets of the hollow are up to 0.015 m inside its circle, 0.15 facets of the small ring.
+    """
+    centres = [(0.0, 0.0), (0.0, -0.3 - depth)]
+    domain = ring_mesh(comm, centres, 13, "quadrilateral", 0.0, outer_radii=(1.0, 0.2))
+    V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
+    tags = tagged(domain, lambda x: np.linalg.norm(x, axis=1) < 0.55)
+    bodies = [nts.Body(V, tags, tag, nts.NeoHookean(*RUBBER)) for tag in (1, 2)]
+    hollow = nts.boundary_of(bodies[0], where=lambda x: np.hypot(x[0], x[1]) < 0.51, smooth=smooth)
+    pair = nts.ContactPair(nts.boundary_of(bodies[1]), hollow)
+    return nts.EnergyMomentum(bodies, [pair], dt=0.01)
 
 
 def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **laws: Any) -> Any:

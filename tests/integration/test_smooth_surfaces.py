@@ -1,5 +1,7 @@
 """Contact with smooth surfaces: round bodies that meet, roll and are pressed together."""
 
+import logging
+
 from mpi4py import MPI
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.integrators import implicit
-from helpers.round import balls, rings, throw
+from helpers.round import balls, marble, rings, throw
 from helpers.scenes import gathered
 
 
@@ -36,6 +38,11 @@ LAWS = {
     "elastic": {},
     "triangles": {"cell": "triangle"},
     "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "restitution": {"enforcement": nts.LagrangeMultiplier("restitution", e=0.5)},
+    "rigid restitution": {
+        "enforcement": nts.LagrangeMultiplier("restitution", e=0.5),
+        "rigid": True,
+    },
     "springs": {"enforcement": nts.Penalty()},
     "friction": {"friction": nts.Coulomb(0.3)},
     "springs and friction": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
@@ -51,7 +58,7 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
     assert active > 0
     if law in ("elastic", "triangles", "rigid"):
         assert abs(given) < 1e-10 * first.total_energy
-    if "friction" in law:
+    if "friction" in law or "restitution" in law:
         assert given < -1e-4 * first.total_energy
 
 
@@ -115,6 +122,51 @@ def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path
     assert np.array_equal(rest.x, whole.x)
     with pytest.raises(ValueError, match="pair 1"):
         nts.Recorder(tmp_path / "run", flat, resume=True, fields="xdmf").__enter__()
+
+
+@pytest.fixture
+def warned(comm, caplog):
+    """Numbers of warnings so far, of rank 0 on all ranks. Collective."""
+    caplog.set_level(logging.WARNING, "dolfinx_nts")
+    return lambda: comm.bcast(sum("inside" in message for message in caplog.messages))
+
+
+@pytest.mark.at_most_two_ranks
+def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, warned):
+    stepper = marble(comm)
+    stepper.set_velocity(stepper.bodies[1], (1.0, -0.5))
+    diagnostics = nts.Diagnostics(stepper)
+    before, active = diagnostics.balance(), 0
+    deepest = 0.0
+    for report in stepper.run(until=0.8):
+        active += report.num_active > 0
+        depths = [overlap.depth for overlap in diagnostics.overlaps()]
+        deepest = max([deepest, *depths])
+    assert active > 30 and deepest > 0.012  # 0.12 facets of the small ring
+    after = diagnostics.balance()
+    assert after.total_energy == pytest.approx(before.total_energy, rel=1e-11)
+    assert warned() == 0
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(
+    ("smooth", "depth", "warnings"), [(True, 0.005, 0), (True, 0.03, 1), (False, 0.005, 1)]
+)
+def test_overlaps_with_a_hollow_are_told_at_the_start(comm, warned, smooth, depth, warnings):
+    marble(comm, smooth=smooth, depth=depth).advance()
+    assert warned() == warnings
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("depth", "warnings"), [(0.0, 0), (0.06, 1)])
+def test_overlaps_of_round_bodies_are_told_and_contact_is_none(comm, warned, depth, warnings):
+    stepper = rings(comm)
+    # The circles are 0.01 m apart, and their facets up to 0.04 m further.
+    stepper.set_displacement(stepper.bodies[1], (0.0, -0.01 - depth))
+    throw(stepper)
+    active = sum(report.num_active > 0 for report in stepper.run(until=0.2))
+    assert warned() == warnings
+    assert active or depth
 
 
 @pytest.mark.serial

@@ -160,6 +160,24 @@ def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(com
     assert own.touches_itself
 
 
+@pytest.mark.at_most_two_ranks
+def test_smooth_segments_are_those_between_bodies_whose_faces_meet(comm, caplog):
+    bodies, _, _ = row(comm, (1, 2))
+    plane = nts.RigidPlane((0, 0, -1), (0, 0, 1))
+    with caplog.at_level(logging.INFO, "dolfinx_nts"):
+        pairs = nts.all_pairs(
+            bodies, obstacles=[plane], self_contact=bodies[:1], edges=True, smooth=True
+        )
+    kinds = [(pair.method, getattr(pair.segments, "smooth", False)) for pair in pairs]
+    faces, edges = "node-to-segment", "edge-to-edge"
+    assert kinds == [(faces, True), (edges, False), (faces, False), (faces, False)]
+    nts.EnergyMomentum(bodies, pairs, dt=0.01)
+    told = "pair 1: nodes of box 1 against the smooth segments of box 0"
+    assert caplog.messages[:1] == ([told] if comm.rank == 0 else [])
+    with pytest.raises(ValueError, match="with smooth segments, method 'node-to-segment'"):
+        nts.all_pairs(bodies, method="mortar", smooth=True)
+
+
 def test_bodies_that_share_nodes_touch_each_other_as_one(comm):
     _, bodies = halved(comm, GhostMode.none)
     (own,) = nts.all_pairs(bodies, self_contact=[bodies[1]])

@@ -113,7 +113,7 @@ NOT_SMOOTH = {
         "friction": nts.Coulomb(0.3, law="convective"),
     },
     "an enforcement by which nodes can part and slide, given Tied": {"enforcement": nts.Tied()},
-    "impact 'elastic' or 'plastic', given LagrangeMultiplier": {
+    "another impact than 'resolved', given LagrangeMultiplier": {
         "enforcement": nts.LagrangeMultiplier("resolved")
     },
 }

@@ -5,8 +5,8 @@ import pytest
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
+from dolfinx_nts.search.near_facets import NearFacets
 from dolfinx_nts.search.smooth_patches import SmoothPatches
-from dolfinx_nts.search.whole_surface import WholeSurface
 from helpers.round import ring_mesh
 from helpers.scenes import boxes, distribute
 
@@ -47,9 +47,9 @@ def top(x):
 
 def num_at_rim(surface):
     """Vertices of each facet that lie on the rim, on one rank."""
-    whole = WholeSurface.of(surface)
+    near = NearFacets.of(surface)
     at_rim = np.zeros(surface.V.dofmap.index_map.size_global, dtype=np.int32)
-    at_rim[whole.dofs[np.unique(whole.edges[whole.is_feature])]] = 1
+    at_rim[near.dofs[np.unique(near.edges[near.is_feature])]] = 1
     return at_rim[surface.segments].sum(axis=1)
 
 
@@ -80,14 +80,14 @@ def test_planes_stay_planes_and_lines_lines_whatever_the_mesh(comm, cell):
     # The box turns at its edges by more than 30 degrees: all its patches are the facets.
     x = V.tabulate_dof_coordinates()
     moved = x @ np.array([[1.0, 0.3, 0.1], [-0.2, 0.8, 0.4], [0.1, 0.1, 1.2]])
-    whole = WholeSurface.of(surface)
-    k = whole.facets.shape[1]
+    k = surface.segments.shape[1]
     values = np.zeros((V.dofmap.index_map.size_global, 3))
     first, last = V.dofmap.index_map.local_range
     values[first:last] = moved[: last - first]
     values = comm.allreduce(values)
     points = control(patches, values)
-    corners = values[whole.dofs[whole.facets[surface.key]]]
+    ids = V.dofmap.index_map.local_to_global(surface.segments.ravel())
+    corners = values[ids.reshape(surface.segments.shape)]
     thirds = np.arange(4) / 3
     if k == 3:
         u, v = np.array([(i / 3, j / 3) for j in range(4) for i in range(4 - j)]).T

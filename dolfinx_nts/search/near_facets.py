@@ -1,6 +1,8 @@
-"""A surface in the reference configuration, with the facets of all ranks."""
+"""Facets of a rank and those around them, in the reference configuration."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
 
 import numpy as np
 
@@ -8,24 +10,28 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.surfaces import Surface, area_vectors
-from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.search.global_search import owners_of
 
-__all__ = ["WholeSurface"]
+__all__ = ["NearFacets", "local_edges"]
 
 
-class WholeSurface(NamedTuple):
-    """Facets of a surface on all ranks, numbered in the same way on any partition. Local.
+class NearFacets(NamedTuple):
+    """Facets of a surface that share a vertex with one of this rank. Local.
+
+    At vertices of facets of this rank all is as on one rank that has the whole surface, in the
+    same order.
 
     Attributes:
         X: Reference positions of the ``n`` nodes, ordered by their numbers in the mesh, shape
             ``(n, 3)`` [m].
-        facets: Vertices of all facets in Basix order, ordered by their keys, shape ``(f, k)``.
+        facets: Vertices of the facets in Basix order, ordered by their keys, shape ``(f, k)``.
         orientation: +1 where a_1 x a_2 points outward, otherwise -1, shape ``(f,)``.
         edges: Both ends of each edge, those of the plane are the facets, shape ``(e, 2)``.
         facet_edges: Edges of each facet, as `local_edges` has them, shape ``(f, c)``.
         is_feature: Edges where the surface turns by more than 30 degrees or ends, and all of the
             plane, shape ``(e,)``.
+        own: Facets of this rank, in the order of the segments of the surface, shape ``(s,)``.
         dofs: Global numbers of the nodes in the space, shape ``(n,)``.
         owners: Their ranks, shape ``(n,)``.
     """
@@ -36,31 +42,34 @@ class WholeSurface(NamedTuple):
     edges: Ints
     facet_edges: Ints
     is_feature: Flags
+    own: Ints
     dofs: GlobalInts
     owners: Ints
 
     @classmethod
-    def of(cls, surface: Surface) -> "WholeSurface":
-        """Collect the facets of all ranks. Collective."""
+    def of(cls, surface: Surface) -> "NearFacets":
+        """Ask other ranks for facets around those of this rank. Collective."""
         space, comm = surface.V.dofmap.index_map, surface.V.mesh.comm
         vertices = surface.segments
-        own = (
+        rows: tuple[Any, ...] = (
             surface.key,
             surface.orientation,
             input_ids(surface.V)[vertices],
+            surface.V.tabulate_dof_coordinates()[vertices],
             space.local_to_global(vertices.ravel()).reshape(vertices.shape),
             owners_of(space)[vertices],
-            surface.V.tabulate_dof_coordinates()[vertices],
         )
-        order = np.argsort(joined(comm, surface.key))
-        _, orientation, ids, dofs, owners, X = (joined(comm, values)[order] for values in own)
+        rows = rows if comm.size == 1 else _around(comm, rows)
+        key, first = np.unique(rows[0], return_index=True)
+        orientation, ids, X, dofs, owners = (values[first] for values in rows[1:])
         _, first, node = np.unique(ids.ravel(), return_index=True, return_inverse=True)
         facets = node.reshape(ids.shape).astype(np.int32)
         X = X.reshape(-1, 3)[first]
         edges, facet_edges = _edges(facets)
         is_feature = _features(X, facets, orientation, len(edges), facet_edges)
+        own = np.searchsorted(key, surface.key).astype(np.int32)
         dofs, owners = dofs.ravel()[first], owners.ravel()[first]
-        return cls(X, facets, orientation, edges, facet_edges, is_feature, dofs, owners)
+        return cls(X, facets, orientation, edges, facet_edges, is_feature, own, dofs, owners)
 
     @property
     def normals(self) -> Floats:
@@ -71,6 +80,23 @@ class WholeSurface(NamedTuple):
 def local_edges(k: int) -> list[tuple[int, int]]:
     """Vertices at both ends of each edge of a facet of k vertices; one edge in the plane."""
     return [(0, 1)] if k == 2 else [(a, b) for a, b in FACET_EDGES[k]]
+
+
+def _around(comm: MPI.Comm, rows: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Facets that share vertices with those of this rank, these too, often twice. Collective.
+
+    Owners of nodes learn of all facets around these, and tell the ranks of these facets. The last
+    two columns are the nodes and their owners.
+    """
+    owners = rows[-1]
+    parts = [(owners == rank).any(axis=1) for rank in range(comm.size)]
+    at_nodes = exchanged(comm, [tuple(values[part] for values in rows) for part in parts])
+    everything = tuple(map(np.concatenate, zip(*at_nodes, strict=True)))
+    parts = []
+    for *_, dofs, owners in at_nodes:
+        parts.append(np.isin(everything[-2], dofs[owners == comm.rank]).any(axis=1))
+    answers = exchanged(comm, [tuple(values[part] for values in everything) for part in parts])
+    return tuple(map(np.concatenate, zip(*answers, strict=True)))
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
