@@ -11,7 +11,7 @@ from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
     *("EDGES", "KINDS", "NODES", "Method"),
-    *("check_dimension", "check_method", "check_smooth", "check_tie", "has_smooth_segments"),
+    *("check_dimension", "check_method", "check_smooth", "check_tie", "has_patches"),
 ]
 
 Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
@@ -76,9 +76,9 @@ def check_tie(pair: Any) -> None:
         raise ValueError(f"expected, with Tied, {wrong}")
 
 
-def has_smooth_segments(pair: Any) -> bool:
-    """Whether a `ContactPair` has segments of a smooth surface. Local."""
-    return isinstance(pair.segments, Surface) and pair.segments.smooth
+def has_patches(pair: Any) -> bool:
+    """Whether a `ContactPair` has segments with curved patches. Local."""
+    return isinstance(pair.segments, Surface) and pair.segments.smooth is True
 
 
 def check_smooth(pair: Any) -> None:
@@ -86,7 +86,7 @@ def check_smooth(pair: Any) -> None:
 
     ``pair`` is as of `check_method`.
     """
-    if not has_smooth_segments(pair):
+    if not isinstance(pair.segments, Surface) or not pair.segments.smooth:
         return
     wrong = ""
     if pair.method != NODES:

@@ -1,0 +1,60 @@
+"""Spheres that rigid bodies carry along: exact surfaces in the place of meshed ones."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.whole_surface import WholeSurface
+
+__all__ = ["SphereFrame"]
+
+
+class SphereFrame:
+    """Centre of a sphere and points that turn with it, linear in a few nodes. Collective.
+
+    Args:
+        surface: Surface of a rigid body with the sphere as its shape.
+
+    Attributes:
+        sphere: The sphere, where the body is in the reference configuration.
+        bulge: How far the sphere is outside of the facets at most [m].
+        ids: Global numbers of the vertices of each facet, then of the d + 1 nodes that carry the
+            sphere, the same for all facets, shape ``(s, k + d + 1)``.
+        owners: Their ranks, of the same shape.
+        weights: Weights of these nodes in the control points, which are the centre and the d
+            points at the radius along the axes in the reference configuration, shape
+            ``(s, d + 1, k + d + 1)``.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        """Choose nodes that are far apart, and compute the weights."""
+        assert isinstance(surface.smooth, RigidSphere)
+        self.sphere = sphere = surface.smooth
+        whole, d = WholeSurface.of(surface), dimension(surface.V)
+        carriers = _far_apart(whole.X, d + 1)
+        own = whole.facets[surface.key]
+        nodes = np.hstack([own, np.tile(carriers, (len(own), 1))])
+        self.ids: GlobalInts = whole.dofs[nodes]
+        self.owners: Ints = whole.owners[nodes]
+        points = sphere.centre + sphere.radius * np.eye(d + 1, 3, -1)
+        ones = np.ones((d + 1, 1))
+        of_carriers = np.hstack([ones, points[:, :d]]) @ np.linalg.inv(
+            np.hstack([ones, whole.X[carriers, :d]])
+        )
+        self.weights: Floats = np.zeros((len(own), d + 1, nodes.shape[1]))
+        self.weights[:, :, own.shape[1] :] = of_carriers
+        normals, corners = whole.normals, whole.X[whole.facets[:, 0]] - sphere.centre
+        height = np.einsum("fi,fi->f", normals, corners) / np.linalg.norm(normals, axis=1)
+        self.bulge = float(max(0.0, sphere.radius - height.min()))
+
+
+def _far_apart(X: Floats, number: int) -> Ints:
+    """Points of which each is farthest from what those before it span, ``(number,)``."""
+    chosen, rest = [0], X - X[0]
+    while len(chosen) < number:
+        chosen.append(int(np.linalg.norm(rest, axis=1).argmax()))
+        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
+        rest = rest - np.outer(rest @ along, along)
+    return np.array(chosen, dtype=np.int32)
