@@ -19,7 +19,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import Surface, boundary_facets
+from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
 from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
@@ -33,7 +33,7 @@ _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
 def boundary_of(
-    *bodies: Body, where: Callable[[Any], Any] | None = None, smooth: bool = False
+    *bodies: Body, where: Callable[[Any], Any] | None = None, smooth: Smooth = False
 ) -> Surface:
     """Make a surface of the boundary of one or several bodies, or of a part of it. Collective.
 

@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair, is_in_use
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
@@ -103,6 +104,11 @@ def _checked(pair: ContactPair, within: float) -> float:
     if not isinstance(pair.segments, Surface) or pair.touches_itself:
         raise ValueError(
             f"expected a pair of two surfaces to close the gaps between, given {pair.between}"
+        )
+    if isinstance(pair.segments.smooth, RigidSphere):
+        raise ValueError(
+            "expected segments that are meshed to close the gaps between, given "
+            f"{pair.segments.smooth!r}"
         )
     if is_in_use(pair):
         raise ValueError("expected a pair that no stepper has, to close its gaps before all steps")

@@ -13,7 +13,7 @@ from dolfinx_nts.model.surfaces import Surface
 __all__ = [
     *("EDGES", "KINDS", "NODES", "Method"),
     *("check_dimension", "check_method", "check_smooth", "check_tie"),
-    *("has_smooth_segments", "may_be_smooth"),
+    *("has_patches", "may_be_smooth"),
 ]
 
 Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
@@ -78,9 +78,9 @@ def check_tie(pair: Any) -> None:
         raise ValueError(f"expected, with Tied, {wrong}")
 
 
-def has_smooth_segments(pair: Any) -> bool:
-    """Whether a `ContactPair` has segments of a smooth surface. Local."""
-    return isinstance(pair.segments, Surface) and pair.segments.smooth
+def has_patches(pair: Any) -> bool:
+    """Whether a `ContactPair` has segments with curved patches. Local."""
+    return isinstance(pair.segments, Surface) and pair.segments.smooth is True
 
 
 def may_be_smooth(pair: Any) -> bool:
@@ -99,7 +99,8 @@ def check_smooth(pair: Any) -> None:
 
     ``pair`` is as of `check_method`.
     """
-    if has_smooth_segments(pair) and (wrong := _wrong_with_smooth(pair)):
+    is_smooth = isinstance(pair.segments, Surface) and pair.segments.smooth
+    if is_smooth and (wrong := _wrong_with_smooth(pair)):
         raise ValueError(
             f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
         )

@@ -16,6 +16,7 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
@@ -28,6 +29,7 @@ from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.self_contact import SelfContactSearch
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth_search import SmoothSearch
+from dolfinx_nts.search.sphere_search import SphereSearch
 
 __all__ = ["PairState"]
 
@@ -247,6 +249,8 @@ def _search(pair: ContactPair) -> Search:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:
         return EdgeSearch(pair.nodes, pair.segments)
+    if isinstance(pair.segments.smooth, RigidSphere):
+        return SphereSearch(pair.nodes, pair.segments)
     if pair.segments.smooth:
         return SmoothSearch(pair.nodes, pair.segments, SmoothPatches.of(pair.segments))
     search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]

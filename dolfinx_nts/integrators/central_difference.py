@@ -26,7 +26,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.method import has_smooth_segments
+from dolfinx_nts.contact.method import has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.drift import Drift
@@ -142,7 +142,7 @@ class CentralDifference(Stepper):
                 "expected pairs of method 'node-to-segment' with CentralDifference, given "
                 f"{' and '.join(map(repr, others))}, which the implicit steppers can do"
             )
-        if smooth := [pair.segments.name for pair in pairs if has_smooth_segments(pair)]:
+        if smooth := [pair.segments.name for pair in pairs if has_patches(pair)]:
             raise ValueError(
                 "expected segments without smooth=True with CentralDifference, given "
                 f"{' and '.join(smooth)}, which the implicit steppers can do"

@@ -105,8 +105,8 @@ class ImplicitStepper(Stepper):
         self._rates = self.scheme.rates(self, self._dt, bodies)
         if self._rates.acceleration is None:
             check_statics(self.bodies)
-        u_load = self.u if self.scheme.loads_at == "end" else self.u_n
-        works = [load.form(u_load, self.u) for load in self.loads]
+        ends = self.scheme.ends_for_loads(self.u_n, self.u)
+        works = [load.form(*ends) for load in self.loads]
         massless = massless_nodes(self.bodies, self.pairs)
         self._inertia: Inertia
         if any(map(is_resolved, self.pairs)):

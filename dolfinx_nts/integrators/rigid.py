@@ -22,6 +22,7 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_body import RigidBody
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields
@@ -50,14 +51,21 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         pairs: All contact pairs.
 
     Raises:
-        ValueError: The mesh is axisymmetric, two of them share nodes, or there is impact
-            "resolved".
+        ValueError: The mesh is axisymmetric, two of them share nodes, there is impact
+            "resolved", or a sphere is the shape of what is no rigid body.
     """
-    rigid = [body for body in bodies if body.is_rigid]
+    V, rigid = bodies[0].V, [body for body in bodies if body.is_rigid]
+    comm: MPI.Comm = V.mesh.comm
+    for segments in (pair.segments for pair in pairs):
+        if isinstance(segments, Surface) and isinstance(segments.smooth, RigidSphere):
+            around = [bool(np.isin(segments.segments, body.nodes).all()) for body in rigid]
+            if not reductions.everywhere(comm, np.array(around, dtype=bool)).any():
+                raise ValueError(
+                    f"expected {segments.smooth!r} as the shape of one RigidBody, given "
+                    f"{segments.name} of other bodies: smooth=True can do this"
+                )
     if not rigid:
         return
-    V = rigid[0].V
-    comm: MPI.Comm = V.mesh.comm
     names = ", ".join(body.name for body in rigid)
     if is_axisymmetric(V.mesh):
         raise ValueError(

@@ -24,7 +24,8 @@ class Scheme:
             of that by a strain that is the same at both ends; forces of springs have the same [-].
         load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a
             step to 1 at its end [-].
-        loads_at: Displacement at which loads act: the mean of the step or that at its end.
+        loads_at: Displacement at which loads act: that at their time on a straight way, or that
+            at the end of the step.
         resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
     """
 
@@ -35,3 +36,15 @@ class Scheme:
     load_point: float = 0.5
     loads_at: Literal["mean", "end"] = "mean"
     resolves_impact: bool = False
+
+    def ends_for_loads(self, u_n: Any, u: Any) -> tuple[Any, Any]:
+        """Displacements between which a load takes the mean, Functions or UFL. Local.
+
+        Loads act where bodies are at the time of the load, or schemes are of first order.
+        """
+        if self.loads_at == "end":
+            return u, u
+        if self.load_point == 0.5:
+            return u_n, u
+        ahead = (self.load_point - 0.5) * (u - u_n)
+        return u_n + ahead, u + ahead

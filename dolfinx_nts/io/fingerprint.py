@@ -20,6 +20,7 @@ from dolfinx_nts.io.checksum import checksum
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
@@ -106,7 +107,9 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
     text = f"{rows(pair.nodes.node_ids, pair.nodes.node_ids)} against "
     if isinstance(pair.segments, Surface):
         text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
-        text += " that are smooth" if pair.segments.smooth else ""
+        smooth = pair.segments.smooth
+        text += " that are smooth" if smooth is True else ""
+        text += f" that are {_law(smooth)}" if isinstance(smooth, RigidSphere) else ""
     else:
         text += _law(pair.segments)
     return f"{text}, {pair.method}"

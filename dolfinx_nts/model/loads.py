@@ -70,7 +70,8 @@ class Load(ABC):
         """Virtual work in a step, linear in the test function [N m].
 
         Args:
-            u_n: Displacement at the start of the step [m].
+            u_n: Displacement at the start of the step [m]; in `GeneralizedAlpha` both are UFL
+                expressions, shifted so that their mean is that at the time of the load.
             u: Displacement at the end of the step [m].
 
         Returns:
@@ -368,8 +369,8 @@ class FormLoad(Load):
         V: Space of the displacement.
         work: Form that is linear in the test function of V; or a function ``work(u, eta, t)``
             that returns it. It gets the displacement in the middle of a step (at its end in
-            `QuasiStatic` and `CentralDifference`), a test function, and the time of the load, a
-            ``fem.Constant`` [s]. UFL derives the tangent.
+            `QuasiStatic` and `CentralDifference`, between both in `GeneralizedAlpha`), a test
+            function, and the time of the load, a ``fem.Constant`` [s]. UFL derives the tangent.
 
     Attributes:
         V: The space.

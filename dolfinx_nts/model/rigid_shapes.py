@@ -54,15 +54,15 @@ class _Exact(Obstacle):
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
-        frame_n, frame = self._frames(x_n, x)
+        frame_n, frame = self.frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
         second = np.ones((len(x), 1)), np.zeros((len(x), 2, 1))
         orientation = np.ones(len(x))
         frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
         return Slip(value, frame_n, frame_n, *second, **frames)
 
-    def _frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``."""
+    def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local."""
         return _frame(self.distance(x_n)[1]), _frame(self.distance(x)[1])
 
     def find(
@@ -149,7 +149,8 @@ class RigidPlane(_Exact):
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         return np.full((len(x), 3), self._normal), np.zeros((len(x), 3, 3))
 
-    def _frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+    def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Tangents, which are those of the plane."""
         frame = np.repeat(self._tangents, len(x), axis=0)
         return frame, frame
 
@@ -170,20 +171,25 @@ class _Round(_Exact):
         if not (np.isfinite(radius) and radius > 0):
             raise ValueError(f"expected a radius > 0, given {radius}")
         self.dim = _dimension("centre", centre)
-        self._centre, self._radius = vector("centre", centre, self.dim), float(radius)
+        self.centre, self.radius = vector("centre", centre, self.dim), float(radius)
         self._projector, self._sign = projector, -1.0 if hollow else 1.0
         if not hollow:
-            self.shortest_passage = self._radius / 2
+            self.shortest_passage = self.radius / 2
+
+    @property
+    def is_hollow(self) -> bool:
+        """Whether bodies are inside. Local."""
+        return self._sign < 0
 
     def _radial(self, x: Floats) -> tuple[Floats, Floats]:
-        r = (x - self._centre) @ self._projector
+        r = (x - self.centre) @ self._projector
         return r, np.linalg.norm(r, axis=1)
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
         r, length = self._radial(x)
         normal = self._sign * r / np.where(length > 0, length, np.nan)[:, None]
-        return self._sign * (length - self._radius), normal
+        return self._sign * (length - self.radius), normal
 
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
@@ -200,10 +206,10 @@ class _Round(_Exact):
         (r_n, length), (r, _) = self._radial(x_n), self._radial(x)
         way = r - r_n
         square, half = (np.einsum("mi,mi->m", way, y) for y in (way, r_n))
-        root = np.sqrt(np.fmax(half**2 - square * (length**2 - self._radius**2), 0.0))
+        root = np.sqrt(np.fmax(half**2 - square * (length**2 - self.radius**2), 0.0))
         square = np.where(square > 0, square, np.inf)
         low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))
-        if self._sign < 0:
+        if self.is_hollow:
             # Outside of the tube: a straight way between points of its inside stays there.
             return high, np.where(high < 1, 1.0, high)
         return low, high
@@ -233,6 +239,10 @@ class RigidSphere(_Round):
         radius: Radius [m].
         hollow: Whether bodies are inside.
 
+    Attributes:
+        centre: The argument, shape ``(3,)``, in the plane with a last coordinate of zero [m].
+        radius: The argument [m].
+
     Raises:
         ValueError: ``centre`` is not three finite numbers, or two, or ``radius`` is not positive.
 
@@ -248,11 +258,11 @@ class RigidSphere(_Round):
     @property
     def is_of_revolution(self) -> bool:
         """Whether the centre is on the axis, see `Obstacle.is_of_revolution`."""
-        return self.dim == 2 and bool(abs(self._centre[0]) < _ROUND_OFF * self._radius)
+        return self.dim == 2 and bool(abs(self.centre[0]) < _ROUND_OFF * self.radius)
 
     def _declaration(self) -> str:
-        centre = self._centre[: self.dim]
-        return as_call(self, centre=centre, radius=self._radius, hollow=self._sign < 0)
+        centre = self.centre[: self.dim]
+        return as_call(self, centre=centre, radius=self.radius, hollow=self.is_hollow)
 
 
 class RigidCylinder(_Round):
@@ -283,7 +293,7 @@ class RigidCylinder(_Round):
 
     def _declaration(self) -> str:
         return as_call(
-            self, point=self._centre, axis=self._axis, radius=self._radius, hollow=self._sign < 0
+            self, point=self.centre, axis=self._axis, radius=self.radius, hollow=self.is_hollow
         )
 
 

@@ -25,11 +25,12 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = [
-    *("NEIGHBOURS", "Surface"),
+    *("NEIGHBOURS", "Smooth", "Surface"),
     *("area_vectors", "boundary_facets", "diameters", "sharpest_corner"),
 ]
 
@@ -41,8 +42,13 @@ _TO_END = 1 / 8
 # Distance of the centre of a cell from a side, relative to the height of the cell above it [-],
 # by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
 _CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
+# How far vertices of a surface may be off the sphere that is its shape, relative to the radius [-].
+_ON_SPHERE = 1e-3
 # Vertices next to each corner of a segment, in Basix order, by its number of vertices.
 NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
+
+# What segments look like to nodes, see `Surface`.
+Smooth = bool | RigidSphere
 
 
 class Surface(Declaration):
@@ -56,7 +62,9 @@ class Surface(Declaration):
         tag: Value of the tag.
         smooth: Whether nodes that touch its segments see a smooth surface through its nodes, by
             curved patches, instead of flat facets (``search/smooth_patches.py``). Edges at which
-            facets turn by more than 30 degrees stay sharp. Needs degree 1.
+            facets turn by more than 30 degrees stay sharp. Needs degree 1. A `RigidSphere`: nodes
+            see this sphere, on which the facets are, exactly; for a `RigidBody`, which carries the
+            sphere along.
 
     Attributes:
         V, smooth: The arguments.
@@ -75,7 +83,8 @@ class Surface(Declaration):
 
     Raises:
         TypeError: ``V`` is no function space, ``facets`` no MeshTags, or ``tag`` no integer.
-        ValueError: The space or the tag does not fit, or a facet is not on the boundary.
+        ValueError: The space or the tag does not fit, a facet is not on the boundary, or a vertex
+            not on the sphere.
 
     Example:
         >>> top = nts.Surface(V, facets, tag["lower_top"])
@@ -87,7 +96,7 @@ class Surface(Declaration):
     """
 
     def __init__(
-        self, V: fem.FunctionSpace, facets: MeshTags, tag: int, *, smooth: bool = False
+        self, V: fem.FunctionSpace, facets: MeshTags, tag: int, *, smooth: Smooth = False
     ) -> None:
         """Check the arguments, and collect nodes and oriented segments."""
         check_space(V)
@@ -99,7 +108,7 @@ class Surface(Declaration):
         mesh = V.mesh
         tdim = mesh.topology.dim
         check_tag(V, facets, tag, tdim - 1, "facets")
-        self.V, self._facets, self._tag, self.smooth = V, facets, tag, bool(smooth)
+        self.V, self._facets, self._tag, self.smooth = V, facets, tag, smooth
         self.name = NamedTag.name_of(tag, "surface")
 
         mesh.topology.create_connectivity(tdim - 1, tdim)
@@ -153,17 +162,34 @@ class Surface(Declaration):
         )
         self.key = self._number()
         x = X[self.segments]
+        if isinstance(smooth, RigidSphere):
+            self._check_sphere(smooth, x)
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
+
+    def _check_sphere(self, sphere: RigidSphere, x: Floats) -> None:
+        """Raise unless the vertices of the segments, ``(s, k, 3)`` [m], are on a sphere."""
+        if sphere.is_hollow or sphere.dim != dimension(self.V) or not sphere.motion.is_rest:
+            raise ValueError(
+                f"expected a RigidSphere of {dimension(self.V)} coordinates that is neither hollow "
+                f"nor moving as the shape of {self.name}, given {sphere!r}: its body moves it"
+            )
+        off = float(np.abs(sphere.distance(x.reshape(-1, 3))[0]).max(initial=0.0))
+        off = float(reductions.largest(self.V.mesh.comm, off))
+        if off > _ON_SPHERE * sphere.radius:
+            raise ValueError(
+                f"expected facets of {self.name} with vertices on {sphere!r}, given some that are "
+                f"{off:.3g} m off: choose those of the round part by where= or a tag"
+            )
 
     def __repr__(self) -> str:
         """Tag, and numbers of nodes and segments on this rank, in one line. Local."""
         sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
-        kind = {"smooth": True} if self.smooth else {}
+        kind = {"smooth": self.smooth} if self.smooth else {}
         return as_call(self, tag=int(self._tag), **kind, **sizes)
 
     @classmethod
     def where(
-        cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any], *, smooth: bool = False
+        cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any], *, smooth: Smooth = False
     ) -> "Surface":
         """Make a surface of the facets of the boundary at given places. Collective.
 
@@ -189,7 +215,7 @@ class Surface(Declaration):
         facets: Ints,
         name: str = "a part of the boundary",
         *,
-        smooth: bool = False,
+        smooth: Smooth = False,
     ) -> "Surface":
         """Make a surface of given facets. Collective.
 

@@ -80,7 +80,6 @@ class Candidates(ABC):
             Candidate or -1, shape ``(p,)``, and gap, NaN without one, ``(p,)`` [m].
         """
 
-    @abstractmethod
     def penalty_forces(
         self,
         points: NodalPoints,
@@ -103,6 +102,21 @@ class Candidates(ABC):
         Returns:
             Candidate and gap as of `pair`, ``(c,)``; and springs of the nodes with gap < 0.
         """
+        segment, gap = self.pair(points, x, current, reach)
+        inside = np.flatnonzero(gap < 0).astype(np.int32)
+        some, facet, depth = points.take(inside), segment[inside], gap[inside]
+        gradient = self.contact("static", some, x, x, facet).gradient
+        lambda_N = stiffness[inside] * depth
+        shape = len(inside), 1 + self.segments.shape[1], 3
+        force = -lambda_N[:, None, None] * gradient.reshape(shape)
+        springs = _kernels.Springs(
+            numbers[inside],
+            self.key[facet],
+            some.dofs(self.segments[facet]),
+            force,
+            lambda_N * depth / 2,
+        )
+        return segment, gap, springs
 
     @abstractmethod
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import compat
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
@@ -13,7 +13,7 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates, Search
-from dolfinx_nts.search.points import ContactPoints, NodalPoints
+from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ObstacleCandidates", "ObstacleSearch"]
@@ -60,27 +60,6 @@ class ObstacleCandidates(Candidates):
         """Choose a facet for each point, see `Candidates.pair`."""
         found, gap = self._obstacle.find(points.of(x), current, slack, reach, points.facing)
         return found, np.where(found >= 0, gap, np.nan)
-
-    def penalty_forces(
-        self,
-        points: NodalPoints,
-        x: Floats,
-        current: Ints,
-        reach: float,
-        numbers: Ints,
-        stiffness: Floats,
-    ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Load the springs of nodes inside, see `Candidates.penalty_forces`."""
-        segment, gap = self.pair(points, x, current, reach)
-        (inside,) = (gap < 0).nonzero()
-        nodes, facet, depth = points.nodes[inside], segment[inside], gap[inside]
-        gradient = self.contact("static", NodalPoints(nodes), x, x, facet).gradient
-        lambda_N = stiffness[inside] * depth
-        force = -lambda_N[:, None, None] * gradient[:, None]
-        springs = _kernels.Springs(
-            numbers[inside], self.key[facet], nodes[:, None], force, lambda_N * depth / 2
-        )
-        return segment, gap, springs
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the points within reach of a facet, see `Candidates.near`."""

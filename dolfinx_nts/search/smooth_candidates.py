@@ -37,7 +37,7 @@ class SmoothCandidates(SegmentCandidates):
         self._vertices, self.segments = self.segments, found.vertices
         # Weights of point and nodes in point and control points, which are a pair for the kernels.
         s, c, m = found.weights.shape
-        self._weights = np.zeros((s, 1 + c, 1 + m))
+        self._weights: Floats = np.zeros((s, 1 + c, 1 + m))
         self._weights[:, 0, 0], self._weights[:, 1:, 1:] = 1.0, found.weights
 
     def pair(
@@ -66,8 +66,7 @@ class SmoothCandidates(SegmentCandidates):
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
         """Evaluate gap and force of pairs, see `Candidates.contact`."""
-        kernel = getattr(_kernels, f"patch_{scheme}")
-        found = ContactKinematics(*kernel(*self._both_states(points, x_n, x, segment)))
+        found = self._kinematics(scheme, *self._both_states(points, x_n, x, segment))
         weights = self._weights[segment]
         m, c, n = weights.shape
         to_nodes = weights.swapaxes(1, 2)
@@ -84,9 +83,7 @@ class SmoothCandidates(SegmentCandidates):
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
-        pairs = self._both_states(points, x_n, x, segment)
-        *values, frame_n, frame = _kernels.patch_slip(*pairs)
-        slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+        slip = self._slip(*self._both_states(points, x_n, x, segment))
         return slip.combined(self._weights[segment])
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
@@ -109,6 +106,18 @@ class SmoothCandidates(SegmentCandidates):
         """Positions of points and control points, shape ``(m, 1+c, 3)`` [m]."""
         pairs: Floats = self._weights[segment] @ super().pairs(points, x, segment)
         return pairs
+
+    def _kinematics(
+        self, scheme: str, x_n: Floats, x: Floats, orientation: Floats
+    ) -> ContactKinematics:
+        """Gap and force by positions of points and control points, ``(m, 1+c, 3)`` [m]."""
+        kernel = getattr(_kernels, f"patch_{scheme}")
+        return ContactKinematics(*kernel(x_n, x, orientation))
+
+    def _slip(self, x_n: Floats, x: Floats, orientation: Floats) -> Slip:
+        """Slip by the same."""
+        *values, frame_n, frame = _kernels.patch_slip(x_n, x, orientation)
+        return Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)
 
     def _patches(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of pairs, and orientations of their segments."""

@@ -7,6 +7,7 @@ from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.segment_candidates import FoundSegments
 from dolfinx_nts.search.smooth_candidates import SmoothCandidates
 from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.sphere_frame import SphereFrame
 
 __all__ = ["SmoothSearch", "depth_beneath_facets"]
 
@@ -17,12 +18,14 @@ class SmoothSearch(GlobalSearch):
     Args:
         nodes: Surface whose nodes look for segments.
         segments: Surface that offers segments.
-        patches: Those on its facets.
+        patches: Those on its facets, or the sphere that they are.
     """
 
     candidates: SmoothCandidates
 
-    def __init__(self, nodes: Surface, segments: Surface, patches: SmoothPatches) -> None:
+    def __init__(
+        self, nodes: Surface, segments: Surface, patches: SmoothPatches | SphereFrame
+    ) -> None:
         """Offer the nodes of the patches with their weights."""
         super().__init__(nodes, segments)
         self._offer = patches.ids, patches.owners, *self._offer[2:]

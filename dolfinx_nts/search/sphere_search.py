@@ -1,0 +1,34 @@
+"""Global search of the facets that stand for a sphere."""
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
+from dolfinx_nts.search.smooth_search import SmoothSearch
+from dolfinx_nts.search.sphere_candidates import SphereCandidates
+from dolfinx_nts.search.sphere_frame import SphereFrame
+
+__all__ = ["SphereSearch"]
+
+
+class SphereSearch(SmoothSearch):
+    """Finds the facets of a sphere that nodes of another surface can reach, see `GlobalSearch`.
+
+    Args:
+        nodes: Surface whose nodes look for segments.
+        segments: Surface of a rigid body with a sphere as its shape.
+    """
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Offer the nodes that carry the sphere, too."""
+        self._frame = SphereFrame(segments)
+        super().__init__(nodes, segments, self._frame)
+
+    def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
+        """Find every facet below which the sphere is within reach, see `Search.update`."""
+        return super().update(x, reach + self._frame.bulge)
+
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> SphereCandidates:
+        """Make candidates of the sphere, see `GlobalSearch`."""
+        return SphereCandidates(found, self.num_vertices, self._frame.sphere, self._frame.bulge)

@@ -1,0 +1,233 @@
+"""Rigid bodies whose surface is an exact sphere: they roll, spin and are pressed into others."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.once import once
+from helpers.rigid import spin
+from helpers.round import rings
+from helpers.scenes import boxes, distribute, gathered
+
+CENTRE, RADIUS = np.array([0.52, 0.48, 0.805]), 0.3
+OMEGA, SPEED = np.array([0.5, -3.0, 2.0]), np.array([0.4, 0.1, -1.5])
+
+
+def round_off(X, centre):
+    """Put the nodes of a cube onto a ball."""
+    arms = X - X.mean(axis=0)
+    length = np.linalg.norm(arms, axis=1, keepdims=True)
+    return centre + RADIUS * arms / np.where(length > 0, length, np.inf)
+
+
+def scene(
+    comm,
+    scheme=nts.EnergyMomentum,
+    enforcement=None,
+    friction=None,
+    *,
+    dt=0.01,
+    guide=None,
+    obstacle=None,
+    both_rigid=False,
+):
+    """A ball of eight cells above a block, or above another ball, or an obstacle in its place."""
+    data = boxes([(4, 4, 2), (2, 2, 2)], [(1.0, 1.0, 0.5), (1.0, 1.0, 1.0)])
+    lower, upper = (np.unique(data.cells[data.body == number]) for number in (0, 1))
+    data.X[upper] = round_off(data.X[upper], CENTRE)
+    if both_rigid:
+        corners = data.X[lower] * [1, 1, 2]
+        data.X[lower] = round_off(corners, CENTRE - [0.1, 0.15, 2 * RADIUS - 0.02])
+    mesh, cells, facets, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 10.0))
+    if both_rigid:
+        block = nts.RigidBody(V, cells, tag["body 0"], 80.0)
+    ball = nts.RigidBody(V, cells, tag["body 1"], 50.0, guide)
+    nodes = nts.boundary_of(block) if both_rigid else nts.Surface(V, facets, tag["top 0"])
+    sphere = nts.boundary_of(ball, smooth=nts.RigidSphere(CENTRE, RADIUS))
+    pair = nts.ContactPair(nodes, obstacle or sphere, enforcement, friction)
+    bcs = []
+    if scheme is nts.QuasiStatic:
+        foot = fem.locate_dofs_topological(V, 2, facets.find(tag["bottom 0"]))
+        bcs = [fem.dirichletbc(np.zeros(3), foot, V)]
+    stepper = scheme([block, ball], [pair], dt=dt, bcs=bcs)
+    if scheme is not nts.QuasiStatic:
+        stepper.set_velocity(ball, spin(OMEGA, CENTRE, SPEED))
+    return stepper
+
+
+def run(stepper, num_steps=25):
+    """Balances at both ends, work of contact, and the most active nodes in a step."""
+    diagnostics, given, active = nts.Diagnostics(stepper), 0.0, 0
+    first = diagnostics.balance()
+    for _ in range(num_steps):
+        report = stepper.advance()
+        given += sum(report.contact_work)
+        active = max(active, report.num_active)
+    return first, diagnostics.balance(), given, active
+
+
+def check(first, last, given, tol=1e-10):
+    """Energy less what contact gave, and both momenta, are those of the start."""
+    energy = last.total_energy - last.contact_energy
+    assert abs(energy - first.total_energy - given) < tol * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        assert np.linalg.norm(after - before) < 1e-11 * np.linalg.norm(before)
+
+
+SLIDING = nts.Coulomb(0.3)
+LAWS = {
+    "elastic": {},
+    "friction": {"friction": SLIDING},
+    "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "springs": {"enforcement": nts.Penalty(1e4), "friction": SLIDING},
+    "rigid": {"both_rigid": True},
+    "springs between rigid": {
+        "both_rigid": True,
+        "enforcement": nts.Penalty(1e4),
+        "friction": SLIDING,
+    },
+}
+
+
+@pytest.mark.parametrize("law", ["elastic", "friction", *(once(x, id=x) for x in [*LAWS][2:])])
+def test_ball_strikes_with_exact_energy_and_momenta(comm, law):
+    first, last, given, active = run(scene(comm, **LAWS[law]))
+    check(first, last, given)
+    assert active > 0
+    if law in ("elastic", "rigid"):
+        assert abs(given) < 1e-10 * first.total_energy
+    if "friction" in LAWS[law]:
+        assert given < -0.01 * first.total_energy
+
+
+@pytest.mark.serial
+def test_a_frictionless_ball_keeps_its_spin():
+    """All normals of a sphere go through its centre, as those of facets do not."""
+    stepper = scene(MPI.COMM_SELF)
+    nodes = stepper.bodies[1].nodes
+
+    def spin_of(stepper):
+        x, v = stepper.x[nodes], np.array(stepper.v.x.array).reshape(-1, 3)[nodes]
+        x, v = x - x.mean(axis=0), v - v.mean(axis=0)
+        inertia = np.trace(x.T @ x) * np.eye(3) - x.T @ x
+        return np.linalg.solve(inertia, np.cross(x, v).sum(axis=0))
+
+    before = spin_of(stepper)
+    *_, active = run(stepper)
+    assert active > 0
+    # The inertia of the mesh is that of a cube, so that nothing precedes.
+    assert np.abs(spin_of(stepper) - before).max() < 1e-11
+
+
+@pytest.mark.parametrize("friction", [once(None, id="frictionless"), SLIDING])
+def test_led_ball_presses_as_an_obstacle_does(comm, agree, friction):
+    motion = nts.Motion(lambda t: (max(t - 0.1, 0.0), 0.0, -0.8 * min(t, 0.1)))
+    guide, states = nts.Guide(motion=motion), []
+    alone = nts.RigidSphere(CENTRE, RADIUS).moving(motion)
+    for obstacle in (None, alone):
+        stepper = scene(
+            comm, nts.QuasiStatic, friction=friction, dt=0.05, guide=guide, obstacle=obstacle
+        )
+        for _ in range(4):
+            report = stepper.advance()
+        states.append(stepper.x[stepper.bodies[0].nodes])
+    assert report.num_active > 1
+    assert agree(np.abs(states[0] - states[1]).max(initial=0.0) < 1e-9)
+
+
+@pytest.mark.several_ranks
+def test_motion_is_the_same_on_any_number_of_ranks(comm):
+    steppers = [scene(on, friction=SLIDING) for on in (comm, MPI.COMM_SELF)]
+    for stepper in steppers:
+        *_, active = run(stepper, 12)
+        assert active > 0
+    places = [gathered(each.u.function_space, each.x) for each in steppers]
+    assert np.abs(places[0] - places[1]).max() < 1e-9
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("scheme", "dt", "tol"),
+    [
+        (nts.Midpoint, 0.01, 1e-3),
+        (nts.GeneralizedAlpha, 0.01, 0.01),
+        (nts.CentralDifference, 0.002, 1e-3),
+    ],
+)
+def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme, dt, tol):
+    stepper = scene(comm, scheme, nts.Penalty(1e3), SLIDING, dt=dt)
+    first, last, given, active = run(stepper, round(0.2 / dt))
+    energy = last.total_energy - first.total_energy
+    assert active > 0 and given < 0
+    assert abs(energy - last.contact_energy - given) < tol * first.total_energy
+    change = last.linear_momentum - first.linear_momentum
+    assert np.linalg.norm(change) < 1e-11 * np.linalg.norm(first.linear_momentum)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("friction", [None, SLIDING], ids=["frictionless", "friction"])
+def test_disc_of_the_plane_strikes_a_ring(comm, friction):
+    lower, upper = rings(comm, rigid=True).bodies
+    disc = nts.RigidSphere((0.2, 2.0), 1.0)
+    rim = nts.boundary_of(
+        upper, where=lambda x: np.hypot(x[0] - 0.2, x[1] - 2.0) > 0.9, smooth=disc
+    )
+    pair = nts.ContactPair(nts.boundary_of(lower), rim, friction=friction)
+    stepper = nts.EnergyMomentum([lower, upper], [pair], dt=0.01)
+    stepper.set_velocity(upper, lambda x: np.array([0.3 + 0 * x[0], -1 + 0 * x[0]]))
+    first, last, given, active = run(stepper)
+    check(first, last, given)
+    assert active > 0 and (friction is None or given < -1e-4 * first.total_energy)
+
+
+@pytest.mark.serial
+def test_a_resumed_run_is_the_whole_one_and_needs_the_sphere(comm, tmp_path):
+    def record(stepper, num_steps):
+        with nts.Recorder(tmp_path / "run", stepper, checkpoint_every=2, resume=True) as recorder:
+            for step in stepper.run(until=num_steps * stepper.dt):
+                recorder.write(step)
+
+    whole, part, rest = (scene(comm, friction=SLIDING) for _ in range(3))
+    run(whole, 10)
+    record(part, 6)
+    assert part.contacts[0].history.active.any()
+    record(rest, 10)
+    assert np.array_equal(rest.x, whole.x)
+    other = scene(comm, friction=SLIDING, obstacle=nts.RigidSphere(CENTRE, RADIUS))
+    with pytest.raises(ValueError, match="pair 1"):
+        record(other, 12)
+
+
+@pytest.mark.at_most_two_ranks
+def test_what_is_no_sphere_of_a_rigid_body_is_refused(comm, refused):
+    ball = scene(comm).bodies[1]
+    for centre, radius, given in (
+        (CENTRE, 0.31, {}),
+        (CENTRE + 0.01, RADIUS, {}),
+        (CENTRE, RADIUS, {"hollow": True}),
+        (CENTRE[:2], RADIUS, {}),
+    ):
+        with refused(ValueError, "expected (a RigidSphere|facets) of"):
+            nts.boundary_of(ball, smooth=nts.RigidSphere(centre, radius, **given))
+
+
+@pytest.mark.at_most_two_ranks
+def test_a_sphere_that_deforms_is_refused(comm, refused):
+    data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    data.X[:] = round_off(data.X, CENTRE)
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    soft = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 10.0))
+    sphere = nts.RigidSphere(CENTRE, RADIUS)
+    upper, lower = (
+        nts.boundary_of(soft, where=lambda x, side=side: side * (x[2] - CENTRE[2]) > 0.1, **shape)
+        for side, shape in ((1, {}), (-1, {"smooth": sphere}))
+    )
+    with refused(ValueError, "as the shape of one RigidBody"):
+        nts.EnergyMomentum([soft], [nts.ContactPair(upper, lower)], dt=0.01)
