@@ -149,8 +149,11 @@ def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("lower", ["rigid", "deformable"])
-@pytest.mark.parametrize("friction", [None, STICK], ids=["frictionless", "friction"])
+@pytest.mark.parametrize(
+    # Rigid bodies stick to each other unless friction is little.
+    ("lower", "friction"),
+    [("rigid", None), ("rigid", nts.Coulomb(0.1)), ("deformable", None), ("deformable", STICK)],
+)
 def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
     scene = impact(comm, rigid_nodes=True, both_rigid=lower == "rigid", friction=friction)
     first, last, given, active = run(scene)
@@ -159,7 +162,7 @@ def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
     if friction is None:
         assert abs(given) < 1e-11 * first.total_energy
     else:
-        assert given < 0
+        assert given < -1e-3 * first.total_energy
 
 
 @pytest.mark.serial
