@@ -33,8 +33,8 @@ _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
 # a greater limit than its own, of 200 instructions.
 _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # With vectors at the first level of optimisation, FFCx's kernels of bilinear forms are five times
-# as soon compiled, and at most a ninth slower. Without the last flag GCC leaves wide registers
-# dirty at this level, which slows down all that comes after a kernel.
+# as soon compiled, and at most a ninth slower. With the last flag GCC clears wide registers after
+# a kernel at this level, too, as instructions of other code that are not wide may need.
 SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
