@@ -87,6 +87,10 @@ LAWS = {
     "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
     "springs": {"enforcement": nts.Penalty(1e4), "friction": SLIDING},
     "rigid": {"both_rigid": True},
+    "restitution": {
+        "both_rigid": True,
+        "enforcement": nts.LagrangeMultiplier("restitution", e=0.5),
+    },
     "springs between rigid": {
         "both_rigid": True,
         "enforcement": nts.Penalty(1e4),
@@ -102,7 +106,7 @@ def test_ball_strikes_with_exact_energy_and_momenta(comm, law):
     assert active > 0
     if law in ("elastic", "rigid"):
         assert abs(given) < 1e-10 * first.total_energy
-    if "friction" in LAWS[law]:
+    if "friction" in LAWS[law] or law == "restitution":
         assert given < -0.01 * first.total_energy
 
 
