@@ -82,7 +82,8 @@ class Surface(Declaration):
         size: Longest diameter of a segment on any rank in the reference configuration [m].
 
     Raises:
-        TypeError: ``V`` is no function space, ``facets`` no MeshTags, or ``tag`` no integer.
+        TypeError: ``V`` is no function space, ``facets`` no MeshTags, ``tag`` no integer, or
+            ``smooth`` neither a bool nor a RigidSphere.
         ValueError: The space or the tag does not fit, a facet is not on the boundary, or a vertex
             not on the sphere.
 
@@ -108,6 +109,8 @@ class Surface(Declaration):
         mesh = V.mesh
         tdim = mesh.topology.dim
         check_tag(V, facets, tag, tdim - 1, "facets")
+        if not isinstance(smooth, bool | RigidSphere):
+            raise TypeError(f"expected smooth=True, False or a RigidSphere, given {smooth!r}")
         self.V, self._facets, self._tag, self.smooth = V, facets, tag, smooth
         self.name = NamedTag.name_of(tag, "surface")
 

@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.search.smooth_patches import SmoothPatches
 from helpers.once import once
 from helpers.rigid import spin
 from helpers.round import rings
@@ -235,3 +236,21 @@ def test_a_sphere_that_deforms_is_refused(comm, refused):
     )
     with refused(ValueError, "as the shape of one RigidBody"):
         nts.EnergyMomentum([soft], [nts.ContactPair(upper, lower)], dt=0.01)
+
+
+@pytest.mark.serial
+def test_an_overlap_with_a_sphere_is_told_without_patches(monkeypatch, caplog):
+    """A sphere is outside of its facets: nothing that touches it may be inside these."""
+    monkeypatch.delattr(SmoothPatches, "of")
+    *_, active = run(scene(MPI.COMM_SELF, enforcement=nts.Penalty(20.0)), 15)
+    assert active > 0
+    assert any("inside body 0" in message for message in caplog.messages)
+
+
+def test_another_shape_than_a_sphere_is_refused(refused):
+    data = boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = distribute(MPI.COMM_WORLD, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    ball = nts.RigidBody(V, cells, tag["body 0"], 1.0)
+    with refused(TypeError, "expected smooth=True, False or a RigidSphere, given 'yes'"):
+        nts.boundary_of(ball, smooth="yes")
