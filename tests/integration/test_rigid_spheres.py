@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.smooth_patches import SmoothPatches
+from helpers.collision import check_balances, collide
 from helpers.once import once
 from helpers.rigid import spin
 from helpers.round import rings
@@ -61,26 +62,6 @@ def scene(
     return stepper
 
 
-def run(stepper, num_steps=25):
-    """Balances at both ends, work of contact, and the most active nodes in a step."""
-    diagnostics, given, active = nts.Diagnostics(stepper), 0.0, 0
-    first = diagnostics.balance()
-    for _ in range(num_steps):
-        report = stepper.advance()
-        given += sum(report.contact_work)
-        active = max(active, report.num_active)
-    return first, diagnostics.balance(), given, active
-
-
-def check(first, last, given, tol=1e-10):
-    """Energy less what contact gave, and both momenta, are those of the start."""
-    energy = last.total_energy - last.contact_energy
-    assert abs(energy - first.total_energy - given) < tol * first.total_energy
-    for name in ("linear_momentum", "angular_momentum"):
-        before, after = getattr(first, name), getattr(last, name)
-        assert np.linalg.norm(after - before) < 1e-11 * np.linalg.norm(before)
-
-
 SLIDING = nts.Coulomb(0.3)
 LAWS = {
     "elastic": {},
@@ -102,8 +83,8 @@ LAWS = {
 
 @pytest.mark.parametrize("law", ["elastic", "friction", *(once(x, id=x) for x in [*LAWS][2:])])
 def test_ball_strikes_with_exact_energy_and_momenta(comm, law):
-    first, last, given, active = run(scene(comm, **LAWS[law]))
-    check(first, last, given)
+    first, last, given, active = collide(scene(comm, **LAWS[law]), 25)
+    check_balances(first, last, given)
     assert active > 0
     if law in ("elastic", "rigid"):
         assert abs(given) < 1e-10 * first.total_energy
@@ -124,7 +105,7 @@ def test_a_frictionless_ball_keeps_its_spin():
         return np.linalg.solve(inertia, np.cross(x, v).sum(axis=0))
 
     before = spin_of(stepper)
-    *_, active = run(stepper)
+    *_, active = collide(stepper, 25)
     assert active > 0
     # The inertia of the mesh is that of a cube, so that nothing precedes.
     assert np.abs(spin_of(stepper) - before).max() < 1e-11
@@ -150,7 +131,7 @@ def test_led_ball_presses_as_an_obstacle_does(comm, agree, friction):
 def test_motion_is_the_same_on_any_number_of_ranks(comm):
     steppers = [scene(on, friction=SLIDING) for on in (comm, MPI.COMM_SELF)]
     for stepper in steppers:
-        *_, active = run(stepper, 12)
+        *_, active = collide(stepper, 12)
         assert active > 0
     places = [gathered(each.u.function_space, each.x) for each in steppers]
     assert np.abs(places[0] - places[1]).max() < 1e-9
@@ -167,7 +148,7 @@ def test_motion_is_the_same_on_any_number_of_ranks(comm):
 )
 def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme, dt, tol):
     stepper = scene(comm, scheme, nts.Penalty(1e3), SLIDING, dt=dt)
-    first, last, given, active = run(stepper, round(0.2 / dt))
+    first, last, given, active = collide(stepper, round(0.2 / dt))
     energy = last.total_energy - first.total_energy
     assert active > 0 and given < 0
     assert abs(energy - last.contact_energy - given) < tol * first.total_energy
@@ -186,8 +167,8 @@ def test_disc_of_the_plane_strikes_a_ring(comm, friction):
     pair = nts.ContactPair(nts.boundary_of(lower), rim, friction=friction)
     stepper = nts.EnergyMomentum([lower, upper], [pair], dt=0.01)
     stepper.set_velocity(upper, lambda x: np.array([0.3 + 0 * x[0], -1 + 0 * x[0]]))
-    first, last, given, active = run(stepper)
-    check(first, last, given)
+    first, last, given, active = collide(stepper, 25)
+    check_balances(first, last, given)
     assert active > 0 and (friction is None or given < -1e-4 * first.total_energy)
 
 
@@ -199,7 +180,7 @@ def test_a_resumed_run_is_the_whole_one_and_needs_the_sphere(comm, tmp_path):
                 recorder.write(step)
 
     whole, part, rest = (scene(comm, friction=SLIDING) for _ in range(3))
-    run(whole, 10)
+    collide(whole, 10)
     record(part, 6)
     assert part.contacts[0].history.active.any()
     record(rest, 10)
@@ -242,7 +223,7 @@ def test_a_sphere_that_deforms_is_refused(comm, refused):
 def test_an_overlap_with_a_sphere_is_told_without_patches(monkeypatch, caplog):
     """A sphere is outside of its facets: nothing that touches it may be inside these."""
     monkeypatch.delattr(SmoothPatches, "of")
-    *_, active = run(scene(MPI.COMM_SELF, enforcement=nts.Penalty(20.0)), 15)
+    *_, active = collide(scene(MPI.COMM_SELF, enforcement=nts.Penalty(20.0)), 15)
     assert active > 0
     assert any("inside body 0" in message for message in caplog.messages)
 

@@ -9,29 +9,15 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.integrators import implicit
+from helpers.collision import check_balances, collide
 from helpers.round import balls, marble, rings, throw
 from helpers.scenes import gathered
 
 
 def run(stepper, num_steps):
-    """Balances at both ends, work of contact, and the most active nodes in a step."""
+    """Throw the bodies, and collide."""
     throw(stepper)
-    diagnostics, given, active = nts.Diagnostics(stepper), 0.0, 0
-    first = diagnostics.balance()
-    for _ in range(num_steps):
-        report = stepper.advance()
-        given += sum(report.contact_work)
-        active = max(active, report.num_active)
-    return first, diagnostics.balance(), given, active
-
-
-def check(first, last, given, tol=1e-11):
-    """Energy less what contact gave, and both momenta, are those of the start."""
-    energy = last.total_energy - last.contact_energy
-    assert abs(energy - first.total_energy - given) < 10 * tol * first.total_energy
-    for name in ("linear_momentum", "angular_momentum"):
-        before, after = getattr(first, name), getattr(last, name)
-        assert np.linalg.norm(after - before) < tol * np.linalg.norm(before)
+    return collide(stepper, num_steps)
 
 
 LAWS = {
@@ -54,7 +40,7 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
     first, last, given, active = run(rings(comm, angle=0.4, **LAWS[law]), 30)
-    check(first, last, given)
+    check_balances(first, last, given)
     assert active > 0
     if law in ("elastic", "triangles", "rigid"):
         assert abs(given) < 1e-10 * first.total_energy
@@ -67,7 +53,7 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
 )
 def test_balls_bounce_with_exact_energy_and_momenta(comm, cell):
     first, last, given, active = run(balls(comm, cell=cell), 8)
-    check(first, last, given)
+    check_balances(first, last, given)
     assert active > 0
     assert abs(given) < 1e-10 * first.total_energy
 
@@ -75,7 +61,7 @@ def test_balls_bounce_with_exact_energy_and_momenta(comm, cell):
 @pytest.mark.serial
 def test_friction_of_balls_dissipates_and_keeps_momenta(comm):
     first, last, given, active = run(balls(comm, friction=nts.Coulomb(0.3)), 8)
-    check(first, last, given)
+    check_balances(first, last, given)
     assert active > 0
     assert given < -1e-4 * first.total_energy
 
@@ -96,7 +82,7 @@ def test_any_number_of_ranks_finds_the_same(comm):
 def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme):
     stepper = rings(comm, scheme=scheme, enforcement=nts.Penalty())
     first, last, given, active = run(stepper, 20)
-    check(first, last, given, tol=1e-3)
+    check_balances(first, last, given, tol=1e-3)
     assert active > 0
     change = last.linear_momentum - first.linear_momentum
     assert np.linalg.norm(change) < 1e-11 * np.linalg.norm(first.linear_momentum)
