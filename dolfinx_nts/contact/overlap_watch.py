@@ -9,10 +9,10 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.method import has_patches
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
 from dolfinx_nts.search.smooth_search import depth_beneath_facets
@@ -185,7 +185,7 @@ class OverlapWatch:
         depths = [
             depth_beneath_facets(contact.nodes, contact.segments, x, overlap.depth)
             for contact, nodes, segments in self._roles
-            if has_patches(contact)
+            if isinstance(contact.segments, Surface) and contact.segments.smooth is True
             if (inner in nodes and outer in segments) or (outer in nodes and inner in segments)
         ]
         return max(depths, default=0.0)

@@ -14,11 +14,18 @@ from dolfinx_nts.search.global_search import owners_of
 __all__ = ["SphereFrame"]
 
 
+# Distance of vertices from a plane, relative to the radius [-], that is none.
+_FLAT = 1e-6
+
+
 class SphereFrame:
     """Centre of a sphere and points that turn with it, linear in a few nodes. Collective.
 
     Args:
         surface: Surface of a rigid body with the sphere as its shape.
+
+    Raises:
+        ValueError: All vertices of its facets lie in a plane, and cannot carry the sphere.
 
     Attributes:
         sphere: The sphere, where the body is in the reference configuration.
@@ -44,6 +51,12 @@ class SphereFrame:
         ids, X, *nodes = (joined(comm, values) for values in (*of_nodes, owners.ravel()))
         _, first = np.unique(ids, return_index=True)
         carriers = first[_far_apart(X[first], d + 1)]
+        arms = (X[carriers[1:], :d] - X[carriers[0], :d]) / sphere.radius
+        if np.linalg.matrix_rank(arms, tol=_FLAT) < d:
+            raise ValueError(
+                f"expected facets of {surface.name} that are more than one plane cut of "
+                f"{sphere!r}, which their vertices carry along: take more of its surface"
+            )
         rows = [
             np.hstack([of_facets, np.tile(values[carriers], (len(own), 1))])
             for of_facets, values in zip((dofs, owners), nodes, strict=True)
@@ -69,6 +82,7 @@ def _far_apart(X: Floats, number: int) -> Ints:
     chosen, rest = [0], X - X[0]
     while len(chosen) < number:
         chosen.append(int(np.linalg.norm(rest, axis=1).argmax()))
-        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
+        length = float(np.linalg.norm(rest[chosen[-1]]))
+        along = rest[chosen[-1]] / (length or 1.0)
         rest = rest - np.outer(rest @ along, along)
     return np.array(chosen, dtype=np.int32)

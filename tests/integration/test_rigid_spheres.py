@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.sphere_frame import SphereFrame
 from helpers.collision import check_balances, collide
 from helpers.once import once
 from helpers.rigid import spin
@@ -235,3 +236,12 @@ def test_another_shape_than_a_sphere_is_refused(refused):
     ball = nts.RigidBody(V, cells, tag["body 0"], 1.0)
     with refused(TypeError, "expected smooth=True, False or a RigidSphere, given 'yes'"):
         nts.boundary_of(ball, smooth="yes")
+
+
+@pytest.mark.serial
+def test_facets_in_a_plane_cannot_carry_a_sphere(refused):
+    mesh, _, facets, tag = distribute(MPI.COMM_SELF, boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)]))
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    sphere = nts.RigidSphere((0.5, 0.5, 0.5), np.sqrt(0.75))
+    with refused(ValueError, "more than one plane cut"):
+        SphereFrame(nts.Surface(V, facets, tag["top 0"], smooth=sphere))
