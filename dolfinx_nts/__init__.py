@@ -1,4 +1,4 @@
-"""Energy-momentum consistent node-to-segment contact for DOLFINx.
+"""Energy-momentum consistent contact and impact for DOLFINx.
 
 What users call is in ``__all__``: bodies, surfaces, loads and contact pairs that
 they declare, integrators that advance them, and what records and draws a run.
