@@ -15,6 +15,8 @@ IMPLICIT = (
     "generalised-alpha",
 )
 EXPLICIT = "central differences"
+# Resolved impact beside that which it is compared with, by both methods of contact.
+_RESOLVED = ("EM elastic", "EM resolved", "EM mortar", "EM resolved, mortar")
 
 # In contact from t = 0.05 on; the steps before it are not measured.
 _WINDOW = {"t_start": 0.05, "t_end": 0.2}
@@ -37,7 +39,12 @@ _PILE = {"h": 0.002, "t_start": 0.04, "t_end": 0.1}
 # partition is another one each time; the median counts. Ranks and runs of a process
 # are those of its first case.
 _DEFAULT: list[Rows] = [
-    *([{**_IMPACT, "scheme": scheme, "element": "default"}] for scheme in IMPLICIT),
+    *(
+        [{**_IMPACT, "scheme": scheme, "element": "default"}]
+        for scheme in IMPLICIT
+        if scheme not in _RESOLVED
+    ),
+    [{**_IMPACT, "scheme": scheme, "element": "default"} for scheme in _RESOLVED],
     [{**_IMPACT, **_EXPLICIT, "element": "default"}],
     [{**_IMPACT}],
     [{**_IMPACT, **_EXPLICIT}],
@@ -58,6 +65,15 @@ _DEFAULT: list[Rows] = [
         {"scene": "thin wall", "n": 12, "wall": 0.02, **_HARD},
         {"scene": "neo-Hooke", "n": 12, "law": "NeoHookean", **_HARD},
     ],
+    *(
+        [
+            {"scene": "beside mortar", "n": n, **_WINDOW},
+            {"scene": "mortar", "scheme": "EM mortar", "n": n, **_WINDOW},
+            {"scene": "beside mortar, friction", **_FRICTION, "n": n},
+            {"scene": "mortar, friction", "scheme": "EM mortar", **_FRICTION, "n": n},
+        ]
+        for n in (6, 24)
+    ),
     [{"scene": "pile, friction", "model": "pile", "n": 3, "friction": 0.3, **_PILE}],
     *(
         [

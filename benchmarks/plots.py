@@ -24,6 +24,8 @@ _COLOURS = {
     "EM resolved": "#56b4e9",
     "EM plastic": "#cc79a7",
     "EM penalty": "#009e73",
+    "EM mortar": "#882255",
+    "EM resolved, mortar": "#aa4499",
     "midpoint": "#d55e00",
     "generalised-alpha": "#e69f00",
     "central differences": "#000000",

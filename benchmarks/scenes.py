@@ -56,6 +56,8 @@ SCHEMES = {
     "EM plastic": Scheme(nts.EnergyMomentum, _impact("plastic")),
     "EM resolved": Scheme(nts.EnergyMomentum, _impact("resolved")),
     "EM penalty": Scheme(nts.EnergyMomentum, nts.Penalty),
+    "EM mortar": Scheme(nts.EnergyMomentum, _impact("elastic"), "mortar"),
+    "EM resolved, mortar": Scheme(nts.EnergyMomentum, _impact("resolved"), "mortar"),
     "statics": Scheme(nts.QuasiStatic, nts.LagrangeMultiplier),
     "statics, penalty": Scheme(nts.QuasiStatic, nts.Penalty),
     "statics, mortar": Scheme(nts.QuasiStatic, nts.LagrangeMultiplier, "mortar"),

@@ -99,6 +99,12 @@ def _beside(results: Results, name: str, scene: str, element: str = "full") -> f
     return _ratio(results, name, here, easy)
 
 
+def _mortar(results: Results, name: str, scene: str, n: int) -> float:
+    """Surface-to-surface contact against nodes and segments."""
+    mortar = {"scene": scene, "scheme": "EM mortar", "n": n}
+    return _ratio(results, name, mortar, {"scene": f"beside {scene}", "n": n})
+
+
 def _exponent(results: Results, n: int) -> float:
     """Of the growth from a mesh that was measured beside another one."""
     a, b = _step(results, f"beside n = {n}"), _step(results, "contact", n=n)
@@ -246,6 +252,34 @@ _TARGETS = (
         partial(_beside, name=_CPU, scene="neo-Hooke"),
         1.3,
         1.5,
+    ),
+    *(
+        Target(
+            f"{scene} against nodes and segments, n = {n}, {what}",
+            partial(_mortar, name=name, scene=scene, n=n),
+            most,
+            most,
+        )
+        for scene in ("mortar", "mortar, friction")
+        for n, cost in ((6, 2), (24, 1.3))
+        for what, name, most in (
+            ("cost of a step", _CPU, cost),
+            ("Krylov iterations", "krylov_iterations", 1.3),
+        )
+    ),
+    *(
+        Target(
+            f"{scheme} against {other}, cost of a step",
+            partial(
+                _ratio,
+                name=_CPU,
+                scene={"scene": "impact", "scheme": scheme, "element": "default"},
+                other={"scene": "impact", "scheme": other, "element": "default"},
+            ),
+            1.5,
+            1.5,
+        )
+        for scheme, other in (("EM resolved", _EM), ("EM resolved, mortar", "EM mortar"))
     ),
     *(
         Target(

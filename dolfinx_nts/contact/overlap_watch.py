@@ -101,6 +101,11 @@ class OverlapWatch:
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
+    def _selves(self) -> frozenset[str]:
+        """Names of boundaries of which parts touch each other."""
+        return frozenset().union(*(a & b for _, a, b in self._roles))
+
+    @cached_property
     def _unseen(self) -> Floats:
         """By how much any two that touch may come nearer until there is a look, ``(g, g)`` [m]."""
         # Two bodies need more to pass through each other, even if each is one cell thick.
@@ -163,7 +168,8 @@ class OverlapWatch:
     def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         new = []
-        overlaps, apart = self.search.find(x, part * self.search.smallest_cell, t)
+        least = part * self.search.smallest_cell
+        overlaps, apart = self.search.find(x, least, t, self._selves)
         self._ways = apart + self._unseen
         self._seen, self._moved, self._room = (x, t), False, float(self._ways.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
@@ -191,7 +197,8 @@ class OverlapWatch:
         return max(depths, default=0.0)
 
     def _between_bodies(self, overlap: Overlap) -> bool:
-        return not self.search.obstacles.intersection(overlap.names)
+        one, other = overlap.names
+        return one != other and not self.search.obstacles.intersection(overlap.names)
 
     def _warn(self, when: str, verb: str, verdicts: Mapping[Overlap, str]) -> None:
         """Tell overlaps, those of one verdict in one message with the deepest first.
@@ -276,6 +283,7 @@ class OverlapWatch:
 def _described(overlap: Overlap, verb: str) -> str:
     """Who is inside whom, and how far."""
     inner, outer = overlap.names
+    outer = "itself" if outer == inner else outer
     return (
         f"{inner} {verb}up to {overlap.depth:.3g} inside {outer} "
         f"({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes of the "

@@ -219,10 +219,11 @@ class ContactDiagnostics:
         return least if least < np.inf else np.nan
 
     def overlaps(self) -> list[Overlap]:
-        """Find bodies that are inside each other or inside obstacles, whatever the pairs are.
+        """Find bodies inside each other, themselves or obstacles, whatever the pairs are.
 
-        Bodies that share nodes count as one, and self contact is not looked at. Facets of
-        quadrilaterals count as two triangles. A `RigidSurface` is looked at down to half a facet.
+        Bodies that share nodes count as one. In a body itself only nodes and middles of facets
+        are looked at, not edges that cross. Facets of quadrilaterals count as two triangles. A
+        `RigidSurface` is looked at down to half a facet.
 
         Returns:
             One `Overlap` for each two, empty if bodies only touch.

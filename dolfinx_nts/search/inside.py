@@ -52,6 +52,10 @@ class Insides:
         # Least and greatest coordinates of all nodes, shape (2, g, 3) [m].
         self._boxes = self._extremes(self._kernels.extents())
 
+    def diameter(self, number: int) -> float:
+        """Longest distance within a boundary, about [m]. Local."""
+        return float(np.linalg.norm(self._boxes[1, number] - self._boxes[0, number]))
+
     def displacements(self, x: Floats, before: Floats) -> Floats:
         """Find how the nodes have moved between two states. Collective.
 
@@ -111,6 +115,48 @@ class Insides:
             winding = self._kernels.winding(points[unsure], where[unsure])
             inside[unsure] = reductions.total(self._comm, winding) > 0.5
         return np.where(inside, distance, 0.0)
+
+    def times(self, points: Floats, where: Ints) -> Ints:
+        """Count how often boundaries go round points. Collective.
+
+        Args:
+            points: Positions off the boundaries, the same on all ranks, shape ``(m, 3)`` [m].
+            where: Number of the boundary of interest for each point, shape ``(m,)``.
+
+        Returns:
+            0 outside, 1 inside, more where a body is inside itself, shape ``(m,)``; the same on
+            all ranks.
+        """
+        crossings = self._kernels.crossings(points, where, self._boxes)
+        count, at_an_edge = reductions.total(self._comm, crossings)
+        unsure = np.flatnonzero(at_an_edge).astype(np.int32)
+        if len(unsure):
+            winding = self._kernels.winding(points[unsure], where[unsure])
+            count[unsure] = np.rint(reductions.total(self._comm, winding))
+        return np.asarray(count, dtype=np.int32)
+
+    def way_out(self, ways: Floats, where: Ints, number: int, least: float) -> Floats:
+        """Find the part of ways after which they leave a boundary. Collective.
+
+        Args:
+            ways: As of `points_on`.
+            where: As of `points_on`.
+            number: How often they leave it before.
+            least: Part of a way in which it does not matter.
+
+        Returns:
+            The part, 1 for ways that do not leave it as often, the same on all ranks, ``(w,)``.
+        """
+        cut, place = self._kernels.cuts(ways, where)
+        cut, place = joined(self._comm, cut), joined(self._comm, place)
+        leaves = (cut[:, 1] >= 0) & (place >= least)
+        way, place = cut[leaves, 0], place[leaves]
+        order = np.lexsort((place, way))
+        way, place = way[order], place[order]
+        chosen = np.arange(len(way)) - np.searchsorted(way, way) == number
+        part = np.ones(len(ways))
+        part[way[chosen]] = place[chosen]
+        return part
 
     def points_on(self, ways: Floats, where: Ints, number: Ints) -> tuple[Floats, Ints]:
         """Find the ways that are points, and the middles of parts that may be inside. Collective.

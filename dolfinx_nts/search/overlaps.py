@@ -1,10 +1,10 @@
-"""Overlaps: bodies that are inside each other, or inside obstacles, whatever contact finds.
+"""Overlaps: bodies inside each other, themselves, or obstacles, whatever contact finds.
 
 Contact looks at nodes and segments of its pairs. This looks at whole closed boundaries: at the
 nodes on one that are inside another, and at the edges of one that cross another.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,13 +16,15 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.closed_boundaries import closed_boundaries, triangles_at
+from dolfinx_nts.model.closed_boundaries import ClosedBoundary, closed_boundaries, triangles_at
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.inside import Insides
+from dolfinx_nts.search.self_overlaps import self_overlap
 from dolfinx_nts.search.walls import thinnest_wall
 
 __all__ = ["Overlap", "OverlapSearch"]
@@ -33,13 +35,14 @@ _TOUCHING = 1e-6
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two bodies that are inside each other, or a body in an obstacle.
+    """Two bodies that are inside each other, or a body in an obstacle or in itself.
 
     Attributes:
         names: The two, as ``"cube"`` by the name of the `Body`, or ``"cube and plate"`` that
             share nodes, and ``"RigidPlane"``; the first is the one of which a point lies deepest
-            inside the second.
-        depth: Distance of that point from the boundary of the second [m].
+            inside the second. Twice the same name where a body is inside itself.
+        depth: Distance of that point from the boundary of the second [m]; in a body itself that
+            of a node or of the middle of a facet, in one of six directions.
         reverse_depth: Depth of the deepest point of the second inside the first [m].
         nodes: Number of nodes on the boundary of either that are inside the other; 0 where only
             edges cross.
@@ -62,7 +65,9 @@ class Overlap:
 
 
 class OverlapSearch:
-    """Finds overlaps of bodies that share no nodes, and with obstacles. Collective.
+    """Finds overlaps of bodies that share no nodes, with themselves, and with obstacles.
+
+    Collective.
 
     Args:
         bodies: All bodies of the mesh.
@@ -135,13 +140,20 @@ class OverlapSearch:
             np.fill_diagonal(nearer, np.maximum(nearer.diagonal(), way))
         return nearer
 
-    def find(self, x: Floats, least: float = 0.0, t: float = 0.0) -> tuple[list[Overlap], Floats]:
+    def find(
+        self,
+        x: Floats,
+        least: float = 0.0,
+        t: float = 0.0,
+        selves: Collection[str] | None = None,
+    ) -> tuple[list[Overlap], Floats]:
         """Find all overlaps that are more than a touch. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
             least: Depth that an overlap must have to be of interest [m].
             t: Time, at which moving obstacles are where they are [s].
+            selves: Names of the boundaries that may be inside themselves; None: all.
 
         Returns:
             The overlaps; and how far each two of the ``g`` boundaries are apart at least, shape
@@ -153,9 +165,26 @@ class OverlapSearch:
         apart, pairs, depth, regions = self._insides.meetings(touching)
         if self._obstacles:
             np.fill_diagonal(apart, clearance)
-        if not len(pairs):
-            return in_obstacles, apart
-        return [*self._between_bodies(x, pairs, depth, regions), *in_obstacles], apart
+        found = self._between_bodies(x, pairs, depth, regions) if len(pairs) else []
+        return [*found, *self._within_bodies(x, touching, selves), *in_obstacles], apart
+
+    def _within_bodies(
+        self, x: Floats, touching: Floats, selves: Collection[str] | None
+    ) -> list[Overlap]:
+        """Overlaps of bodies with themselves, see `find`. Collective."""
+        overlaps = []
+        for number, boundary in enumerate(self._boundaries):
+            name = self.names[number]
+            if not (selves is None or name in selves) or _is_rigid(boundary):
+                continue
+            centres = _centres(x, boundary.cells)
+            found = self_overlap(
+                self._insides, number, boundary, x, centres, float(touching[number])
+            )
+            if found:
+                depth, nodes, cells = found
+                overlaps.append(Overlap((name, name), depth, depth, nodes, cells, boundary.size))
+        return overlaps
 
     def _between_bodies(
         self, x: Floats, pairs: Ints, touching: Floats, regions: Floats
@@ -234,6 +263,11 @@ class OverlapSearch:
             deepest_of_two = float(deepest[i, j])
             overlaps.append(Overlap(names, deepest_of_two, 0.0, nodes, cells, boundary.size))
         return overlaps, max(0.0, -float(deepest.max(initial=-np.inf)))
+
+
+def _is_rigid(boundary: ClosedBoundary) -> bool:
+    """Whether no part of a boundary can move against another one."""
+    return all(isinstance(body, RigidBody) for body in boundary.bodies)
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:
