@@ -25,6 +25,9 @@ _PATIENCE = 3
 # Number of iterations from one such change to the next, so that Newton's method comes near to
 # equilibrium in between.
 _PERIOD = 3
+# Number of iterations without fewer violators, while one node at a time changes, after which the
+# fewest are counted anew.
+_RENEWAL = 4
 
 
 class BlockPivoting:
@@ -32,7 +35,11 @@ class BlockPivoting:
 
     All violators change while they become fewer. Murty's rule, by which only the lowest
     changes, ends cycles. It is made for linear problems: between its changes an iteration
-    without any brings the iterate near to equilibrium, where decisions can be trusted.
+    without any brings the iterate near to equilibrium, where decisions can be trusted. How few
+    there have been is forgotten from time to time, and not counted in the guess from which a
+    step begins: few violate while nodes hardly move, which says nothing of later, and one
+    change at a time would use up the iterations of a step where contact or slip spreads along
+    a surface, as on a belt.
 
     Several contact pairs are decided on at once, but each by itself: nodes of one that change
     again and again must not hold up those of another.
@@ -43,10 +50,7 @@ class BlockPivoting:
         ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
-            changed with it, and would change to and fro with them, as do stick and slip. Where
-            one node at a time changes, violators are then counted anew: there were few while
-            nodes hardly moved, and slip that spreads along a surface, as on a belt, would need
-            some iterations for each node.
+            changed with it, and would change to and fro with them, as do stick and slip.
     """
 
     def __init__(self, comm: MPI.Comm, ids: GlobalInts, ends: Array, waits: bool = False) -> None:
@@ -69,13 +73,14 @@ class BlockPivoting:
         count = reductions.total(self._comm, own)
         fewer = count < self._fewest
         self._patience[fewer] = _PATIENCE
-        self._fewest = np.minimum(self._fewest, count)
+        if iteration:
+            self._fewest = np.minimum(self._fewest, count)
         changes = violates
         if count.any():
             stays = count >= self._last
             is_stuck = stays & ~fewer & (count > 0)
             self._patience[is_stuck] -= 1
-            anew = is_stuck & (self._patience == -1) & self._waits
+            anew = is_stuck & (self._patience < 0) & (-self._patience % _RENEWAL == 1)
             self._fewest[anew] = count[anew]
             single = (count > 0) & (self._patience < 0)
             waiting = stays & ~single & self._waits

@@ -58,10 +58,12 @@ def test_fewer_violators_than_ever_change_together_again(comm):
     assert np.array_equal(changes, violates)
 
 
-def test_who_waits_is_counted_anew_where_one_changes_at_a_time(comm):
-    """Few violated at first, as nodes hardly moved; that says nothing of later."""
+@pytest.mark.parametrize("waits", [False, True])
+def test_violators_are_counted_anew_where_one_changes_at_a_time(comm, waits):
+    """None or few violated at first, as nodes hardly moved; that says nothing of later."""
     ids = ids_of(comm)
-    pivoting, node = pivoting_of(comm, ids, waits=True), np.arange(4, dtype=np.int32)
+    pivoting, node = pivoting_of(comm, ids, waits), np.arange(4, dtype=np.int32)
+    pivoting.select(np.zeros(4, dtype=bool), node, 0)
     pivoting.select(ids % 4 == 0, node, 1)
     for iteration in range(2, 20):
         pivoting.select(np.ones(4, dtype=bool), node, iteration)
