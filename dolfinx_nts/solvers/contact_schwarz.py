@@ -70,6 +70,10 @@ class ContactSchwarz:
         """Create the object, without factors before `update`."""
         self._tangent = tangent
         self._contacts: list[ContactBlocks] = []
+        # Of these contacts, and of the softest node of the matrix [N/m]: each Newton iteration
+        # is compared with them.
+        self._slopes: list[Floats] = []
+        self._softest = np.inf
         self._version = _NOTHING  # of the matrix and of the active set
         self._domain: SerialSubdomain | OverlappingSubdomain | None = None
         self.num_builds = 0
@@ -119,24 +123,24 @@ class ContactSchwarz:
 
     def _has_changed(self, now: Sequence[ContactBlocks]) -> bool:
         """Whether other nodes are constrained, or the contact tangent is another. Collective."""
-        then, least = self._contacts, _LARGEST_CHANGE * self._softest()
+        then, least = self._contacts, _LARGEST_CHANGE * self._softest
         has_changed = len(now) != len(then) or any(
-            not _same_nodes(*both) or _change(*both) > least or _moved(*both) > _MOST_MOVED
-            for both in zip(now, then, strict=True)
+            not _same_nodes(new, old)
+            or _change(new, old, slopes) > least
+            or _moved(new, old) > _MOST_MOVED
+            for new, old, slopes in zip(now, then, self._slopes, strict=True)
         )
         return reductions.anywhere(self._tangent.comm, has_changed)
-
-    def _softest(self) -> float:
-        """Stiffness of the softest node [N/m]. Collective."""
-        stiffness = self._tangent.nodal_stiffness()
-        return reductions.least(self._tangent.comm, float(stiffness.min(initial=np.inf)))
 
     def _build(self, version: int) -> None:
         if self._domain is None:
             rows = self._tangent.rows
             alone = rows.index_map.comm.size == 1
             self._domain = SerialSubdomain(rows) if alone else OverlappingSubdomain(rows)
-        least = _NEGLIGIBLE * self._softest()
+        softest = float(self._tangent.nodal_stiffness().min(initial=np.inf))
+        self._softest = reductions.least(self._tangent.comm, softest)
+        self._slopes = [slopes_at_nodes(blocks) for blocks in self._contacts]
+        least = _NEGLIGIBLE * self._softest
         contacts = [_essential(blocks, least) for blocks in self._contacts]
         self._domain.build(contacts, version)
         self.num_builds += 1
@@ -185,9 +189,12 @@ def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
     return float(np.mean(others | (differences > _OTHER_GRADIENT)))
 
 
-def _change(now: ContactBlocks, then: ContactBlocks) -> float:
-    """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes."""
-    slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_at_nodes(then))
+def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> float:
+    """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes.
+
+    ``slopes_then`` is `slopes_at_nodes` of ``then``.
+    """
+    slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_then)
     if np.array_equal(now.tangent_nodes, then.tangent_nodes):
         return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
     ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
