@@ -10,11 +10,15 @@
 /// @file
 /// Products of dense matrices in single precision, row by row in memory.
 
-// The library chooses at run time what the processor has.
+// The library chooses at run time what the processor has. Registers are named
+// by their size, as compilers keep wider vectors in memory.
 #if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
+#define NTS_BY_PROCESSOR
+#define NTS_FOR(processor) __attribute__((target(processor)))
 #define NTS_FOR_PROCESSORS                                                     \
   __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
+#define NTS_FOR(processor)
 #define NTS_FOR_PROCESSORS
 #endif
 
@@ -23,29 +27,39 @@ namespace nts
 /// Rows and columns that are eliminated at once.
 inline constexpr std::size_t panel = 48;
 
-/// @brief Some numbers in one or two registers.
-using Wide = float __attribute__((vector_size(16 * sizeof(float))));
+/// Columns that are computed at once.
 inline constexpr std::size_t wide = 16;
 
+/// @brief L numbers in a register.
+template <std::size_t L>
+struct FloatRegister
+{
+  using type __attribute__((vector_size(L * sizeof(float)))) = float;
+};
+
 /// @brief C -= A B, with few columns of A, at most `panel`.
+/// @tparam L Numbers in a register.
+/// @tparam height Rows at once, of which registers hold the sums.
 /// @param[in] rows, inner, columns Numbers: A is (rows, inner).
 /// @param[in] a, b, c Distances of rows in memory.
-NTS_FOR_PROCESSORS
-inline void subtract_product(const float* A, std::size_t a, const float* B,
-                             std::size_t b, float* C, std::size_t c,
-                             std::size_t rows, std::size_t inner,
-                             std::size_t columns)
+template <std::size_t L, std::size_t height>
+[[gnu::always_inline]] inline void
+subtract_strips(const float* A, std::size_t a, const float* B, std::size_t b,
+                float* C, std::size_t c, std::size_t rows, std::size_t inner,
+                std::size_t columns)
 {
-  constexpr std::size_t height = 8;
-  Wide strip[panel];
+  using Lanes = typename FloatRegister<L>::type;
+  constexpr std::size_t parts = wide / L;
+  Lanes strip[panel][parts];
   float block[height * panel];
   for (std::size_t j = 0; j < columns; j += wide)
   {
     const std::size_t w = columns - j < wide ? columns - j : wide;
     for (std::size_t k = 0; k < inner; ++k)
     {
-      strip[k] = Wide{};
-      std::memcpy(&strip[k], B + k * b + j, w * sizeof(float));
+      float row[wide] = {};
+      std::memcpy(row, B + k * b + j, w * sizeof(float));
+      std::memcpy(strip[k], row, sizeof(row));
     }
     for (std::size_t i = 0; i < rows; i += height)
     {
@@ -60,58 +74,107 @@ inline void subtract_product(const float* A, std::size_t a, const float* B,
         left = block;
         distance = panel;
       }
-      Wide s0 = {}, s1 = {}, s2 = {}, s3 = {}, s4 = {}, s5 = {}, s6 = {},
-           s7 = {};
+      Lanes sums[height][parts] = {};
       for (std::size_t k = 0; k < inner; ++k)
-      {
-        const Wide x = strip[k];
-        const float* y = left + k;
-        s0 += x * y[0];
-        s1 += x * y[distance];
-        s2 += x * y[2 * distance];
-        s3 += x * y[3 * distance];
-        s4 += x * y[4 * distance];
-        s5 += x * y[5 * distance];
-        s6 += x * y[6 * distance];
-        s7 += x * y[7 * distance];
-      }
-      const Wide* const sums[height] = {&s0, &s1, &s2, &s3, &s4, &s5, &s6, &s7};
+#pragma GCC unroll 8
+        for (std::size_t r = 0; r < height; ++r)
+#pragma GCC unroll 8
+          for (std::size_t p = 0; p < parts; ++p)
+            sums[r][p] += strip[k][p] * left[r * distance + k];
       for (std::size_t r = 0; r < h; ++r)
       {
         float* target = C + (i + r) * c + j;
-        Wide value = {};
-        std::memcpy(&value, target, w * sizeof(float));
-        value -= *sums[r];
-        std::memcpy(target, &value, w * sizeof(float));
+        float values[wide];
+        std::memcpy(values, sums[r], sizeof(values));
+        for (std::size_t l = 0; l < w; ++l)
+          target[l] -= values[l];
       }
     }
   }
 }
 
 /// @brief y -= A x.
+/// @tparam L Numbers in a register.
 /// @param[in] A (rows, columns), dense in memory.
-NTS_FOR_PROCESSORS
-inline void subtract_from_vector(const float* A, const float* x, float* y,
-                                 std::size_t rows, std::size_t columns)
+template <std::size_t L>
+[[gnu::always_inline]] inline void subtract_rows(const float* A, const float* x,
+                                                 float* y, std::size_t rows,
+                                                 std::size_t columns)
 {
+  using Lanes = typename FloatRegister<L>::type;
+  constexpr std::size_t parts = wide / L;
   for (std::size_t i = 0; i < rows; ++i, A += columns)
   {
-    Wide sum = {};
+    Lanes sums[parts] = {};
     std::size_t j = 0;
     for (; j + wide <= columns; j += wide)
-    {
-      Wide left, right;
-      std::memcpy(&left, A + j, sizeof(left));
-      std::memcpy(&right, x + j, sizeof(right));
-      sum += left * right;
-    }
+#pragma GCC unroll 8
+      for (std::size_t p = 0; p < parts; ++p)
+      {
+        Lanes left, right;
+        std::memcpy(&left, A + j + p * L, sizeof(left));
+        std::memcpy(&right, x + j + p * L, sizeof(right));
+        sums[p] += left * right;
+      }
     float total = 0;
     for (; j < columns; ++j)
       total += A[j] * x[j];
+    float values[wide];
+    std::memcpy(values, sums, sizeof(values));
     for (std::size_t l = 0; l < wide; ++l)
-      total += sum[l];
+      total += values[l];
     y[i] -= total;
   }
+}
+
+/// @brief `subtract_strips`, chosen by the processor.
+#ifdef NTS_BY_PROCESSOR
+NTS_FOR("arch=x86-64-v4")
+inline void subtract_product(const float* A, std::size_t a, const float* B,
+                             std::size_t b, float* C, std::size_t c,
+                             std::size_t rows, std::size_t inner,
+                             std::size_t columns)
+{
+  subtract_strips<16, 8>(A, a, B, b, C, c, rows, inner, columns);
+}
+NTS_FOR("arch=x86-64-v3")
+inline void subtract_product(const float* A, std::size_t a, const float* B,
+                             std::size_t b, float* C, std::size_t c,
+                             std::size_t rows, std::size_t inner,
+                             std::size_t columns)
+{
+  subtract_strips<8, 6>(A, a, B, b, C, c, rows, inner, columns);
+}
+#endif
+NTS_FOR("default")
+inline void subtract_product(const float* A, std::size_t a, const float* B,
+                             std::size_t b, float* C, std::size_t c,
+                             std::size_t rows, std::size_t inner,
+                             std::size_t columns)
+{
+  subtract_strips<4, 3>(A, a, B, b, C, c, rows, inner, columns);
+}
+
+/// @brief `subtract_rows`, chosen by the processor.
+#ifdef NTS_BY_PROCESSOR
+NTS_FOR("arch=x86-64-v4")
+inline void subtract_from_vector(const float* A, const float* x, float* y,
+                                 std::size_t rows, std::size_t columns)
+{
+  subtract_rows<16>(A, x, y, rows, columns);
+}
+NTS_FOR("arch=x86-64-v3")
+inline void subtract_from_vector(const float* A, const float* x, float* y,
+                                 std::size_t rows, std::size_t columns)
+{
+  subtract_rows<8>(A, x, y, rows, columns);
+}
+#endif
+NTS_FOR("default")
+inline void subtract_from_vector(const float* A, const float* x, float* y,
+                                 std::size_t rows, std::size_t columns)
+{
+  subtract_rows<4>(A, x, y, rows, columns);
 }
 
 /// @brief The same for K vectors at once, (columns, K) and (rows, K): one, or
