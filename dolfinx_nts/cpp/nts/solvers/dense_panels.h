@@ -121,9 +121,12 @@ template <std::size_t L>
       total += A[j] * x[j];
     float values[wide];
     std::memcpy(values, sums, sizeof(values));
-    for (std::size_t l = 0; l < wide; ++l)
-      total += values[l];
-    y[i] -= total;
+    // In halves: one after the other each sum would wait for the last.
+#pragma GCC unroll 4
+    for (std::size_t half = wide / 2; half > 0; half /= 2)
+      for (std::size_t l = 0; l < half; ++l)
+        values[l] += values[half + l];
+    y[i] -= total + values[0];
   }
 }
 
