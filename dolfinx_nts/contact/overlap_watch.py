@@ -1,7 +1,7 @@
 """Watch over overlaps in a run, which contact should prevent, whatever its pairs are."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property
 from itertools import product
 
@@ -59,8 +59,9 @@ class OverlapWatch:
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
-        # Where and when the last look was, whether anything has moved since, and by how much each
-        # two may come nearer from there until another is due, see `OverlapSearch.approach`.
+        # Where and when the last look was, and by how much each two may come nearer until another
+        # is due, see `OverlapSearch.approach`; whether anything has moved since the last look at
+        # all bodies.
         self._seen: tuple[Floats, float] = np.empty((0, 3)), 0.0
         self._moved = False
         self._ways: Floats = np.zeros((1, 1))
@@ -120,6 +121,7 @@ class OverlapWatch:
             t: Time [s].
         """
         new = self._new(x, t, _AT_START)
+        self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._warn("", "starts ", {overlap: self._at_start(overlap, x) for overlap, _ in new})
 
@@ -148,30 +150,35 @@ class OverlapWatch:
         # The sum of steps is a crude bound, as most nodes move the same way.
         nearer = self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._ways):
-            self.look(x, t)
+            # Walls of one body that no pair names are not worth the time within a run.
+            self.look(x, t, self._selves)
         else:
             self._room = float((self._ways - nearer).min())
 
-    def look(self, x: Floats, t: float) -> None:
+    def look(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
         """Look at the state at the time t [s] if anything has moved, and tell what is new.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             t: Time [s].
+            selves: Names of the boundaries that may be inside themselves; None: all.
         """
         if not self._moved:
             return
-        new = self._new(x, t, _IN_RUN)
+        new = self._new(x, t, _IN_RUN, selves)
+        self._moved = selves is not None
         self._known |= {names: (np.inf, np.inf) for _, names in new}
         self._warn(f"at t = {t:g} ", "is ", {overlap: self._in_run(overlap) for overlap, _ in new})
 
-    def _new(self, x: Floats, t: float, part: float) -> list[tuple[Overlap, frozenset[str]]]:
+    def _new(
+        self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
+    ) -> list[tuple[Overlap, frozenset[str]]]:
         """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
         new = []
         least = part * self.search.smallest_cell
-        overlaps, apart = self.search.find(x, least, t, self._selves)
+        overlaps, apart = self.search.find(x, least, t, selves)
         self._ways = apart + self._unseen
-        self._seen, self._moved, self._room = (x, t), False, float(self._ways.min())
+        self._seen, self._room = (x, t), float(self._ways.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
             self._clear(x, float((apart + self._way_through).min()))
         for overlap in overlaps:
@@ -274,6 +281,11 @@ class OverlapWatch:
         sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
         if any(one in nodes and other in segments for nodes, segments in sides):
             return ""
+        if one == other:
+            return (
+                "no contact pair lets it touch itself, so that nothing keeps its walls apart; "
+                "all_pairs(self_contact=[...]) makes one"
+            )
         return (
             "no contact pair names the two, so that nothing keeps them apart; add one, for "
             "instance by all_pairs, unless it is meant"

@@ -119,7 +119,11 @@ class TimeLoop(State):
 
     def _steps(self, until: float, control: StepControl | None) -> Iterator[StepReport]:
         meet(self._comm, f"run from t = {self.t!r} s until {until!r} s")
-        yield from self._run_evenly(until) if control is None else self._run(until, control)
+        try:
+            yield from self._run_evenly(until) if control is None else self._run(until, control)
+        except ConvergenceError:
+            self.look_for_overlaps()  # They may be why.
+            raise
         self.look_for_overlaps()
 
     def _run_evenly(self, until: float) -> Iterator[StepReport]:
