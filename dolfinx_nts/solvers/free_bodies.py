@@ -123,14 +123,20 @@ def find_free_bodies(
     held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
+    led = np.zeros_like(motions)
     if bulk.rigid.exists:
-        forces += [stiffness[:, None] * bulk.rigid.guides.held(motion) for motion in motions]
+        led += [bulk.rigid.guides.held(motion) for motion in motions]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)
-        weighted = (motions[:, some] * stiffness[some, None]).reshape(num_motions, -1)
+        stretches = led[:, some].reshape(num_motions, -1)
+        weight = np.repeat(stiffness[some], dim)
         products = np.stack(
-            [modes @ forces[:, some].reshape(num_motions, -1).T, modes @ weighted.T]
+            [
+                modes @ forces[:, some].reshape(num_motions, -1).T
+                + stretches * weight @ stretches.T,
+                modes * weight @ modes.T,
+            ]
         )
         resistance, scale = reductions.total(comm, products)
         # Forces do next to no work in free motions.

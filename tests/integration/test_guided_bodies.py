@@ -53,6 +53,11 @@ STATICS = {
         {"force": lambda t: (0, 0, -30 * t), "moment": lambda t: (0, 0, t)},
     ),
     "free": (None, STICK, {"force": lambda t: (0, 0, -30 * t)}),
+    "aside": (
+        nts.Guide(slides="z", point=(0.7, 0.6, 0.6)),
+        None,
+        {"force": lambda t: (0, 0, -30 * t)},
+    ),
     "spring": (nts.Guide(slides="z"), None, {"spring": True}),
 }
 
