@@ -13,6 +13,7 @@ from dolfinx_nts.fem.components import deformation_gradient
 from dolfinx_nts.fem.jit import compile_expression
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.rigid_body import RigidBody
 
 __all__ = ["CellStress", "StressState"]
 
@@ -43,7 +44,7 @@ class CellStress:
     component is that around the axis.
 
     Args:
-        bodies: Bodies that fill the mesh.
+        bodies: Bodies that fill the mesh; rigid ones have no stress.
         u: The displacement [m].
         points: Points on the reference cell, shape ``(p, d)``.
         remembered: Function ``remembered(material, parameters, C)`` that returns the second
@@ -77,11 +78,12 @@ class CellStress:
             parts = [sigma[i, j] for i in range(3) for j in range(3)]
             return compile_expression(ufl.as_vector([*parts, energy]), points)
 
-        self._parts = [(body.cells, of(body.material)) for body in bodies]
+        soft = (body for body in bodies if not isinstance(body, RigidBody))
+        self._parts = [(body.cells, of(body.material)) for body in soft]
 
     def evaluate(self) -> StressState:
         """Stress of the present displacement in the owned cells, in their order."""
-        values = np.empty((self._num_cells, self._num_points, 10))
+        values = np.zeros((self._num_cells, self._num_points, 10))
         for cells, expression in self._parts:
             values[cells] = expression.eval(self._mesh, cells).reshape(-1, self._num_points, 10)
         return StressState(values[..., :9].reshape(*values.shape[:2], 3, 3), values[..., 9])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.plotting.stress import von_mises
 from helpers.once import once, once_except
 from helpers.plane import blocks
 from helpers.rigid import CENTRE, hinged, pressed, spin
@@ -43,6 +44,16 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, friction)
         reaction = stepper.advance().reactions[1]
         assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-10)
         assert abs(reaction.force[2]) < 1e-9 * abs(forces[1]) and reaction.work < 1e-12
+
+
+@pytest.mark.at_most_two_ranks
+def test_stress_is_in_the_block_alone(comm):
+    stepper, tool = pressed(comm, nts.QuasiStatic, nts.Guide(motion=nts.Motion(down)))
+    stepper.advance()
+    stress = von_mises(stepper)
+    is_rigid = np.concatenate([np.full(len(body.cells), body is tool) for body in stepper.bodies])
+    assert len(stress) == len(is_rigid)
+    assert (stress[is_rigid] == 0.0).all() and (stress[~is_rigid] > 0.0).all()
 
 
 STATICS = {
