@@ -13,10 +13,9 @@
 #
 # ## Problem
 #
-# Plane strain, 10 mm deep and without inertia. The punch is a disc of radius R = 10 mm; the
-# block, 60 mm x 20 mm of rubber (neo-Hooke, E = 1 MPa, $\nu$ = 0.45), is held at its bottom and
-# bears 1.5 N for each mm of its depth, 1500 N/m in the plane; $\mu$ = 0.3. The spring has 3 times
-# that for 10 mm of way, 450 kN/m².
+# Plane strain, without inertia. The punch is a disc of radius R = 10 mm. The block, 60 mm x 20 mm
+# of rubber (neo-Hooke, E = 1 MPa, $\nu$ = 0.45), is held at its bottom; $\mu$ = 0.3. The largest
+# force is 1.5 kN for each metre of depth, the stiffness of the spring k = 450 kN/m².
 #
 # ## Equations
 #

@@ -44,6 +44,7 @@ DEMOS = {
     "own_geometry": ["own_geometry.png"],
     "pile": ["pile.png"],
     "plane": ["plane.png"],
+    "punch": ["punch.png"],
     "resume": ["resume_forces.png"],
     "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
