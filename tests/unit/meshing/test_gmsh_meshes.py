@@ -14,6 +14,7 @@ from dolfinx.mesh import MeshTags, entities_to_geometry
 
 from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
 from dolfinx_nts.meshing.mixed_cells import gmsh_options
+from dolfinx_nts.meshing.parts import add_rectangle
 from helpers.gmsh_models import BOX, ROUNDING, count, measure
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -369,6 +370,19 @@ def test_untagged_volume_is_refused(comm, model):
         unit_box(model)
         model.removePhysicalGroups([(3, 8)])
     refuse(comm, model, ValueError, r"expected one physical group, given volume 2 .*\[\]")
+
+
+@pytest.mark.serial
+def test_shapes_of_the_cad_kernel_come_before_parts():
+    def build(model):
+        add_rectangle(model, "a", corner=(0, 0), size=(1, 1), cells=(2, 2))
+        disc = model.occ.addDisk(0, 3, 0, 1, 1)
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [disc], name="b")
+        model.mesh.generate(2)
+
+    with pytest.raises(ValueError, match=r"one physical group, .*model\.occ before nts\.parts"):
+        read_mesh(build, MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
