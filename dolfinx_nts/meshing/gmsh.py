@@ -251,7 +251,11 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
         where = f"{_KINDS[dim]} {entity} in physical groups {groups}"
         is_cell, is_facet = dim == cell_dim, dim == cell_dim - 1
         if (is_cell and len(given) and len(groups) != 1) or (is_facet and len(groups) > 1):
-            hint = "; add shapes of model.occ before nts.parts, which number on" if groups else ""
+            hint = (
+                "; put a region into one group only, and add shapes of model.occ before nts.parts, "
+                "as their numbers clash otherwise"
+            )
+            hint *= bool(groups)
             raise ValueError(f"expected one physical group, given {where}{hint}")
         if groups and list(given) != [expected[dim]]:
             raise ValueError(f"{where}: expected {names([expected[dim]])}, given {names(given)}")
