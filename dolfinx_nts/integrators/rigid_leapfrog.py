@@ -20,17 +20,19 @@ from collections.abc import Sequence
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import nodal
+from dolfinx_nts.common.arrays import Array, Flags, Floats
+from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.solvers.linear_fields import (
-    TURNS,
     LinearFields,
+    amounts_of,
+    combined,
     nearest,
     products_of,
     rigid_motions,
+    spins,
     turned,
 )
 from dolfinx_nts.solvers.rigid_states import RigidStates
@@ -43,29 +45,30 @@ _MAX_ITERATIONS, _SMALL = 30, 1e-9
 
 
 class _Leap:
-    """Step of one body. Local.
+    """Step of ``b`` bodies. Local.
 
     Args:
-        body: Linear fields over it.
-        mass: Their products with the mass, shape ``(d + 1, d + 1)`` [kg].
-        q, v: Coefficients of positions [m] and velocities [m/s] at the start.
-        f: Sums of the nodal forces there [N, N m].
-        led: How the guide leads the body in the step.
+        freedom: Motions in which each body is free, rows of zeros behind them, ``(b, k, k)``, and
+            one on the diagonal in the place of those rows, ``(b, k, k)``.
+        products: Products of the linear fields, shape ``(b, d + 1, d + 1)``.
+        mass: The same with the mass [kg].
+        q, v: Coefficients of positions [m] and velocities [m/s] at the start, ``(b, d + 1, d)``.
+        f: Sums of the nodal forces there, ``(b, d + 1, d)`` [N, N m].
+        led: How guides lead the bodies in the step, ``(b, k)``.
         dt: Length of the step [s].
 
     Attributes:
-        change: Coefficients of the displacement; None if the turn was not found.
-        v: Coefficients of the velocity at the end, after `kick`.
-        gained: Kinetic energy that forces and guide do not explain [J], after `kick`.
-        reaction: Force, moment about the origin and work of the guide, after `kick`.
+        found: Whether the turn of a body was found, ``(b,)``.
+        change: Coefficients of the displacements.
+        v: Coefficients of the velocities at the end, after `kick`.
+        gained: Kinetic energies that forces and guides do not explain, ``(b,)`` [J], after `kick`.
+        reactions: Force, moment about the origin and work of guides, ``(b, k + 1)``, after `kick`.
     """
-
-    change: Floats | None = None
-    gained = 0.0
 
     def __init__(
         self,
-        body: LinearFields,
+        freedom: tuple[Floats, Floats],
+        products: Floats,
         mass: Floats,
         q: Floats,
         v: Floats,
@@ -73,53 +76,66 @@ class _Leap:
         led: Floats,
         dt: float,
     ) -> None:
-        """Find where the body is at the end."""
-        self._body, self._mass, self._dt, self._led = body, mass, dt, led
+        """Find where the bodies are at the end."""
+        (self._free, self._no_motion), self._mass, self._dt, self._led = freedom, mass, dt, led
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
-        self._rate = nearest(self._start, body.products, body.products @ v)
-        free, wanted = body.free, mass @ v + dt / 2 * f
-        amounts = led + free.T @ (free @ self._rate) * dt
-        impulse, dim = np.einsum("kmi,mi->k", self._start, wanted), q.shape[1]
+        self._rate = nearest(self._start, products, products @ v)
+        self._impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
+        back = self._free.transpose(0, 2, 1)
+        self._amounts = led + (back @ (self._free @ self._rate[..., None]))[..., 0] * dt
+        self.found: Flags = np.zeros(len(q), dtype=bool)
+        some = np.arange(len(q))
         for _ in range(_MAX_ITERATIONS):
-            change = turned(q, amounts)
-            rest = np.einsum("kmi,mi->k", self._start, mass @ change) / dt - impulse
-            # The derivative of a turn about the mean state.
-            slopes = rigid_motions(q + change / 2)
-            half = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim]) / 2
-            slopes[dim:] = slopes[dim:] @ np.linalg.inv(np.eye(dim) - half).T
-            slope = free @ products_of(self._start, mass, slopes) @ free.T / dt
-            correction = free.T @ np.linalg.solve(slope, free @ rest)
-            amounts = amounts - correction
-            if not np.all(np.abs(amounts[dim:]) < 2.0):  # 90 degrees
-                return
-            if np.abs(correction[dim:]).max() <= _SMALL:
-                self.change = turned(q, amounts)
-                return
+            correction = self._correct(some)
+            is_small = np.all(np.abs(self._amounts[some, q.shape[2] :]) < 2.0, axis=1)  # 90 degrees
+            is_exact = np.abs(correction[:, q.shape[2] :]).max(axis=1) <= _SMALL
+            self.found[some[is_small & is_exact]] = True
+            some = some[is_small & ~is_exact]
+            if not len(some):
+                break
+        self.change: Floats = turned(q, self._amounts)
+
+    def _correct(self, some: Array) -> Floats:
+        """Take a step of Newton's method for some bodies; returns it, ``(m, k)``."""
+        q, start, mass, free = (
+            part[some] for part in (self._q, self._start, self._mass, self._free)
+        )
+        amounts, dim = self._amounts[some], q.shape[2]
+        change = turned(q, amounts)
+        rest = amounts_of(start, mass @ change) / self._dt - self._impulse[some]
+        # The derivative of a turn about the mean state.
+        slopes = rigid_motions(q + change / 2)
+        turn = np.linalg.inv(np.eye(dim) - spins(amounts) / 2)
+        slopes[:, dim:] = slopes[:, dim:] @ turn.transpose(0, 2, 1)[:, None]
+        back = free.transpose(0, 2, 1)
+        slope = free @ products_of(start, mass, slopes) @ back / self._dt + self._no_motion[some]
+        correction = back @ np.linalg.solve(slope, free @ rest[..., None])
+        self._amounts[some] -= correction[..., 0]
+        return np.asarray(correction[..., 0], dtype=np.float64)
 
     def kick(self, f: Floats) -> None:
-        """Complete the velocity by the sums f of the forces at the end [N, N m]."""
-        assert self.change is not None
-        change, mass, dt, free = self.change, self._mass, self._dt, self._body.free
-        end, q = rigid_motions(self._q + change), self._q + change
+        """Complete the velocities by the sums f of the forces at the end [N, N m]."""
+        change, mass, dt, free = self.change, self._mass, self._dt, self._free
+        q, back = self._q + self.change, free.transpose(0, 2, 1)
+        end = rigid_motions(q)
         drive = mass @ change / dt + dt / 2 * f
         led = 2 * self._led / dt - self._rate
-        led = led - free.T @ (free @ led)
-        known = np.einsum("k,kmi->mi", led, end)
-        balance = np.einsum("kmi,mi->k", end, drive - mass @ known)
-        matrix = free @ products_of(end, mass, end) @ free.T
-        rate = led + free.T @ np.linalg.solve(matrix, free @ balance)
-        v = np.einsum("k,kmi->mi", rate, end)
-        # Means over the step of what the guide does at both ends.
-        first = np.einsum("kmi,mi->k", self._start, mass @ (change / dt - self.v)) / dt
-        first -= np.einsum("kmi,mi->k", self._start, self._f) / 2
-        last = np.einsum("kmi,mi->k", end, mass @ v - drive) / dt
-        work = float((first + last) @ self._led)
-        moved = float(np.vdot(self._f + f, change)) / 2
-        kinetic = [np.vdot(w, mass @ w) / 2 for w in (self.v, v)]
-        self.gained, self.v = float(kinetic[1] - kinetic[0]) - moved - work, v
-        self.reaction = _about_origin(first, self._q[0]) + _about_origin(last, q[0])
-        self.reaction = np.append(self.reaction, work)
+        led = led - (back @ (free @ led[..., None]))[..., 0]
+        balance = amounts_of(end, drive - mass @ combined(led, end))
+        matrix = free @ products_of(end, mass, end) @ back + self._no_motion
+        rate = led + (back @ np.linalg.solve(matrix, free @ balance[..., None]))[..., 0]
+        v = combined(rate, end)
+        # Means over the step of what the guides do at both ends.
+        first: Floats = amounts_of(self._start, mass @ (change / dt - self.v)) / dt
+        first -= amounts_of(self._start, self._f) / 2
+        last: Floats = amounts_of(end, mass @ v - drive) / dt
+        work = ((first + last) * self._led).sum(axis=1)
+        moved = _sums_of_products(self._f + f, change) / 2
+        kinetic = [_sums_of_products(w, mass @ w) / 2 for w in (self.v, v)]
+        self.gained, self.v = kinetic[1] - kinetic[0] - moved - work, v
+        wrench = _about_origin(first, self._q[:, 0]) + _about_origin(last, q[:, 0])
+        self.reactions = np.column_stack([wrench, work])
 
 
 class RigidLeapfrog(RigidStates):
@@ -143,11 +159,12 @@ class RigidLeapfrog(RigidStates):
     ) -> None:
         """Keep the bodies, as yet without motion."""
         super().__init__(V, bodies)
-        self._masses, self._v = tuple(masses), v
+        self._masses: Floats = np.array(masses)
+        self._v = v
         rigid = [body.body for body in bodies]
         if rigid:
             self._mass, self._lumped = ConsistentMass(rigid, v), lumped_mass(rigid)
-        self._leaps: list[_Leap] = []
+        self._leap: _Leap | None = None
 
     def drift(self, u_n: Floats, v: Floats, forces: Floats, dt: float, du: Floats) -> str:
         """Set displacements du [m] of a step from the state at its start; say why not, or "".
@@ -159,24 +176,16 @@ class RigidLeapfrog(RigidStates):
             dt: Length of the step [s].
             du: Overwritten at rigid bodies.
         """
-        sums = self._sums(u_n, v, forces)
-        self._leaps = [
-            _Leap(body, mass, q, body.fit(of_v), f, led, dt)
-            for body, mass, q, (_, of_v, f), led in zip(
-                self._bodies,
-                self._masses,
-                self._positions(sums),
-                sums,
-                self.guides.led,
-                strict=True,
-            )
-        ]
-        changes = []
-        for body, leap in zip(self._bodies, self._leaps, strict=True):
-            if leap.change is None:
+        if not self.exists:
+            return ""
+        of_u, of_v, f = self._sums(u_n, v, forces)
+        freedom, q = (self._free, self._no_motion), self._positions(of_u)
+        led, of_v = self.guides.led, self._fit(of_v)
+        leap = self._leap = _Leap(freedom, self._products, self._masses, q, of_v, f, led, dt)
+        for body, found in zip(self._bodies, leap.found, strict=True):
+            if not found:
                 return f"the rigid {body.body.name} turns too far in it"
-            changes.append(leap.change)
-        self._put(changes, du)
+        self._put(leap.change, du)
         return ""
 
     def kick(self, forces: Floats, v: Floats) -> float:
@@ -185,10 +194,11 @@ class RigidLeapfrog(RigidStates):
         Returns:
             Kinetic energy gained beside the work of all forces [J].
         """
-        for leap, (f,) in zip(self._leaps, self._sums(forces), strict=True):
-            leap.kick(f)
-        self._put((leap.v for leap in self._leaps), v)
-        return sum(leap.gained for leap in self._leaps)
+        if self._leap is None:
+            return 0.0
+        self._leap.kick(*self._sums(forces))
+        self._put(self._leap.v, v)
+        return float(self._leap.gained.sum())
 
     def more_momentum(self) -> Floats:
         """Momentum by the consistent mass of rigid bodies less that by the lumped one [kg m/s]."""
@@ -200,28 +210,36 @@ class RigidLeapfrog(RigidStates):
 
         ``mass`` are those of the owned nodes, shape ``(n,)`` [kg].
         """
-        nodes, energy = self.nodes, 0.0
-        for body, products, (of_v,) in zip(self._bodies, self._masses, self._sums(v), strict=True):
-            coefficients = body.fit(of_v)
-            energy += float(np.vdot(coefficients, products @ coefficients)) / 2
+        if not self.exists:
+            return 0.0
+        coefficients, nodes = self._fit(*self._sums(v)), self.nodes
+        energy = float(np.vdot(coefficients, self._masses @ coefficients)) / 2
         lumped = np.vdot(mass[nodes, None] * v[nodes], v[nodes]) / 2
         return energy * (self._comm.rank == 0) - float(lumped)
 
     def reactions(self) -> tuple[Reaction, ...]:
         """Reactions of the guides in the last step, in the order of the bodies. Local."""
+        if self._leap is None:
+            return ()
         rows: list[list[float]] = [
-            list(map(float, leap.reaction))
-            for body, leap in zip(self._bodies, self._leaps, strict=True)
+            reaction.tolist()
+            for body, reaction in zip(self._bodies, self._leap.reactions, strict=True)
             if body.body.guide is not None
         ]
         d = self.dim
         return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
 
 
-def _about_origin(wrench: Floats, point: Floats) -> Floats:
-    """Force, and moment about the origin, of those at a point. Local."""
-    d = len(point)
-    force, moment = np.zeros(3), wrench[d:]
-    force[:d] = wrench[:d]
-    arm = np.cross(np.append(point, np.zeros(3 - d)), force)
-    return np.concatenate([wrench[:d], moment + (arm if d == 3 else arm[2:])])
+def _sums_of_products(left: Floats, right: Floats) -> Floats:
+    """Sums of the products of coefficients ``(b, d + 1, d)``, ``(b,)``. Local."""
+    sums: Floats = (left * right).sum(axis=(1, 2))
+    return sums
+
+
+def _about_origin(wrenches: Floats, points: Floats) -> Floats:
+    """Forces, and moments about the origin, ``(b, k)``, of those at points ``(b, d)``. Local."""
+    d = points.shape[1]
+    forces, moments = wrenches[:, :d], wrenches[:, d:]
+    arms = np.cross(in_space(points), in_space(forces))
+    moved: Floats = np.column_stack([forces, moments + arms[:, -moments.shape[1] :]])
+    return moved

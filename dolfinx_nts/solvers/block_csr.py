@@ -62,6 +62,24 @@ class BlockCSR:
         csr = start, self._global, self.value
         return PETSc.Mat().createBAIJ(((n, None), (n, None)), d, csr=csr, comm=self.index_map.comm)
 
+    def scalars(self) -> tuple[GlobalInts, GlobalInts, Floats]:
+        """Rows of entries in the place of blocks. Local.
+
+        Returns:
+            Where each row begins, and the end, shape ``(d n + 1,)``; global columns and values of
+            the entries, both ``(d d b,)``.
+        """
+        d, blocks = self.dim, np.diff(self.start)
+        node = np.repeat(np.arange(len(blocks)), blocks)
+        part = np.arange(d)
+        first = d * d * self.start[:-1, None] + d * blocks[:, None] * part  # of each row
+        in_row = d * (np.arange(len(node)) - self.start[node])
+        place = first[node][:, :, None] + in_row[:, None, None] + part
+        column, value = np.empty(d * d * len(node), dtype=np.int64), np.empty(d * d * len(node))
+        column[place] = (d * self.global_columns[:, None] + part)[:, None]
+        value[place] = self.value.reshape(-1, d, d)
+        return np.append(first.ravel(), len(value)), column, value
+
     @property
     def global_columns(self) -> GlobalInts:
         """Global column of each block, shape ``(b,)``. Local."""

@@ -10,7 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import LinearFields, nearest, rigid_motions
+from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
 
 __all__ = ["Guides"]
 
@@ -23,14 +23,14 @@ class Guides:
         bodies: Linear fields over each rigid body.
 
     Attributes:
-        led: Displacement of the guided point, and Cayley vector of the turn, that each body is
-            given in the step, ``(6,)``, in the plane ``(3,)``.
+        led: Displacement of the guided point, and Cayley vector of the turn, that each of ``b``
+            bodies is given in the step, shape ``(b, 6)``, in the plane ``(b, 3)``.
     """
 
     def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
         """Keep the bodies, which no step leads as yet."""
         self._comm, self._bodies = comm, tuple(bodies)
-        self.led: list[Floats] = [np.zeros(body.free.shape[1]) for body in bodies]
+        self.led: Floats = np.array([np.zeros(body.free.shape[1]) for body in bodies])
 
     def lead(self, t_n: float, t: float) -> None:
         """Lead the bodies from t_n to t [s] in the next step. Local.
@@ -38,18 +38,18 @@ class Guides:
         Raises:
             TypeError, ValueError: The motion of a guide is none, see `Motion`.
         """
-        self.led = [body.led(t_n, t) for body in self._bodies]
+        self.led = np.array([body.led(t_n, t) for body in self._bodies])
 
     @property
     def move(self) -> bool:
         """Whether they lead any body somewhere in the step. Local."""
-        return any(map(np.any, self.led))
+        return bool(self.led.any())
 
     def turns(self) -> list[tuple[str, float]]:
         """Names of the bodies, and angles by which the guides turn them [rad]. Local."""
         turns = []
-        for body, led in zip(self._bodies, self.led, strict=True):
-            half = np.arctan(np.linalg.norm(led[len(body.point) :]) / 2)
+        for i, body in enumerate(self._bodies):
+            half = np.arctan(np.linalg.norm(self.led[i, len(body.point) :]) / 2)
             turns.append((body.body.name, 2 * float(half)))
         return turns
 
@@ -60,11 +60,11 @@ class Guides:
         """
         held = np.zeros_like(x)
         for body in self._bodies:
-            sums: Floats = reductions.total(self._comm, body.sums(x[None])[0])
+            sums: Floats = reductions.total(self._comm, body.values.T @ x[body.nodes])
             motions = rigid_motions(body.reference)
             amounts = nearest(motions, body.products, sums)
             amounts = amounts - body.free.T @ (body.free @ amounts)
-            held[body.nodes] = body.values @ np.einsum("k,kmi->mi", amounts, motions)
+            held[body.nodes] = body.values @ combined(amounts, motions)
         return held
 
     def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:

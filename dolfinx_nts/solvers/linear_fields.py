@@ -4,12 +4,23 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["TURNS", "LinearFields", "nearest", "products_of", "rigid_motions", "turned"]
+__all__ = [
+    "TURNS",
+    "LinearFields",
+    "amounts_of",
+    "combined",
+    "nearest",
+    "products_of",
+    "rigid_motions",
+    "solved",
+    "spins",
+    "turned",
+]
 
 # Rotations by a unit vector: of x, y and z in space, of z in the plane.
 TURNS = {
@@ -65,49 +76,85 @@ class LinearFields:
             return np.zeros(self.free.shape[1])
         return self.body.guide.led(in_space(self.point), t_n, t, len(self.point))
 
-    def sums(self, vectors: Floats) -> Floats:
-        """Products of the fields with nodal vectors ``(f, N, d)`` on this rank, ``(f, d + 1, d)``.
-
-        Local.
-        """
-        products: Floats = np.matmul(self.values.T, vectors[:, self.nodes])
-        return products
-
-    def fit(self, sums: Floats) -> Floats:
-        """Coefficients of a field by its total `sums`. Local."""
-        return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
-
 
 def rigid_motions(q: Floats) -> Floats:
-    """Translations, and rotations about the point, of a field q of positions. Local.
+    """Translations, and rotations about the point, of fields of positions. Local.
+
+    Args:
+        q: Their coefficients, shape ``(..., d + 1, d)``.
 
     Returns:
-        Coefficients, shape ``(k, d + 1, d)``.
+        Coefficients, shape ``(..., k, d + 1, d)``.
     """
-    dim = q.shape[1]
-    motions = np.zeros((dim + len(TURNS[dim]), *q.shape))
-    motions[np.arange(dim), 0, np.arange(dim)] = 1.0
-    motions[dim:, 1:] = np.einsum("kij,mj->kmi", TURNS[dim], q[1:])
+    dim, turns = q.shape[-1], TURNS[q.shape[-1]]
+    motions = np.zeros((*q.shape[:-2], dim + len(turns), *q.shape[-2:]))
+    motions[..., np.arange(dim), 0, np.arange(dim)] = 1.0
+    motions[..., dim:, 1:, :] = q[..., None, 1:, :] @ turns.transpose(0, 2, 1)
     return motions
 
 
 def turned(q: Floats, amounts: Floats) -> Floats:
-    """Change of positions q by a displacement and a Cayley vector, ``(d + 1, d)``. Local."""
-    dim = q.shape[1]
-    spin = np.einsum("k,kij->ij", amounts[dim:], TURNS[dim])
-    change: Floats = q @ np.linalg.solve(np.eye(dim) - spin / 2, spin).T
-    change[0] = amounts[:dim]
+    """Changes of positions by displacements and Cayley vectors, shape of ``q``. Local.
+
+    Args:
+        q: Coefficients of the positions, shape ``(..., d + 1, d)``.
+        amounts: Displacement and Cayley vector of each, shape ``(..., k)``.
+    """
+    dim = q.shape[-1]
+    spin = spins(amounts)
+    turn = np.linalg.solve(np.eye(dim) - spin / 2, spin)
+    change: Floats = q @ np.swapaxes(turn, -1, -2)
+    change[..., 0, :] = amounts[..., :dim]
     return change
 
 
+def spins(amounts: Floats) -> Floats:
+    """Matrices of the vector products with the turns in amounts of motions. Local.
+
+    ``amounts`` have the shape ``(..., k)``, the matrices ``(..., d, d)``.
+    """
+    dim = {3: 2, 6: 3}[amounts.shape[-1]]
+    matrices: Floats = np.tensordot(amounts[..., dim:], TURNS[dim], axes=1)
+    return matrices
+
+
 def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:
-    """Amounts of motions nearest to a field with given `sums`, shape ``(k,)``. Local."""
-    gram = products_of(motions, weights, motions)
-    amounts: Floats = np.linalg.solve(gram, np.einsum("kmi,mi->k", motions, sums))
-    return amounts
+    """Amounts of motions nearest to fields, shape ``(..., k)``. Local.
+
+    Args:
+        motions: Coefficients of the motions, none of them zero, shape ``(..., k, d + 1, d)``.
+        weights: Products of the linear fields, shape ``(..., d + 1, d + 1)``.
+        sums: Products of the linear fields with those that are approximated, shape
+            ``(..., d + 1, d)``.
+    """
+    return solved(products_of(motions, weights, motions), amounts_of(motions, sums))
+
+
+def amounts_of(motions: Floats, sums: Array) -> Floats:
+    """Products of fields ``(..., k, d + 1, d)`` with sums ``(..., d + 1, d)``, ``(..., k)``."""
+    products = _flat(motions) @ sums.reshape(*sums.shape[:-2], -1, 1)
+    return np.asarray(products[..., 0], dtype=np.float64)
+
+
+def combined(amounts: Floats, motions: Floats) -> Floats:
+    """Sums of motions ``(..., k, d + 1, d)`` in amounts ``(..., k)``, ``(..., d + 1, d)``."""
+    field: Floats = (amounts[..., None, :] @ _flat(motions))[..., 0, :]
+    return field.reshape(*amounts.shape[:-1], *motions.shape[-2:])
+
+
+def solved(matrices: Floats, right: Floats) -> Floats:
+    """Solutions ``(..., k)`` of systems with matrices ``(..., k, k)``. Local."""
+    solutions = np.linalg.solve(matrices, right[..., None])[..., 0]
+    return np.asarray(solutions, dtype=np.float64)
 
 
 def products_of(left: Floats, weights: Floats, right: Floats) -> Floats:
-    """Products of fields ``(k, d + 1, d)`` by those of the linear fields, ``(k, k)``. Local."""
-    matrix: Floats = np.einsum("kmi,mn,lni->kl", left, weights, right)
+    """Products of fields ``(..., k, d + 1, d)`` by those of the linear fields, ``(..., k, k)``."""
+    weighted = weights[..., None, :, :] @ right
+    matrix: Floats = _flat(left) @ np.swapaxes(_flat(weighted), -1, -2)
     return matrix
+
+
+def _flat(motions: Floats) -> Floats:
+    """Coefficients of each motion in a row, ``(..., k, (d + 1) d)``. Local."""
+    return motions.reshape(*motions.shape[:-2], -1)

@@ -30,9 +30,13 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.solvers.linear_fields import (
     TURNS,
     LinearFields,
+    amounts_of,
+    combined,
     nearest,
     products_of,
     rigid_motions,
+    solved,
+    spins,
     turned,
 )
 from dolfinx_nts.solvers.rigid_states import RigidStates
@@ -57,64 +61,59 @@ class RigidColumns(NamedTuple):
 
 
 class _Linearisation:
-    """Balance of one body near positions in a step. Local.
+    """Balance of ``b`` bodies near positions in a step. Local.
 
     Args:
-        fields: Linear fields over the body.
-        q_n: Coefficients of the positions at the start.
+        free: Motions in which each body is free, rows of zeros behind them, ``(b, k, k)``.
+        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``.
+        products: Products of the linear fields, shape ``(b, d + 1, d + 1)``.
+        q_n: Coefficients of the positions at the start, shape ``(b, d + 1, d)``.
         q: The same at the end.
         part: Where between them forces act, from 0 to 1 [-].
-        forces: Total sums of the nodal forces on the body [N, N m].
-        inertia: Sums of products of the fields with mass, times what inertia has of it in the
-            tangent, shape ``(d + 1, d + 1)``.
+        forces: Total sums of the nodal forces, shape ``(b, d + 1, d)`` [N, N m].
+        inertia: Products of the linear fields with mass, times what inertia has of it in the
+            tangent, shape ``(b, d + 1, d + 1)``.
 
     Attributes:
-        end: Coefficients of the free motions at the end, shape ``(k, d + 1, d)``.
+        end: Coefficients of the free motions at the end, shape ``(b, k, d + 1, d)``.
         mean: The same where forces act.
-        turning: See `RigidColumns`.
+        turning: See `RigidColumns`, shape ``(b, k, k)``.
     """
 
     def __init__(
         self,
-        fields: LinearFields,
+        free: Floats,
+        no_motion: Floats,
+        products: Floats,
         q_n: Floats,
         q: Floats,
         part: float,
         forces: Floats,
         inertia: Floats,
     ) -> None:
-        turns, free = TURNS[q.shape[1]], fields.free
+        dim, turns = q.shape[-1], TURNS[q.shape[-1]]
         end, mean = rigid_motions(q), rigid_motions((1 - part) * q_n + part * q)
-        self.end, self.mean = (np.einsum("kl,lmi->kmi", free, motions) for motions in (end, mean))
+        self.end, self.mean = combined(free, end[:, None]), combined(free, mean[:, None])
         # Forces stay as they are where their levers turn.
-        turning = np.zeros((len(end), len(end)))
-        levers = part * end[:, 1:]
-        turning[-len(turns) :] = np.einsum("kij,lmj,mi->kl", turns, levers, forces[1:])
-        self.turning: Floats = free @ turning @ free.T
-        products = fields.products
-        self._of_end = np.linalg.inv(products_of(self.end, products, self.end))
-        self._of_forces = np.linalg.inv(products_of(self.mean, products, self.end))
-        self._stiffness = products_of(self.mean, inertia, self.end) + self.turning
+        turning = np.zeros_like(free)
+        turned_forces = forces[:, None, 1:] @ turns
+        levers = part * end[:, :, 1:]
+        for turn in range(len(turns)):
+            turning[:, dim + turn] = amounts_of(levers, turned_forces[:, turn])
+        self.turning: Floats = free @ turning @ free.transpose(0, 2, 1)
+        self._of_end = np.linalg.inv(products_of(self.end, products, self.end) + no_motion)
+        self._of_forces = np.linalg.inv(products_of(self.mean, products, self.end) + no_motion)
+        self._stiffness = products_of(self.mean, inertia, self.end) + self.turning + no_motion
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Coefficients of the forces that stand for y where increments x turn the levers."""
-        amounts = self._of_end @ np.einsum("kmi,mi->k", self.end, x)
-        resultant = self._resultant(y) + self.turning @ amounts
-        return self._field(self._of_forces @ resultant)
+        amounts = self._of_end @ amounts_of(self.end, x)[..., None]
+        resultant = amounts_of(self.mean, y)[..., None] + self.turning @ amounts
+        return combined((self._of_forces @ resultant)[..., 0], self.end)
 
     def respond(self, r: Floats) -> Floats:
         """Coefficients of the increments by which inertia alone balances forces r."""
-        amounts = np.linalg.solve(self._stiffness, self._resultant(r))
-        return self._field(np.asarray(amounts, dtype=np.float64))
-
-    def _resultant(self, sums: Floats) -> Floats:
-        """Resultant and moment in the free motions [N, N m]."""
-        resultant: Floats = np.einsum("kmi,mi->k", self.mean, sums)
-        return resultant
-
-    def _field(self, amounts: Floats) -> Floats:
-        field: Floats = np.einsum("k,kmi->mi", amounts, self.end)
-        return field
+        return combined(solved(self._stiffness, amounts_of(self.mean, r)), self.end)
 
 
 class RigidMotion(RigidStates):
@@ -143,46 +142,45 @@ class RigidMotion(RigidStates):
     ) -> None:
         """Keep the bodies, as yet without positions."""
         super().__init__(V, bodies)
-        self.part, self._masses, self._share = part, tuple(masses), inertia_share
-        self._starts: list[Floats] = []
-        self._states: list[_Linearisation] = []
+        self.part, self._share = part, inertia_share
+        self._states: _Linearisation | None = None
+        if not self.exists:
+            return
+        self._masses: Floats = np.array(masses)
+        self._starts: Floats = self._reference
 
     @property
     def has_no_inertia(self) -> bool:
         """Whether contact and loads alone resist free motions of bodies. Local."""
-        moves = any(np.any(self._share(mass)) for mass in self._masses)
-        return not moves and any(body.free.size for body in self._bodies)
+        return self.exists and bool(self._free.any()) and not self._share(self._masses).any()
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""
         if self.exists:
-            self._starts = self._positions(self._sums(u_n))
+            self._starts = self._positions(*self._sums(u_n))
 
     def balance(self, u: Floats, R: Floats) -> Floats:
         """Linearise at displacements u [m], and replace the residual R [N] by rigid fields."""
         if not self.exists:
             return R
-        sums = self._sums(u, R)
-        self._states = [
-            _Linearisation(body, q_n, q, self.part, forces[1], self._share(mass))
-            for body, mass, q_n, q, forces in zip(
-                self._bodies, self._masses, self._starts, self._positions(sums), sums, strict=True
-            )
-        ]
-        fields = (s.project(np.zeros_like(f), f) for s, (_, f) in self._with_states(sums))
-        return self._put(fields, R.copy())
+        of_u, forces = self._sums(u, R)
+        q, inertia = self._positions(of_u), self._share(self._masses)
+        freedom = self._free, self._no_motion
+        self._states = _Linearisation(
+            *freedom, self._products, self._starts, q, self.part, forces, inertia
+        )
+        return self._put(self._states.project(np.zeros_like(forces), forces), R.copy())
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Replace forces y by rigid fields, for increments x [m]; overwrites y."""
-        if not self.exists:
+        if self._states is None:
             return y
-        sums = self._sums(x, y)
-        return self._put((state.project(*each) for state, each in self._with_states(sums)), y)
+        return self._put(self._states.project(*self._sums(x, y)), y)
 
     def respond(self, r: Floats) -> Floats:
         """Replace forces r by the increments with which inertia balances them; overwrites r."""
-        sums = self._sums(r)
-        return self._put((state.respond(f) for state, (f,) in self._with_states(sums)), r)
+        assert self._states is not None
+        return self._put(self._states.respond(*self._sums(r)), r)
 
     def moved(self, u: Floats, du: Floats, *, leads: float = 0.0) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
@@ -193,60 +191,48 @@ class RigidMotion(RigidStates):
         result: Floats = u + du
         if not self.exists:
             return result
-        sums = self._sums(u, du)
-        fields = []
-        for body, q, (_, increment), led in zip(
-            self._bodies, self._positions(sums), sums, self.guides.led, strict=True
-        ):
-            amounts = nearest(rigid_motions(q), body.products, increment)
-            amounts = body.free.T @ (body.free @ amounts) + leads * led
-            # Small changes that are added have all their digits; positions would lose some.
-            fields.append(turned(q, amounts))
-        changes = self._put(fields, np.zeros_like(u))
-        result[self.nodes] = (u + changes)[self.nodes]
+        of_u, increments = self._sums(u, du)
+        q = self._positions(of_u)
+        amounts = self._in_freedom(nearest(rigid_motions(q), self._products, increments))
+        # Small changes that are added have all their digits; positions would lose some.
+        changes = turned(q, amounts + leads * self.guides.led)
+        result[self.nodes] = (u + self._put(changes, np.zeros_like(u)))[self.nodes]
         return result
 
     def nearest_free(self, values: Floats) -> Floats:
         """Replace values at rigid bodies by the nearest free motions at the start of the step."""
         if not self.exists:
             return values
-        fields = []
-        for body, q, (of_values,) in zip(
-            self._bodies, self._starts, self._sums(values), strict=True
-        ):
-            motions = np.einsum("kl,lmi->kmi", body.free, rigid_motions(q))
-            amounts = nearest(motions, body.products, of_values)
-            fields.append(np.einsum("k,kmi->mi", amounts, motions))
-        return self._put(fields, values)
+        motions = combined(self._free, rigid_motions(self._starts)[:, None])
+        gram = products_of(motions, self._products, motions) + self._no_motion
+        amounts = solved(gram, amounts_of(motions, *self._sums(values)))
+        return self._put(combined(amounts, motions), values)
 
     def centripetal(self, v: Floats) -> Floats:
         """Acceleration at the start of the step by velocities v that stay [m/s^2]."""
-        fields = []
-        for body, q, (of_v,) in zip(self._bodies, self._starts, self._sums(v), strict=True):
-            rate = nearest(rigid_motions(q), body.products, of_v)
-            spin = np.einsum("k,kij->ij", rate[self.dim :], TURNS[self.dim])
-            field = q @ (spin @ spin).T
-            field[0] = 0.0
-            fields.append(field)
+        spin = spins(nearest(rigid_motions(self._starts), self._products, *self._sums(v)))
+        fields = self._starts @ (spin @ spin).transpose(0, 2, 1)
+        fields[:, 0] = 0.0
         return self._put(fields, np.zeros_like(v))
 
     def led(self, u: Floats) -> Floats:
         """Part of the displacement to u in the step that guides give, where forces act [m]."""
-        fields = []
-        sums, part = self._sums(u), self.part
-        for q_n, q, led in zip(self._starts, self._positions(sums), self.guides.led, strict=True):
-            motions = rigid_motions((1 - part) * q_n + part * q)
-            fields.append(np.einsum("k,kmi->mi", led, motions))
-        return self._put(fields, np.zeros_like(u))
+        q_n, q, part = self._starts, self._positions(*self._sums(u)), self.part
+        motions = rigid_motions((1 - part) * q_n + part * q)
+        return self._put(combined(self.guides.led, motions), np.zeros_like(u))
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""
-        columns = []
-        for body, state in zip(self._bodies, self._states, strict=True):
+        columns, states = [], self._states
+        assert states is not None
+        for i, body in enumerate(self._bodies):
+            k = len(body.free)
             dofs = (self.dim * body.nodes[:, None] + np.arange(self.dim, dtype=np.int32)).ravel()
-            ends = (np.einsum("nm,kmi->nik", body.values, c) for c in (state.end, state.mean))
-            end, mean = (motions.reshape(len(dofs), len(state.end)) for motions in ends)
-            columns.append(RigidColumns(dofs, end, mean, state.turning))
+            end, mean = (
+                (body.values @ part[i, :k]).transpose(1, 2, 0).reshape(len(dofs), k)
+                for part in (states.end, states.mean)
+            )
+            columns.append(RigidColumns(dofs, end, mean, states.turning[i, :k, :k]))
         return columns
 
     def without(self, values: Floats) -> Floats:
@@ -254,6 +240,3 @@ class RigidMotion(RigidStates):
         copy = values.copy()
         copy[self.nodes] = 0.0
         return copy
-
-    def _with_states(self, sums: Sequence[Floats]) -> "zip[tuple[_Linearisation, Floats]]":
-        return zip(self._states, sums, strict=True)

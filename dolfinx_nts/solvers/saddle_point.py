@@ -32,11 +32,13 @@ __all__ = ["SaddlePointSystem"]
 # Compliance that constraints have, relative to that of the stiffest node [-]: those that
 # given displacements make dependent stay solvable.
 _COMPLIANCE = 1e-10
+# Up to this number of unknowns dense factors take less time than those of MUMPS.
+_DENSE = 200
 _NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, which divides [N/m]
 
 
 class SaddlePointSystem:
-    """Solves the whole system with complete factors by MUMPS.
+    """Solves the whole system with complete factors, those of large ones by MUMPS.
 
     Args:
         tangent: Matrix of the bodies.
@@ -59,11 +61,11 @@ class SaddlePointSystem:
             of each item of pairs, constraint by constraint [N].
         """
         self._tangent.assemble_exact()
-        K, comm = self._tangent.matrix(scalar=True), self._tangent.rows.index_map.comm
+        rows, comm = self._tangent.rows, self._tangent.comm
         # Newton's method makes the multipliers exact all the same.
         stiffest = float(self._tangent.nodal_stiffness().max(initial=_NO_STIFFNESS))
         compliance = reductions.least(comm, _COMPLIANCE / stiffest)
-        first, last = K.getOwnershipRange()
+        first, last = (rows.dim * end for end in rows.index_map.local_range)
         counts = [int(p.blocks.rank.sum()) for p in pairs]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
         u_start = np.concatenate([[0], np.cumsum(num_local[:, 0])])
@@ -79,9 +81,9 @@ class SaddlePointSystem:
         A.setSizes(((n, None), (n, None)))
         A.setType("aij")
         A.setUp()
-        indptr, columns, values = K.getValuesCSR()
-        rows = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
-        A.setValuesIJV(indptr, saddle(columns), values, addv=True, rowmap=rows)
+        start, columns, values = rows.scalars()
+        here = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
+        A.setValuesIJV(start.astype(np.int32), saddle(columns), values, addv=True, rowmap=here)
         multiplier = last + int(shift[comm.rank])
         right = np.empty(n)
         right[: last - first] = -R
@@ -91,10 +93,10 @@ class SaddlePointSystem:
             for nodes, tangent in tangents_of(blocks):
                 dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)
-            for i, (nodes, gradients, columns) in enumerate(rows_of(blocks)):
+            for i, (nodes, gradients, forces) in enumerate(rows_of(blocks)):
                 dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 for a in range(blocks.rank[i]):
-                    A.setValues(dofs, multiplier, columns[a], addv=True)
+                    A.setValues(dofs, multiplier, forces[a], addv=True)
                     A.setValues(multiplier, dofs, gradients[a], addv=True)
                     A.setValue(multiplier, multiplier, -compliance, addv=True)
                     right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
@@ -105,7 +107,6 @@ class SaddlePointSystem:
         else:
             solution = _solution(A, right)
         A.destroy()
-        K.destroy()
         du, dlambda = np.split(solution, [last - first])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
 
@@ -146,7 +147,9 @@ class SaddlePointSystem:
 
 
 def _solution(A: Any, right: Floats) -> Floats:
-    """Solve with complete factors. Collective."""
+    """Solve with complete factors; NaN where there are none. Collective."""
+    if A.comm.size == 1 and len(right) <= _DENSE:
+        return _dense_solution(A, right)
     x, b = A.createVecs()
     b.array[:] = right
     ksp = PETSc.KSP().create(A.comm)
@@ -159,3 +162,14 @@ def _solution(A: Any, right: Floats) -> Floats:
     for item in (ksp, b, x):
         item.destroy()
     return solution
+
+
+def _dense_solution(A: Any, right: Floats) -> Floats:
+    """Solve with the factors of a dense copy of a matrix. Local."""
+    dense = A.convert("dense", PETSc.Mat())
+    try:
+        return np.asarray(np.linalg.solve(dense.getDenseArray(), right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.full_like(right, np.nan)
+    finally:
+        dense.destroy()
