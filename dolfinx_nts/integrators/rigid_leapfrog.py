@@ -127,9 +127,9 @@ class _Leap:
         rate = led + (back @ np.linalg.solve(matrix, free @ balance[..., None]))[..., 0]
         v = combined(rate, end)
         # Means over the step of what the guides do at both ends.
-        first: Floats = amounts_of(self._start, mass @ (change / dt - self.v)) / dt
-        first -= amounts_of(self._start, self._f) / 2
-        last: Floats = amounts_of(end, mass @ v - drive) / dt
+        gained: Array = mass @ (change / dt - self.v)
+        first: Floats = amounts_of(self._start, gained) / dt - amounts_of(self._start, self._f) / 2
+        last = np.asarray(amounts_of(end, mass @ v - drive) / dt, dtype=np.float64)
         work = ((first + last) * self._led).sum(axis=1)
         moved = _sums_of_products(self._f + f, change) / 2
         kinetic = [_sums_of_products(w, mass @ w) / 2 for w in (self.v, v)]
