@@ -351,7 +351,7 @@ class ImplicitStepper(Stepper):
             self._load_at(self.scheme.load_point)
             if change == 0.0:
                 return "loads that grow with time from step to step may help"
-        return "a smaller dt may help"
+        return "a smaller dt may help, which StepControl takes where a step fails"
 
     def _load(self) -> Floats:
         """Forces of all loads on the owned dofs [N]. Collective."""

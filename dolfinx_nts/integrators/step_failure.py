@@ -17,12 +17,15 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.rigid import redundant
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 
 __all__ = ["StepFailure"]
 
 # Reasons for which springs of pairs may be too soft.
 _SUNK = "through a surface", "into a surface"
+# Names of surfaces that a message lists.
+_MOST_NAMES = 3
 # Reason for which nodes may be caught between facets of a curved surface.
 _BETWEEN = "between two segments"
 
@@ -100,14 +103,25 @@ class StepFailure:
         )
 
     def _smoother(self) -> str:
-        """Say which surfaces could be smooth, as edges between facets stop nodes, or "". Local."""
-        pairs = [each.pair for step, _ in self._steps for each in members(step.state)]
-        names = {pair.segments.name: None for pair in pairs if may_be_smooth(pair)}
-        if not names:
+        """Say which surfaces could be smooth, as edges between facets stop nodes, or "".
+
+        They are those whose nodes do not come to rest, or all where others are stopped. Collective.
+        """
+        names: list[dict[str, None]] = [{}, {}]
+        for step, _ in self._steps:
+            ends, node = bounds(step.state), step.restless_nodes
+            counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
+            for each, count in zip(members(step.state), counts, strict=True):
+                if may_be_smooth(each.pair):
+                    names[int(count > 0)][each.pair.segments.name] = None
+        found = list(names[1] or names[0])
+        if not found:
             return ""
+        more = len(found) - _MOST_NAMES
+        chosen = " or ".join(found[:_MOST_NAMES]) + (f" or one of {more} more" if more > 0 else "")
         return (
-            f"; if {' or '.join(names)} is curved, smooth=True of the surface may help: between "
-            "flat facets nodes are caught"
+            f"; if {chosen} is curved, smooth=True of the surface may help: between flat facets "
+            "nodes are caught"
         )
 
     def _prescribed(self) -> str:

@@ -190,6 +190,29 @@ def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
 
 
 @pytest.mark.serial
+def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
+    def build(model):
+        for i in range(6):
+            place = {"corner": (1.01 * i, 0.0, 0.0), "size": (1.0, 1.0, 1.0), "cells": (1, 1, 1)}
+            parts.add_box(model, f"box {i}", **place)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    boxes = [nts.Body(V, cells, tag[f"box {i}"], nts.NeoHookean(1e5, 0.3, 1e3)) for i in range(6)]
+    stepper = nts.EnergyMomentum(boxes, nts.all_pairs(boxes), dt=0.01)
+    for i, box in enumerate(boxes):
+        stepper.set_velocity(box, (-2.0 * i, 0.0, 0.0))
+    monkeypatch.setattr(contact_step, "_RESTLESS", 0)
+    monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
+    reason = (
+        r"if (the boundary of [^,]*? or ){3}one of \d+ more is curved, smooth=True.*"
+        r"a smaller dt may help, which StepControl takes"
+    )
+    with refused(nts.ConvergenceError, reason):
+        list(stepper.run(0.1))
+
+
+@pytest.mark.serial
 def test_explicit_steps_stay_stable(comm, agree):
     stepper = scene(comm, SCHEMES["explicit"]).stepper
     ends = [report.t for report in stepper.run(0.013, nts.StepControl(times=[0.0031]))]

@@ -177,10 +177,16 @@ class ContactStep:
         self.friction.traction[node] += values[:, 1:]
 
     @property
-    def restless(self) -> GlobalInts:
-        """Numbers of this rank's nodes that changed segment or state again and again. Local."""
+    def restless_nodes(self) -> Ints:
+        """Positions of this rank's nodes that changed segment or state again and again. Local."""
         flips = self.normal.flips + self.friction.flips
-        ids: GlobalInts = self.state.nodes.node_ids[self.search.restless | (flips >= _RESTLESS)]
+        nodes: Ints = (self.search.restless | (flips >= _RESTLESS)).nonzero()[0].astype(np.int32)
+        return nodes
+
+    @property
+    def restless(self) -> GlobalInts:
+        """Numbers of these nodes. Local."""
+        ids: GlobalInts = self.state.nodes.node_ids[self.restless_nodes]
         return ids
 
     def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
