@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.energy_gain import EnergyGain
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import shortest_passage_of
@@ -21,7 +22,7 @@ __all__ = ["ContactWatch"]
 
 
 class ContactWatch:
-    """Watches over bodies that overlap, vertices that pass, and springs that yield. Collective.
+    """Watches over overlaps, vertices that pass, springs that yield, and energy. Collective.
 
     Args:
         bodies: The bodies of a stepper.
@@ -31,6 +32,7 @@ class ContactWatch:
         overlaps: Bodies that are inside each other, whatever the pairs are.
         vertices: Vertices of segments that go through the facets of the nodes.
         springs: Springs that are too soft.
+        gains: Steps in which contact makes energy.
         velocity: About which the motions of nodes are measured, shape ``(d,)`` [m/s]. Any will
             do; bounds on the motion of nodes to each other are closest about the middle one.
     """
@@ -42,6 +44,7 @@ class ContactWatch:
         self.springs = SoftSprings(bodies, contacts)
         self._contacts = tuple(contacts)
         self._comm = bodies[0].V.mesh.comm
+        self.gains = EnergyGain(self._comm)
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
         # By how much any two may come nearer until something has to be looked at, and what of it
         # was left when vertices and overlaps were told last [m].

@@ -23,7 +23,6 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
@@ -353,6 +352,12 @@ class ImplicitStepper(Stepper):
                 return "loads that grow with time from step to step may help"
         return "a smaller dt may help, which StepControl takes where a step fails"
 
+    def _kinetic_energies(self, before: Floats, after: Floats) -> tuple[float, float]:
+        """Kinetic energies of all bodies by two velocities of the owned dofs [J]. Collective."""
+        parts = np.array([self._lumped_mass @ v**2 / 2 for v in (before, after)])
+        first, second = reductions.total(self._comm, parts)
+        return float(first), float(second)
+
     def _load(self) -> Floats:
         """Forces of all loads on the owned dofs [N]. Collective."""
         total: Floats = np.sum([np.zeros_like(self._lumped_mass), *self._bulk.loads()], axis=0)
@@ -366,10 +371,9 @@ class ImplicitStepper(Stepper):
     ) -> StepReport:
         """Set the velocity and the contact by the solution, and compute all works."""
         dt, n = self.dt, len(self._lumped_mass)
-        work = ContactWork()
+        works = {}
         for step, pairs in zip(steps, solution.states, strict=True):
-            history, step_work = step.accepted(pairs)
-            work = work + step_work
+            history, works[step.state] = step.accepted(pairs)
             step.state.accept(history)
         self.watch.springs.look()
         self._free_bodies.tell(steps)
@@ -381,6 +385,9 @@ class ImplicitStepper(Stepper):
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
+        if self._rates.acceleration is not None:
+            v = self.v.x.array[:n]
+            self.watch.gains.look(works, partial(self._kinetic_energies, v_n, v), self.t + dt)
         values = -damped, solution.R @ du, near, defect + constraints, *loaded
         sums = reductions.total(self._comm, list(map(float, values)))
         damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
@@ -400,7 +407,7 @@ class ImplicitStepper(Stepper):
             num_active=solution.report.num_active,
             num_segments=int(in_reach),
             num_sleeping=len(self._sleeping.bodies),
-            contact_work=work + settling,
+            contact_work=sum(works.values(), settling),
             damping_work=damping_work,
             solver_work=solver_work,
             load_works=tuple(load_works),

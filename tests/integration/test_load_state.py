@@ -105,6 +105,24 @@ def test_what_other_laws_and_integrators_do_not_take_over_is_told(comm, path, ca
             stepper.advance()
 
 
+@pytest.mark.parametrize("impact", ["plastic", "elastic"])
+def test_energy_that_plastic_impact_makes_of_an_overlap_is_told(comm, path, caplog, impact):
+    first = new(comm, nts.Penalty(eps_N=1.0))
+    for _ in range(BREAK + 1):
+        first.advance()
+    checkpoint.save(path, first)
+    stepper = new(comm, nts.LagrangeMultiplier(impact))
+    nts.load_state(path, stepper)
+    energies = [nts.Diagnostics(stepper).balance().total_energy]
+    with caplog.at_level(logging.WARNING, logger="dolfinx_nts"):
+        stepper.advance()
+    energies.append(nts.Diagnostics(stepper).balance().total_energy)
+    told = [m for m in caplog.messages if f"LagrangeMultiplier(impact='{impact}') has given" in m]
+    gains = energies[1] > 2 * energies[0]
+    assert gains == (impact == "plastic")
+    assert len(told) == (gains and comm.rank == 0)
+
+
 def test_another_mesh_is_refused_and_nothing_changes(comm, path, refused):
     first = new(comm)
     first.advance()

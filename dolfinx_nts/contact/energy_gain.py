@@ -1,0 +1,68 @@
+"""Energy that contact makes: a step in which bodies get much of their motion out of nothing."""
+
+import logging
+from collections.abc import Callable, Mapping
+
+from mpi4py import MPI
+
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["EnergyGain"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Part of the kinetic energy after a step, most of which loads may have given [-].
+_PART = 0.25
+# Part of the largest kinetic energy so far below which nothing is told [-]: bodies have come to
+# rest but for round-off.
+_REST = 1e-6
+
+
+class EnergyGain:
+    """Work of constraints that no spring and no obstacle gave, as by nodes that are pushed out.
+
+    A warning tells of it, and again where a step gains twice as much. Collective.
+
+    Args:
+        comm: Communicator.
+    """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        """Begin with nothing gained."""
+        self._comm, self._told, self._largest = comm, 0.0, 0.0
+
+    def look(
+        self,
+        works: Mapping[PairState | JointState, ContactWork],
+        kinetic: Callable[[], tuple[float, float]],
+        t: float,
+    ) -> None:
+        """Look at an accepted step.
+
+        Args:
+            works: Energy that contact gave in the step.
+            kinetic: Returns the kinetic energy of all bodies before it and after it [J].
+            t: Time at its end [s].
+        """
+        gains = {
+            state: work.persistent + work.activation + work.facet_change
+            for state, work in works.items()
+        }
+        state = max(gains, key=gains.__getitem__, default=None)
+        if state is None or gains[state] <= 2 * self._told:
+            return
+        gain, (before, after) = gains[state], kinetic()
+        self._largest = max(self._largest, before)
+        if gain < max(before, _PART * after, _REST * self._largest):
+            return
+        self._told = gain
+        if self._comm.rank == 0:
+            _logger.warning(
+                "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "
+                "kinetic energy of %.3g J before it: constraints have moved nodes out of a surface "
+                "at once, and the motion from here on is wrong; EnergyMomentum with elastic or "
+                "restitution impact gains nothing, and with shorter steps others gain less",
+                *(t, state.pair.enforcement, gain, before),
+            )
